@@ -1,0 +1,167 @@
+"""Settings of the calibrator: every one with its description, unit, range and origin.
+
+The node declares its ROS parameters from these dataclasses, the configuration files are read
+into them, and the README's table is compared with them by a test: one list for all.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from typing import Any
+
+from .errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """Description of one setting, as the node declares it.
+
+    Attributes:
+        description: One line for people.
+        unit: Unit, "" for counts and fractions.
+        low: Smallest allowed value.
+        high: Largest allowed value.
+    """
+
+    description: str
+    unit: str
+    low: float
+    high: float
+
+
+def _setting(default: Any, description: str, unit: str, low: float, high: float) -> Any:
+    return field(default=default, metadata={"setting": Setting(description, unit, low, high)})
+
+
+@dataclass(frozen=True, slots=True)
+class SearchConfig:
+    """Box the genetic algorithm searches; wide, so that no initial guess is needed."""
+
+    height_min_m: float = _setting(0.3, "Lowest height of the baseline over the road", "m", 0.05, 20)
+    height_max_m: float = _setting(4.0, "Greatest height of the baseline over the road", "m", 0.05, 20)
+    pitch_max_rad: float = _setting(
+        math.radians(20), "Greatest pitch, up or down", "rad", 0.001, math.radians(60)
+    )
+    roll_max_rad: float = _setting(
+        math.radians(15), "Greatest roll, to either side", "rad", 0.001, math.radians(60)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ExtractionConfig:
+    """Extraction of the lane lines (paper section 2.2)."""
+
+    min_contrast_sigma: float = _setting(
+        3.0, "Least edge contrast of a stripe point over the image noise", "sigma", 1, 20
+    )
+    min_line_sigma: float = _setting(
+        9.0, "Least edge contrast of a whole line over the image noise", "sigma", 3, 100
+    )
+    sample_step_px: int = _setting(10, "Distance of the sampled image rows (paper: 10)", "px", 1, 100)
+    horizon_fraction: float = _setting(
+        0.9, "First sampled row, as a fraction of the vanishing point's height (paper: 90 %)", "", 0.5, 0.99
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class FitnessConfig:
+    """Fitness of a candidate (paper section 2.3)."""
+
+    k: float = _setting(1e-4, "K of the paper: the fitness is at most 1 / K", "", 1e-9, 1)
+    parallel_weight: float = _setting(
+        10.0, "Weight of the parallelism term E2 over the matching term E1", "", 0.01, 1000
+    )
+    max_misfit_px: float = _setting(
+        1.0, "Greatest misfit of the lines under the best candidate", "px", 0.01, 100
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class GeneticConfig:
+    """Genetic algorithm (paper Table II)."""
+
+    population: int = _setting(100, "Individuals in the population", "", 8, 100000)
+    parent_fraction: float = _setting(0.5, "Part of the population that may become parents", "", 0.05, 1)
+    child_fraction: float = _setting(0.9, "Children per generation over the population", "", 0.05, 1)
+    crossover_probability: float = _setting(0.7, "Part of the children made by crossover", "", 0, 1)
+    mutation_probability: float = _setting(0.1, "Probability of a child to mutate", "", 0, 1)
+    max_generations: int = _setting(500, "Generations at most", "", 1, 100000)
+    tolerance: float = _setting(
+        1e-7, "Stop when the spread of the population over the search box is below this", "", 0, 1
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class CalibratorConfig:
+    """All settings of a :class:`~stereo_selfcal.core.calibrator.Calibrator`."""
+
+    seed: int = _setting(0, "Seed of the random numbers: same input and seed, same result", "", 0, 2**31 - 1)
+    search: SearchConfig = field(default_factory=SearchConfig)
+    extraction: ExtractionConfig = field(default_factory=ExtractionConfig)
+    fitness: FitnessConfig = field(default_factory=FitnessConfig)
+    genetic: GeneticConfig = field(default_factory=GeneticConfig)
+
+    def settings(self) -> Iterator[tuple[str, int | float, Setting]]:
+        """Yield (dotted name, value, description) of every setting, in declaration order."""
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if is_dataclass(value):
+                for sub in fields(value):
+                    yield f"{item.name}.{sub.name}", getattr(value, sub.name), sub.metadata["setting"]
+            else:
+                yield item.name, value, item.metadata["setting"]
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> CalibratorConfig:
+        """Build from a mapping, flat with dotted names or nested, or a mix.
+
+        Args:
+            values: Settings that differ from the defaults.
+
+        Raises:
+            ConfigError: A name is unknown, a value has the wrong type or is outside its range.
+        """
+        config = cls()
+        known = {name: (default, setting) for name, default, setting in config.settings()}
+        for name, value in flatten(values).items():
+            if name not in known:
+                raise ConfigError(f"unknown setting {name!r}: the settings are {', '.join(known)}")
+            checked = _checked(name, value, *known[name])
+            section, _, leaf = name.rpartition(".")
+            if section:
+                changes: dict[str, Any] = {section: replace(getattr(config, section), **{leaf: checked})}
+            else:
+                changes = {leaf: checked}
+            config = replace(config, **changes)
+        if not config.search.height_min_m < config.search.height_max_m:
+            raise ConfigError(
+                f"search.height_min_m is {config.search.height_min_m}, search.height_max_m is "
+                f"{config.search.height_max_m}: the first must be the smaller"
+            )
+        return config
+
+
+def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return a nested mapping as one level with dotted names."""
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            flat.update(flatten(value, f"{prefix}{name}."))
+        else:
+            flat[f"{prefix}{name}"] = value
+    return flat
+
+
+def _checked(name: str, value: Any, default: int | float, setting: Setting) -> int | float:
+    """Return ``value`` in the type of the default, or say what is wrong with it."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or (isinstance(default, int) and value != int(value)):
+        kind = "a whole number" if isinstance(default, int) else "a number"
+        raise ConfigError(f"{name} is {value!r}: {kind} is needed")
+    if not setting.low <= value <= setting.high:
+        raise ConfigError(
+            f"{name} is {value}: it must lie in {setting.low} ... {setting.high} {setting.unit}".rstrip()
+        )
+    return type(default)(value)

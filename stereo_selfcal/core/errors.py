@@ -1,0 +1,22 @@
+"""Exceptions of the package: each message says what went wrong, with which object, and what to do.
+
+A frame that cannot be calibrated is no exception but a result with a
+:class:`~stereo_selfcal.core.results.RejectReason`; exceptions are for a wrong
+call or an unusable file.
+"""
+
+
+class SelfcalError(Exception):
+    """Base of every exception this package raises on purpose."""
+
+
+class RigError(SelfcalError, ValueError):
+    """The description of the stereo rig cannot be right (zero focal length, no baseline, ...)."""
+
+
+class ConfigError(SelfcalError, ValueError):
+    """A setting is unknown, has the wrong type or lies outside its range."""
+
+
+class ImageError(SelfcalError, ValueError):
+    """An image message cannot be converted: unknown encoding, too few bytes, ..."""

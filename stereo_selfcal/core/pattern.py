@@ -1,0 +1,55 @@
+"""The calibration pattern: two lane lines seen by both cameras, sampled row by row."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .extrinsics import Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageLine:
+    """A straight line in one image: ``u(v) = u_mid + slope * (v - v_mid)``.
+
+    It is the left edge (the positive gradient) of a painted stripe.
+
+    Attributes:
+        u_mid: Column at row ``v_mid`` [px].
+        slope: du/dv.
+        v_mid: Row about which ``u_mid`` and ``slope`` are least correlated [px].
+        covariance: (2, 2) covariance of (u_mid, slope).
+        rows: (N,) rows [px] of the measured points.
+        columns: (N,) sub-pixel columns [px] of the measured points.
+        width_px: Median width of the stripe over the measured rows [px].
+    """
+
+    u_mid: float
+    slope: float
+    v_mid: float
+    covariance: Array
+    rows: Array
+    columns: Array
+    width_px: float
+
+    def column_at(self, v: Array) -> Array:
+        """Return the column [px] at rows ``v`` [px], the same shape."""
+        return self.u_mid + self.slope * (v - self.v_mid)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LanePattern:
+    """The two lane lines of both cameras, matched and sampled (paper section 2.2, figure 3b).
+
+    Attributes:
+        left: The lines of the left camera: left lane boundary, right lane boundary.
+        right: The same two lines seen by the right camera.
+        vanishing_point: (2,) column and row where the lines meet [px].
+        rows: (N,) sampled image rows [px].
+        columns: (2, 2, N) columns [px] of camera (left, right), line (left, right), row.
+    """
+
+    left: tuple[ImageLine, ImageLine]
+    right: tuple[ImageLine, ImageLine]
+    vanishing_point: Array
+    rows: Array
+    columns: Array

@@ -1,0 +1,120 @@
+"""What a calibration returns: extrinsics with their uncertainty, or the reason why not."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from .extrinsics import Array, Extrinsics
+
+if TYPE_CHECKING:
+    from .genetic import GeneticResult
+    from .pattern import LanePattern
+
+
+class RejectReason(Enum):
+    """Why a frame gave no calibration; ``str(reason)`` is a stable snake_case word."""
+
+    IMAGE_EMPTY = "image_empty"
+    IMAGE_TYPE = "image_type"
+    IMAGE_SIZES_DIFFER = "image_sizes_differ"
+    RIG_SIZE_MISMATCH = "rig_size_mismatch"
+    NO_LINES_FOUND = "no_lines_found"
+    LINES_NOT_MATCHED = "lines_not_matched"
+    LINES_NOT_STRAIGHT = "lines_not_straight"
+    LINES_NOT_CONVERGING = "lines_not_converging"
+    FITNESS_TOO_LOW = "fitness_too_low"
+    SEARCH_SPACE_EDGE = "search_space_edge"
+    NO_FRAMES = "no_frames"
+
+    def __str__(self) -> str:
+        return self.value
+
+
+@dataclass(frozen=True, slots=True)
+class Rejection:
+    """One reason for a refusal, with everything needed to understand and mend it.
+
+    Attributes:
+        reason: The kind of refusal.
+        what: What was measured, in words.
+        value: The measured value.
+        threshold: The limit it missed.
+        unit: Unit of both ("" for counts).
+        remedy: What the user can do.
+    """
+
+    reason: RejectReason
+    what: str
+    value: float
+    threshold: float
+    unit: str
+    remedy: str
+
+    @property
+    def message(self) -> str:
+        """One sentence: what, the measured value, the threshold, the remedy."""
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.what}: {self.value:.4g}{unit}, limit {self.threshold:.4g}{unit}; {self.remedy}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibrationResult:
+    """Outcome of one frame, or of several fused.
+
+    Attributes:
+        message: One sentence: the result, or what was measured, the threshold and the remedy.
+        rejection: None when accepted.
+        extrinsics: The calibration, None when rejected.
+        covariance: (3, 3) covariance of (height_m, pitch_rad, roll_rad), None when rejected.
+        lane_yaw_rad: Yaw of the camera against the lane [rad], > 0: camera points left of it.
+        stages: Estimate of every stage that ran, by name ("genetic", ...); kept on rejection too.
+        stamp_s: Time stamp of the frame (of the last one when fused) [s].
+        n_frames: Number of accepted frames behind the result.
+        pattern: Lines and sampled points the estimate was made from, for pictures.
+        genetic: Report of the genetic algorithm.
+    """
+
+    message: str
+    rejection: Rejection | None = None
+    extrinsics: Extrinsics | None = None
+    covariance: Array | None = None
+    lane_yaw_rad: float | None = None
+    stages: dict[str, Extrinsics] = field(default_factory=dict)
+    stamp_s: float = 0.0
+    n_frames: int = 0
+    pattern: LanePattern | None = None
+    genetic: GeneticResult | None = None
+
+    @property
+    def accepted(self) -> bool:
+        """Whether there is a calibration."""
+        return self.rejection is None
+
+    @property
+    def reason(self) -> RejectReason | None:
+        """Why there is no calibration, None when there is one."""
+        return None if self.rejection is None else self.rejection.reason
+
+    @property
+    def std(self) -> Extrinsics | None:
+        """Standard deviations (height_m, pitch_rad, roll_rad), None when rejected."""
+        if self.covariance is None:
+            return None
+        return Extrinsics(*(math.sqrt(float(self.covariance[i, i])) for i in range(3)))
+
+
+def rejected(rejection: Rejection, stamp_s: float = 0.0, **evidence: object) -> CalibrationResult:
+    """Return the result of a refused frame; ``evidence`` goes into the fields that explain it."""
+    return CalibrationResult(message=rejection.message, rejection=rejection, stamp_s=stamp_s, **evidence)  # type: ignore[arg-type]
+
+
+def describe(extrinsics: Extrinsics, std: Extrinsics) -> str:
+    """Return the sentence that announces a calibration."""
+    return (
+        f"height {extrinsics.height_m:.4f} m (std {std.height_m * 1e3:.1f} mm), "
+        f"pitch {math.degrees(extrinsics.pitch_rad):+.3f} deg (std {math.degrees(std.pitch_rad):.3f}), "
+        f"roll {math.degrees(extrinsics.roll_rad):+.3f} deg (std {math.degrees(std.roll_rad):.3f})"
+    )
