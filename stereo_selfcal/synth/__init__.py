@@ -1,0 +1,1 @@
+"""Synthetic stereo pictures of a road, with their truth; no ROS."""
