@@ -1,0 +1,143 @@
+"""Who may import whom: the estimator stays free of ROS, and the renderer free of the estimator's geometry."""
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "stereo_selfcal"
+
+MAX_LINES = 400
+
+CORE_THIRD_PARTY = {"cv2", "numpy"}
+
+# The renderer shares the values that describe a scene with the estimator, and none of its derivations.
+SYNTH_MAY_USE = ("stereo_selfcal.synth.", "stereo_selfcal.core.errors.", "stereo_selfcal.core.rig.")
+SYNTH_MAY_USE_EXACTLY = {"stereo_selfcal.core.extrinsics.Extrinsics"}
+
+WITHOUT_ROS = ("stereo_selfcal", "stereo_selfcal.cli.replay", "stereo_selfcal.cli.synth")
+
+# Import name -> rosdep key, where the two differ.
+ROSDEP_KEYS = {
+    "cv2": "python3-opencv",
+    "numpy": "python3-numpy",
+    "rosbags": "python3-rosbags-pip",
+    "yaml": "python3-yaml",
+}
+
+
+def sources(folder: Path) -> list[Path]:
+    return sorted(folder.rglob("*.py"))
+
+
+def imported_names(tree: ast.AST, package: str) -> Iterator[str]:
+    """Yield the full dotted name of everything imported, inside functions too; `from a import b` gives `a.b`.
+
+    Args:
+        tree: A parsed module.
+        package: The dotted name of the package the module is in, which relative imports start from.
+    """
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            origin = node.module or ""
+            if node.level:
+                parents = package.split(".")[: len(package.split(".")) - (node.level - 1)]
+                origin = ".".join([*parents, origin] if origin else parents)
+            yield from (f"{origin}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.Call) and called_name(node) in {"import_module", "__import__"}:
+            argument = node.args[0] if node.args else None
+            yield argument.value if isinstance(argument, ast.Constant) else "an import of a computed name"
+
+
+def called_name(call: ast.Call) -> str:
+    return call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
+
+
+def imports_of(path: Path) -> set[str]:
+    package = ".".join(path.relative_to(ROOT).parent.parts)
+    return set(imported_names(ast.parse(path.read_text(encoding="utf-8")), package))
+
+
+def third_party(names: set[str]) -> set[str]:
+    tops = {name.split(".")[0] for name in names}
+    return tops - set(sys.stdlib_module_names) - {PACKAGE.name}
+
+
+def test_imports_are_found_in_every_form():
+    source = """
+import os.path
+from numpy import linalg
+from . import sibling
+from .sibling import thing
+from ..cousin import other
+def late():
+    import rclpy.node
+    importlib.import_module("sensor_msgs.msg")
+    importlib.import_module(name)
+"""
+    assert set(imported_names(ast.parse(source), "pkg.core")) == {
+        "os.path",
+        "numpy.linalg",
+        "pkg.core.sibling",
+        "pkg.core.sibling.thing",
+        "pkg.cousin.other",
+        "rclpy.node",
+        "sensor_msgs.msg",
+        "an import of a computed name",
+    }
+
+
+@pytest.mark.parametrize("path", sources(PACKAGE / "core"), ids=lambda path: path.name)
+def test_core_imports_numpy_opencv_and_itself_only(path: Path):
+    names = imports_of(path)
+    assert third_party(names) <= CORE_THIRD_PARTY
+    ours = {name for name in names if name.split(".")[0] == PACKAGE.name}
+    assert all(name.startswith("stereo_selfcal.core.") for name in ours), ours
+
+
+def test_renderer_shares_no_geometry_with_the_estimator():
+    for path in sources(PACKAGE / "synth"):
+        ours = {name for name in imports_of(path) if name.split(".")[0] == PACKAGE.name}
+        strangers = {name for name in ours if not name.startswith(SYNTH_MAY_USE)} - SYNTH_MAY_USE_EXACTLY
+        assert not strangers, f"{path.relative_to(ROOT)} imports {sorted(strangers)}"
+
+
+@pytest.mark.parametrize("module", WITHOUT_ROS)
+def test_import_without_ros(module: str):
+    code = f"import {module}, sys; print(*sorted(name for name in sys.modules if '.' not in name))"
+    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    loaded = set(run.stdout.split())
+    assert PACKAGE.name in loaded
+    assert not {name for name in loaded if name == "rclpy" or name.endswith(("_msgs", "_interfaces"))}
+
+
+@pytest.mark.parametrize("path", sources(PACKAGE), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_file_is_short_enough_to_read(path: Path):
+    lines = len(path.read_text(encoding="utf-8").splitlines())
+    assert lines <= MAX_LINES, f"{lines} lines: split it"
+
+
+def test_only_the_command_line_prints():
+    for path in sources(PACKAGE):
+        if "cli" in path.parts or path.name == "__main__.py":
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            called = isinstance(node, ast.Call) and called_name(node)
+            assert called != "print", f"{path.relative_to(ROOT)}:{node.lineno} prints; log it or return it"
+
+
+def test_package_xml_declares_what_is_imported():
+    paths = [*sources(PACKAGE), *sources(ROOT / "launch")]
+    imported = third_party(set().union(*(imports_of(path) for path in paths)))
+    manifest = ElementTree.parse(ROOT / "package.xml").getroot()
+    declared = {element.text for element in manifest.iter("exec_depend")}
+    missing = {ROSDEP_KEYS.get(name, name) for name in imported} - declared
+    assert not missing, f"package.xml lacks exec_depend {sorted(missing)}"
