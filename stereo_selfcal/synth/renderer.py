@@ -41,7 +41,7 @@ TEXTURE_TILE_CELLS = 256
 # cell on: bilinear interpolation of cells smaller than a pixel would alias.
 TEXTURE_FADE_START = 0.5
 
-# A curved road is drawn for a quarter of its circle: a full one would come back over the horizon.
+# A bend is painted for a quarter of its circle: a closed one would come back along the horizon.
 MAX_ARC_RAD = math.pi / 2
 
 # Keeps a division by the width of a pixel on the road finite where both its edges coincide.
@@ -110,9 +110,12 @@ class RayCaster:
             reach = np.sqrt((curvature * x) ** 2 + (1 - curvature * y) ** 2)
             lateral = (2 * y - curvature * (x * x + y * y)) / (1 + reach)
             arc_rad = np.arctan2(curvature * x, 1 - curvature * y)
-            meets &= np.abs(arc_rad) < MAX_ARC_RAD
             x, y = arc_rad / curvature, lateral
         return x + self._travelled_m, y, meets
+
+    def arc_rad(self, along_m: Array) -> Array:
+        """Return how far the road has turned between the rig and a position along it [rad]."""
+        return np.abs((along_m - self._travelled_m) * self._curvature_per_m)
 
     def _direction(self, axis: int, u: Array, v: Array) -> Array:
         """Return one component of the rays, scaled to unit depth."""
@@ -134,6 +137,7 @@ class _Ground:
         along, lateral, meets = rays.road_coordinates(u_edges, v_edges[self.first_row :, None])
         self.inside = meets[:-1, :-1] & meets[:-1, 1:] & meets[1:, :-1] & meets[1:, 1:]
         self.touched = meets[1:, :-1] | meets[1:, 1:] | meets[:-1, :-1] | meets[:-1, 1:]
+        self.paintable = rays.arc_rad(along[1:, 1:]) < MAX_ARC_RAD
         across_low = np.minimum(lateral[:, :-1], lateral[:, 1:])
         across_high = np.maximum(lateral[:, :-1], lateral[:, 1:])
         self.lateral_low = np.minimum(across_low[:-1], across_low[1:])
@@ -161,9 +165,10 @@ class _Ground:
         """Return how much of each pixel a painted line covers, shape (rows, width)."""
         right_m, left_m = line.right_edge_m, line.left_edge_m
         if line.dash_m is None or line.gap_m is None:
-            return self.band_share(right_m, left_m)
+            return np.where(self.paintable, self.band_share(right_m, left_m), 0.0)
         share = np.zeros(self.inside.shape)
-        rows, columns = np.nonzero(self.touched & (self.lateral_low < left_m) & (self.lateral_high > right_m))
+        overlaps = self.touched & (self.lateral_low < left_m) & (self.lateral_high > right_m)
+        rows, columns = np.nonzero(overlaps & self.paintable)
         samples = self._band_samples(rows, columns, right_m, left_m)
         # The ends of a dash cross the rows: its share is taken between the two edges of a sub-row.
         u, v = self._sub_rows(rows, columns)
