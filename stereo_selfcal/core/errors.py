@@ -20,3 +20,7 @@ class ConfigError(SelfcalError, ValueError):
 
 class ImageError(SelfcalError, ValueError):
     """An image message cannot be converted: unknown encoding, too few bytes, ..."""
+
+
+class OutputError(SelfcalError):
+    """A result cannot be written: no such folder, no permission, no space, ..."""
