@@ -46,7 +46,8 @@ class LaneLine:
         grey: Grey level of the paint.
 
     Raises:
-        ConfigError: The stripe or its dashes have no length, or only one of dash and gap is given.
+        ConfigError: The stripe has no place, it or its dashes have no length, or only one of
+            dash and gap is given.
     """
 
     offset_m: float
@@ -57,6 +58,7 @@ class LaneLine:
     grey: float = PAINT_GREY
 
     def __post_init__(self) -> None:
+        _require(math.isfinite(self.offset_m), "line.offset_m", self.offset_m, "finite")
         _require(self.width_m > 0, "line.width_m", self.width_m, "greater than zero")
         if (self.dash_m is None) != (self.gap_m is None):
             raise ConfigError("line.dash_m and line.gap_m belong together: give both or none")
@@ -114,7 +116,8 @@ class Road:
         verge: Ground beside the asphalt; None for asphalt everywhere.
 
     Raises:
-        ConfigError: Stripes overlap or lie on the verge, the curve is tighter than the road is wide.
+        ConfigError: Stripes overlap or lie on the verge, the bend is tighter than a line is far from
+            the reference line, or a texture value is negative.
     """
 
     lines: tuple[LaneLine, ...] = field(default_factory=two_lines)
@@ -125,6 +128,9 @@ class Road:
     verge: Verge | None = None
 
     def __post_init__(self) -> None:
+        bend = self.curvature_per_m
+        _require(math.isfinite(bend), "road.curvature_per_m", bend, "finite")
+        _require(self.texture_seed >= 0, "road.texture_seed", self.texture_seed, "0 or more")
         _require(self.texture_amplitude >= 0, "road.texture_amplitude", self.texture_amplitude, "0 or more")
         ordered = sorted(self.lines, key=lambda line: line.offset_m)
         for right, left in pairwise(ordered):
@@ -133,9 +139,9 @@ class Road:
         for line in ordered:
             # A line tighter than its own distance to the centre of the arc does not exist.
             _require(
-                self.curvature_per_m * line.offset_m < 1,
+                bend * line.offset_m < 1,
                 "road.curvature_per_m",
-                self.curvature_per_m,
+                bend,
                 f"such that a line at {line.offset_m} m has a radius",
             )
             if self.verge is not None:
