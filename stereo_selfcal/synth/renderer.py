@@ -4,6 +4,8 @@ The geometry is derived anew from REP-103's axes, on purpose without any code of
 two derivations, so that a wrong sign cannot cancel. A ray leaves the camera through a point of
 the image and meets the road plane ``z = 0``; everything else is a question of how much of a
 pixel's area a stripe covers.
+
+The bytes of a picture depend on no release of OpenCV: sums and products are numpy's.
 """
 
 from __future__ import annotations
@@ -43,6 +45,9 @@ TEXTURE_FADE_START = 0.5
 
 # A bend is painted for a quarter of its circle: a closed one would come back along the horizon.
 MAX_ARC_RAD = math.pi / 2
+
+# A Gaussian is cut off here: what lies beyond is below a grey level at the strongest edge.
+BLUR_REACH_SIGMA = 4.0
 
 # Keeps a division by the width of a pixel on the road finite where both its edges coincide.
 TINY_M = 1e-12
@@ -210,12 +215,7 @@ class _Ground:
             if not rows.size:
                 continue
             part = slice(int(rows[0]), int(rows[-1]) + 1)
-            noise = cv2.remap(
-                _texture_tile(seed, octave),
-                _tile_position(lateral[part], cell_m),
-                _tile_position(along[part], cell_m),
-                cv2.INTER_LINEAR,
-            )
+            noise = _sample_tile(_texture_tile(seed, octave), lateral[part] / cell_m, along[part] / cell_m)
             fade = np.clip((1 - self.footprint_m[part] / cell_m) / (1 - TEXTURE_FADE_START), 0.0, 1.0)
             texture[part] += noise * fade
         texture /= math.sqrt(len(TEXTURE_CELLS_M))
@@ -250,10 +250,7 @@ def render_camera(scene: Scene, side: Side) -> Picture:
     rig, photometry = scene.rig, scene.photometry(side)
     picture = _world_picture(scene, RayCaster(scene, side)).astype(np.float32)
     if photometry.psf_sigma_px > 0:
-        picture = np.asarray(
-            cv2.GaussianBlur(picture, (0, 0), photometry.psf_sigma_px, borderType=cv2.BORDER_REPLICATE),
-            np.float32,
-        )
+        picture = _blur(_blur(picture, photometry.psf_sigma_px, axis=0), photometry.psf_sigma_px, axis=1)
     if photometry.vignetting > 0:
         picture *= _vignette(rig.width, rig.height, rig.cx, rig.cy, photometry.vignetting)
     picture *= np.float32(photometry.gain)
@@ -297,6 +294,22 @@ def _rotation(x_rad: float, y_rad: float, z_rad: float) -> Array:
     """Return the rotation about an axis by the length of (x, y, z), right-handed, shape (3, 3)."""
     matrix, _ = cv2.Rodrigues(np.array([x_rad, y_rad, z_rad]))
     return np.asarray(matrix, np.float64)
+
+
+def _blur(picture: Picture, sigma_px: float, axis: int) -> Picture:
+    """Blur along one axis with a Gaussian; the border is repeated beyond the image."""
+    # Plain numpy, as cv2.GaussianBlur rounds differently from release to release.
+    radius = math.ceil(BLUR_REACH_SIGMA * sigma_px)
+    weights = [math.exp(-0.5 * (i / sigma_px) ** 2) for i in range(radius + 1)]
+    total = weights[0] + 2 * sum(weights[1:])
+    size = picture.shape[axis]
+    padding = [(radius, radius) if i == axis else (0, 0) for i in range(2)]
+    padded = np.pad(picture, padding, mode="edge").swapaxes(0, axis)
+    blurred = padded[radius : radius + size] * np.float32(weights[0] / total)
+    for i in range(1, radius + 1):
+        pair = padded[radius - i : radius - i + size] + padded[radius + i : radius + i + size]
+        blurred += pair * np.float32(weights[i] / total)
+    return np.ascontiguousarray(blurred.swapaxes(0, axis))
 
 
 def _clipped_mean(edge_px: Array) -> Array:
@@ -345,12 +358,28 @@ def _texture_tile(seed: int, octave: int) -> Picture:
         tile = 0.5 * tile + 0.25 * (np.roll(tile, 1, axis) + np.roll(tile, -1, axis))
     tile -= tile.mean()
     tile /= tile.std()
-    # One row and column more, so that no interpolation depends on how cv2.remap wraps.
-    return np.asarray(np.pad(tile, (0, 1), mode="wrap"), np.float32)
+    # Border enough for the neighbours of a position that rounding puts at the very end.
+    return np.asarray(np.pad(tile, (0, 2), mode="wrap"), np.float32)
 
 
-def _tile_position(position_m: Array, cell_m: float) -> Picture:
-    """Return road positions as positions in a tile, 0 ... TEXTURE_TILE_CELLS."""
-    # Reduced here and in double precision: cv2.remap keeps 16 bits of a coordinate.
-    tiles = position_m * (1 / (cell_m * TEXTURE_TILE_CELLS))
-    return np.asarray((tiles - np.floor(tiles)) * TEXTURE_TILE_CELLS, np.float32)
+def _sample_tile(tile: Picture, column: Array, row: Array) -> Picture:
+    """Interpolate a periodic tile bilinearly at positions in cells, all of one shape."""
+    # Plain numpy, as cv2.remap interpolates differently from release to release.
+    column_px, row_px = _wrapped(column), _wrapped(row)
+    left, top = column_px.astype(np.intp), row_px.astype(np.intp)
+    to_right, to_below = column_px - left.astype(np.float32), row_px - top.astype(np.float32)
+    flat, stride = tile.ravel(), tile.shape[1]
+    here = top * stride + left
+    above = flat[here]
+    above += to_right * (flat[here + 1] - above)
+    here += stride
+    below = flat[here]
+    below += to_right * (flat[here + 1] - below)
+    return np.asarray(above + to_below * (below - above), np.float32)
+
+
+def _wrapped(position: Array) -> Picture:
+    """Return positions modulo the size of a tile; reduced in double precision, far from zero."""
+    tiles = position * (1 / TEXTURE_TILE_CELLS)
+    tiles -= np.floor(tiles)
+    return np.asarray(tiles * TEXTURE_TILE_CELLS, np.float32)
