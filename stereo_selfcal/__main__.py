@@ -1,0 +1,61 @@
+"""``python -m stereo_selfcal COMMAND``: the same programs as ``ros2 run stereo_selfcal COMMAND``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+# Command -> (module with main(argv) -> exit status, what it does). Imported when needed: only the
+# node and the demo need ROS.
+COMMANDS = {
+    "node": ("stereo_selfcal.ros.node", "calibrate a running stereo camera (needs ROS 2)"),
+    "replay": ("stereo_selfcal.cli.replay", "calibrate from a recording, without ROS"),
+    "synth": ("stereo_selfcal.cli.synth", "write a synthetic recording with its truth, without ROS"),
+    "demo": ("stereo_selfcal.ros.demo", "play a synthetic recording to the node and call it (needs ROS 2)"),
+}
+
+_EXIT_BAD_USAGE = 2
+
+
+def usage() -> str:
+    """Return the help text."""
+    lines = [f"  {name:<8}{text}" for name, (_, text) in COMMANDS.items()]
+    return "\n".join(
+        [
+            "usage: python -m stereo_selfcal COMMAND ...",
+            "",
+            "Height, pitch and roll of a vehicle's stereo camera over the road, from painted lane lines.",
+            "",
+            *lines,
+            "",
+            "Each command explains itself: python -m stereo_selfcal replay --help",
+            "",
+        ]
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command named by the first argument and return its exit status."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if arguments[:1] in (["-h"], ["--help"]):
+        sys.stdout.write(usage())
+        return 0
+    if not arguments or arguments[0] not in COMMANDS:
+        given = f"unknown command {arguments[0]!r}" if arguments else "no command given"
+        sys.stderr.write(f"stereo_selfcal: {given}; the commands are {', '.join(COMMANDS)}, see --help\n")
+        return _EXIT_BAD_USAGE
+    try:
+        program = import_module(COMMANDS[arguments[0]][0])
+    except ModuleNotFoundError as error:
+        sys.stderr.write(
+            f"stereo_selfcal: {arguments[0]} needs the Python module {error.name}, which is not installed; "
+            "source ROS 2 or see README.md\n"
+        )
+        return _EXIT_BAD_USAGE
+    status: int = program.main(arguments[1:])
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())
