@@ -84,35 +84,17 @@ def check_writable(path: Path, option: str) -> None:
     Raises:
         UsageError: It cannot; nothing has been changed.
     """
-    if path.exists() and not path.is_file():
-        raise UsageError(f"{option} {path}: is no regular file, nothing can be written there")
+    target = Path(os.path.realpath(path))
+    if target.exists() and not target.is_file():
+        raise UsageError(f"{option} {path}: is not a file; give the name of a file")
     try:
         # Files are replaced by renaming a new one beside them, so the folder is what counts.
-        with tempfile.TemporaryFile(dir=path.parent):
+        with tempfile.TemporaryFile(dir=target.parent):
             pass
     except OSError as error:
-        raise UsageError(f"{option} {path}: the folder cannot be written to ({error.strerror})") from error
-
-
-def replace_file(path: Path, content: bytes) -> None:
-    """Put ``content`` at ``path`` in one step: a reader sees the old file or the whole new one."""
-    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
-        temporary = Path(file.name)
-        try:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-            temporary.chmod(0o666 & ~_umask())
-            temporary.replace(path)
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            raise
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+        raise UsageError(
+            f"{option} {path}: cannot be written ({error.strerror}); choose a writable folder that exists"
+        ) from error
 
 
 class Progress:

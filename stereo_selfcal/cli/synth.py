@@ -7,6 +7,7 @@ import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from ..synth.bag import STORAGES, TRUTH_FILE, write_bag, write_named_bags
 from ..synth.scenes import NAMED_SCENES, NamedScene, custom_scene, named_scene
@@ -67,9 +68,9 @@ def _scene(arguments: argparse.Namespace) -> NamedScene:
     return named_scene(arguments.named)
 
 
-def _made_to_order(arguments: argparse.Namespace) -> dict[str, float | int | bool]:
+def _made_to_order(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the keywords of custom_scene that were given; the others have their defaults there."""
-    given: dict[str, float | int | bool] = {}
+    given: dict[str, Any] = {}
     for option, keyword, factor, _ in _NUMBERS:
         value = getattr(arguments, keyword)
         if value is not None:

@@ -1,0 +1,109 @@
+"""What replay says: the table for people and the JSON object for programs."""
+
+from __future__ import annotations
+
+import json
+import math
+import statistics
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..core.extrinsics import Extrinsics
+from ..core.results import CalibrationResult
+
+_LABEL_WIDTH = 40  # a stamp and the longest reject reason
+_HEADER = f"{'stamp [s]':>20}  {'verdict':<18}{'height [m]':>12}{'pitch [deg]':>13}{'roll [deg]':>12}"
+
+
+@dataclass(frozen=True, slots=True)
+class FrameRow:
+    """Outcome of one frame, without the images and evidence behind it.
+
+    Attributes:
+        stamp_s: Time stamp of the frame [s].
+        reason: Why it was refused, None when accepted.
+        extrinsics: The calibration, None when refused.
+    """
+
+    stamp_s: float
+    reason: str | None
+    extrinsics: Extrinsics | None
+
+    @classmethod
+    def from_result(cls, result: CalibrationResult, stamp_s: float) -> FrameRow:
+        """Keep of a result what the report needs."""
+        reason = None if result.reason is None else str(result.reason)
+        return cls(stamp_s, reason, result.extrinsics if result.accepted else None)
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the frame gave a calibration."""
+        return self.reason is None
+
+
+def table_header() -> str:
+    """Return the two lines over the table."""
+    return f"{_HEADER}\n{'-' * len(_HEADER)}\n"
+
+
+def table_row(row: FrameRow) -> str:
+    """Return the line of one frame."""
+    return _line(f"{row.stamp_s:>20.6f}  {row.reason or 'accepted':<18}", row.extrinsics)
+
+
+def table_summary(rows: Sequence[FrameRow], estimate: CalibrationResult) -> str:
+    """Return the lines under the table: mean and spread over the accepted frames, the fused estimate."""
+    accepted = [row.extrinsics for row in rows if row.extrinsics is not None]
+    text = f"{'-' * len(_HEADER)}\n{len(accepted)} of {len(rows)} frames accepted\n"
+    refused = Counter(row.reason for row in rows if row.reason is not None)
+    for reason, count in refused.most_common():
+        text += f"  {count} x {reason}\n"
+    if accepted:
+        text += _line("mean", _over(accepted, statistics.fmean))
+    if len(accepted) > 1:
+        text += _line("standard deviation over the frames", _over(accepted, statistics.stdev), "")
+    if estimate.accepted and estimate.extrinsics is not None:
+        text += _line("fused estimate", estimate.extrinsics)
+        if estimate.std is not None:
+            text += _line("its standard deviation", estimate.std, "")
+    return f"{text}{estimate.message}\n"
+
+
+def as_json(rows: Sequence[FrameRow], estimate: CalibrationResult) -> str:
+    """Return the object of interface.md, "Command line", in one line; floats with all their digits."""
+    extrinsics = estimate.extrinsics if estimate.accepted else None
+    content = {
+        "accepted": estimate.accepted,
+        "reason": None if estimate.reason is None else str(estimate.reason),
+        "message": estimate.message,
+        "extrinsics": None if extrinsics is None else _pose(extrinsics),
+        "std": None if extrinsics is None or estimate.std is None else _pose(estimate.std),
+        "lane_yaw_rad": estimate.lane_yaw_rad if estimate.accepted else None,
+        "frames": [
+            {"stamp_s": row.stamp_s, "accepted": row.accepted, "reason": row.reason} | _pose(row.extrinsics)
+            for row in rows
+        ],
+    }
+    return json.dumps(content, allow_nan=False) + "\n"
+
+
+def _pose(extrinsics: Extrinsics | None) -> dict[str, Any]:
+    names = ("height_m", "pitch_rad", "roll_rad")
+    return {name: None if extrinsics is None else float(getattr(extrinsics, name)) for name in names}
+
+
+def _over(poses: Sequence[Extrinsics], statistic: Any) -> Extrinsics:
+    """Apply ``statistic`` to each of height, pitch and roll."""
+    return Extrinsics(
+        *(float(statistic(values)) for values in zip(*(p.as_array() for p in poses), strict=True))
+    )
+
+
+def _line(label: str, pose: Extrinsics | None, sign: str = "+") -> str:
+    """Return a table line: metres with 0.1 mm, degrees with 0.001 deg."""
+    if pose is None:
+        return f"{label:<{_LABEL_WIDTH}}{'-':>12}{'-':>13}{'-':>12}\n"
+    pitch_deg, roll_deg = math.degrees(pose.pitch_rad), math.degrees(pose.roll_rad)
+    return f"{label:<{_LABEL_WIDTH}}{pose.height_m:>12.4f}{pitch_deg:>{sign}13.3f}{roll_deg:>{sign}12.3f}\n"
