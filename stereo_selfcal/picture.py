@@ -115,7 +115,9 @@ def draw_overview(left: Image, right: Image, rig: StereoRig, result: Calibration
     Returns:
         (H', W', 3) uint8 BGR, at least :data:`MIN_WIDTH_PX` wide.
     """
-    view = draw_camera_view(left, rig, result, max(1.0, MIN_WIDTH_PX / max(left.shape[1], 1)))
+    if left.size == 0:
+        left = np.zeros((rig.height, rig.width), dtype=np.uint8)
+    view = draw_camera_view(left, rig, result, max(1.0, MIN_WIDTH_PX / left.shape[1]))
     width = view.shape[1]
     panels = [_header(result, width), view, _legend(width)]
     extrinsics = shown_extrinsics(result)
@@ -135,7 +137,7 @@ def draw_camera_view(left: Image, rig: StereoRig, result: CalibrationResult, sca
     """Draw points, lines, horizon and road grid over the image of the left camera.
 
     Args:
-        left: (H, W) uint8 image of the left camera.
+        left: (H, W) uint8 image of the left camera, not empty.
         rig: The rig it comes from.
         result: Its calibration, accepted or not.
         scale: Enlargement of the image.
@@ -143,8 +145,6 @@ def draw_camera_view(left: Image, rig: StereoRig, result: CalibrationResult, sca
     Returns:
         (scale H, scale W, 3) uint8 BGR.
     """
-    if left.size == 0:
-        left = np.zeros((rig.height, rig.width), dtype=np.uint8)
     size = (round(left.shape[1] * scale), round(left.shape[0] * scale))
     grey = cv2.resize(left, size, interpolation=cv2.INTER_LINEAR)
     canvas = _Canvas(np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), dtype=np.uint8), scale)

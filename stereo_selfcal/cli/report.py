@@ -13,8 +13,13 @@ from typing import Any
 from ..core.extrinsics import Extrinsics
 from ..core.results import CalibrationResult
 
-_LABEL_WIDTH = 40  # a stamp and the longest reject reason
-_HEADER = f"{'stamp [s]':>20}  {'verdict':<18}{'height [m]':>12}{'pitch [deg]':>13}{'roll [deg]':>12}"
+_STAMP_WIDTH = 17  # seconds since 1970 with microseconds
+_VERDICT_WIDTH = 21  # the longest reject reason and a space
+_LABEL_WIDTH = _STAMP_WIDTH + 2 + _VERDICT_WIDTH
+_HEADER = (
+    f"{'stamp [s]':>{_STAMP_WIDTH}}  {'verdict':<{_VERDICT_WIDTH}}"
+    f"{'height [m]':>12}{'pitch [deg]':>13}{'roll [deg]':>12}"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +55,9 @@ def table_header() -> str:
 
 def table_row(row: FrameRow) -> str:
     """Return the line of one frame."""
-    return _line(f"{row.stamp_s:>20.6f}  {row.reason or 'accepted':<18}", row.extrinsics)
+    return _line(
+        f"{row.stamp_s:>{_STAMP_WIDTH}.6f}  {row.reason or 'accepted':<{_VERDICT_WIDTH}}", row.extrinsics
+    )
 
 
 def table_summary(rows: Sequence[FrameRow], estimate: CalibrationResult) -> str:
