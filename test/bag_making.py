@@ -1,0 +1,149 @@
+"""Writes small recordings of every kind, good and bad, for the tests of reading and replaying."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_typestore
+
+from stereo_selfcal.core.rig import StereoRig
+
+RIG = StereoRig(64, 48, 50.0, 50.0, 31.5, 23.5, 0.15)
+NS_PER_S = 1_000_000_000
+PERIOD_NS = NS_PER_S // 10
+FIRST_NS = 100 * NS_PER_S
+
+KINDS = ("mcap", "mcap-chunks", "mcap-messages", "mcap-file", "sqlite3", "sqlite3-messages", "ros1")
+
+
+@dataclass
+class Camera:
+    """One camera's topics as they should be recorded; None leaves a topic out."""
+
+    side: str
+    image: str | None = None
+    info: str | None = None
+    encoding: str = "mono8"
+    compressed: str | None = None
+    step_too_small: bool = False
+    stamp_shift_ns: int = 0
+    info_changes: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self):
+        suffix = "/compressed" if self.compressed else ""
+        if self.image is None:
+            self.image = f"/stereo/{self.side}/image_rect{suffix}"
+        if self.info is None:
+            self.info = f"/stereo/{self.side}/camera_info"
+
+
+def cameras(**both):
+    return [Camera("left", **both), Camera("right", **both)]
+
+
+def picture(side: str, index: int, rig: StereoRig = RIG):
+    """A grey picture that tells side and frame: their mean can be compared after any lossy coding."""
+    columns = np.arange(rig.width, dtype=np.float64) * (1.0 if side == "left" else 0.5)
+    return np.tile(40 + 10 * index + columns, (rig.height, 1)).astype(np.uint8)
+
+
+def make_bag(path: Path, cameras, n_frames=3, kind="mcap", rig=RIG, other_topics=()):
+    """Write a recording and return what to open: a folder, or a file for ROS 1."""
+    ros1 = kind == "ros1"
+    types = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
+    writer = Writer1(path.with_suffix(".bag")) if ros1 else _writer2(path, kind)
+    with writer:
+        connections = {}
+        for topic, msgtype in [*_topics(cameras), *other_topics]:
+            connections[topic] = writer.add_connection(topic, msgtype, typestore=types)
+        for index in range(n_frames):
+            for camera in cameras:
+                stamp_ns = FIRST_NS + index * PERIOD_NS
+                for topic, message in _messages(types, camera, index, stamp_ns, rig, ros1):
+                    msgtype = connections[topic].msgtype
+                    data = (types.serialize_ros1 if ros1 else types.serialize_cdr)(message, msgtype)
+                    writer.write(connections[topic], stamp_ns, data)
+    return path.with_suffix(".bag") if ros1 else path
+
+
+def _writer2(path, kind):
+    storage, _, mode = kind.partition("-")
+    plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3
+    writer = Writer2(path, version=9, storage_plugin=plugin)
+    modes = {
+        "chunks": CompressionMode.STORAGE,
+        "messages": CompressionMode.MESSAGE,
+        "file": CompressionMode.FILE,
+    }
+    if mode:
+        writer.set_compression(modes[mode], CompressionFormat.ZSTD)
+    return writer
+
+
+def _topics(cameras):
+    for camera in cameras:
+        if camera.image:
+            yield camera.image, f"sensor_msgs/msg/{'CompressedImage' if camera.compressed else 'Image'}"
+        if camera.info:
+            yield camera.info, "sensor_msgs/msg/CameraInfo"
+
+
+def _messages(types, camera, index, stamp_ns, rig, ros1):
+    sec, nanosec = divmod(stamp_ns + camera.stamp_shift_ns, NS_PER_S)
+    stamp = types.types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
+    seq = {"seq": index} if ros1 else {}
+    header = types.types["std_msgs/msg/Header"](stamp=stamp, frame_id=camera.side, **seq)
+    if camera.info:
+        yield camera.info, camera_info(types, camera, header, rig, ros1)
+    if camera.image and camera.compressed:
+        _, content = cv2.imencode(f".{camera.compressed}", picture(camera.side, index, rig))
+        kind = types.types["sensor_msgs/msg/CompressedImage"]
+        yield (
+            camera.image,
+            kind(header=header, format=f"mono8; {camera.compressed} compressed ", data=content),
+        )
+    elif camera.image:
+        pixels = picture(camera.side, index, rig)
+        if camera.encoding == "bgr8":
+            pixels = cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR)
+        step = pixels.strides[0]
+        yield (
+            camera.image,
+            types.types["sensor_msgs/msg/Image"](
+                header=header,
+                height=rig.height,
+                width=rig.width,
+                encoding=camera.encoding,
+                is_bigendian=0,
+                step=step - 1 if camera.step_too_small else step,
+                data=pixels.reshape(-1),
+            ),
+        )
+
+
+def camera_info(types, camera, header, rig, ros1):
+    shift = -rig.fx * rig.baseline_m if camera.side == "right" else 0.0
+    values = {
+        "d": np.zeros(5),
+        "k": np.array([rig.fx, 0, rig.cx, 0, rig.fy, rig.cy, 0, 0, 1.0]),
+        "r": np.eye(3).reshape(-1),
+        "p": np.array([rig.fx, 0, rig.cx, shift, 0, rig.fy, rig.cy, 0, 0, 0, 1.0, 0]),
+    } | camera.info_changes
+    region = types.types["sensor_msgs/msg/RegionOfInterest"](
+        x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+    )
+    return types.types["sensor_msgs/msg/CameraInfo"](
+        header=header,
+        height=rig.height,
+        width=rig.width,
+        distortion_model="plumb_bob",
+        binning_x=0,
+        binning_y=0,
+        roi=region,
+        **{(name.upper() if ros1 else name): value for name, value in values.items()},
+    )

@@ -1,0 +1,224 @@
+"""Reading stereo frames from recordings of every kind, and refusing damaged ones in one line."""
+
+import os
+
+import numpy as np
+import pytest
+from bag_making import FIRST_NS, KINDS, PERIOD_NS, RIG, Camera, cameras, make_bag, picture
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from stereo_selfcal.bags import BagError, StereoBag
+from stereo_selfcal.bags import reader as reader_module
+
+
+def read(path, **options):
+    with StereoBag(path, **options) as bag:
+        return list(bag.frames())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_of_recording(tmp_path, kind):
+    path = make_bag(tmp_path / "bag", cameras(), kind=kind)
+    with StereoBag(path) as bag:
+        assert bag.read_rig() == RIG
+        assert bag.n_frames == 3
+        frames = list(bag.frames())
+    assert [frame.stamp_s for frame in frames] == pytest.approx([100.0, 100.1, 100.2])
+    for index, frame in enumerate(frames):
+        np.testing.assert_array_equal(frame.left, picture("left", index))
+        np.testing.assert_array_equal(frame.right, picture("right", index))
+
+
+@pytest.mark.parametrize(("kind", "suffix"), [("mcap", ".mcap"), ("sqlite3", ".db3")])
+def test_storage_file_alone(tmp_path, kind, suffix):
+    folder = make_bag(tmp_path / "bag", cameras(), kind=kind)
+    assert len(read(folder / f"bag{suffix}")) == 3
+    (folder / "metadata.yaml").unlink()  # what a killed recorder leaves
+    assert len(read(folder)) == 3
+
+
+@pytest.mark.parametrize(
+    ("options", "tolerance"),
+    [({"encoding": "bgr8"}, 0), ({"compressed": "png"}, 0), ({"compressed": "jpeg"}, 3)],
+)
+@pytest.mark.parametrize("kind", ["mcap", "ros1"])
+def test_colour_and_compressed_images(tmp_path, options, tolerance, kind):
+    frames = read(make_bag(tmp_path / "bag", cameras(**options), kind=kind))
+    assert len(frames) == 3
+    difference = frames[2].left.astype(int) - picture("left", 2)
+    assert frames[2].left.dtype == np.uint8
+    assert np.abs(difference).max() <= tolerance
+
+
+def test_first_camera_info_may_come_after_the_images(tmp_path):
+    late = cameras(info="")
+    path = make_bag(tmp_path / "bag", [*late, Camera("left", image=""), Camera("right", image="")])
+    with StereoBag(path) as bag:
+        assert bag.read_rig() == RIG
+        assert len(list(bag.frames())) == 3
+
+
+def test_frames_are_read_one_by_one(tmp_path, monkeypatch):
+    """Memory does not grow: no image is decoded before its frame is asked for."""
+    path = make_bag(tmp_path / "bag", cameras(), n_frames=20)
+    decoded = []
+    to_grey = reader_module.to_grey
+    monkeypatch.setattr(reader_module, "to_grey", lambda *a: decoded.append(1) or to_grey(*a))
+    with StereoBag(path) as bag:
+        messages = []
+        inner = bag._reader.messages
+        bag._reader.messages = lambda **k: (messages.append(1) or m for m in inner(**k))
+        frames = bag.frames()
+        assert not decoded
+        for index in range(5):
+            next(frames)
+            assert len(decoded) == 2 * (index + 1)
+            assert len(messages) == 2 * (index + 1)
+
+
+def test_stamps_pair_within_a_tolerance_only_when_asked(tmp_path):
+    shifted = [Camera("left"), Camera("right", stamp_shift_ns=4_000_000)]
+    path = make_bag(tmp_path / "bag", shifted)
+    with pytest.raises(
+        BagError, match=r"no pair.*3 on /stereo/left.*3 on /stereo/right.*0\.004000 s, allowed 0 s"
+    ):
+        read(path)
+    frames = read(path, tolerance_s=0.005)
+    assert [round(f.stamp_s * 1e9) for f in frames] == [FIRST_NS + i * PERIOD_NS for i in range(3)]
+
+
+def no_recording(tmp_path):
+    return tmp_path / "nowhere"
+
+
+def text_file(tmp_path):
+    path = tmp_path / "notes.txt"
+    path.write_text("nothing")
+    return path
+
+
+def text_with_suffix(suffix):
+    def make(tmp_path):
+        path = tmp_path / f"notes{suffix}"
+        path.write_text("no recording at all")
+        return path
+
+    return make
+
+
+def empty_file(tmp_path):
+    path = tmp_path / "empty.mcap"
+    path.touch()
+    return path
+
+
+def folder_without_recording(tmp_path):
+    (tmp_path / "folder").mkdir()
+    return tmp_path / "folder"
+
+
+def truncated(kind, name):
+    def make(tmp_path):
+        path = make_bag(tmp_path / "bag", cameras(), kind=kind)
+        file = path / name if path.is_dir() else path
+        os.truncate(file, file.stat().st_size // 2)
+        return path
+
+    return make
+
+
+def bad_metadata(tmp_path):
+    path = make_bag(tmp_path / "bag", cameras())
+    (path / "metadata.yaml").write_text("rosbag2_bagfile_information: [")
+    return path
+
+
+def without_images(tmp_path):
+    return make_bag(tmp_path / "bag", cameras(image=""))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (no_recording, "no such file or folder"),
+        (text_file, "not a recording"),
+        (text_with_suffix(".mcap"), "File magic is invalid"),
+        (text_with_suffix(".db3"), "cannot be read as a recording"),
+        (text_with_suffix(".bag"), "cannot be read as a recording"),
+        (empty_file, "cannot be read as a recording"),
+        (folder_without_recording, "without metadata.yaml"),
+        (truncated("mcap", "bag.mcap"), "mcap recover"),
+        (truncated("mcap-file", "bag.mcap.zstd"), "cannot be read as a recording"),
+        (truncated("sqlite3", "bag.db3"), "cannot be read as a recording"),
+        (truncated("ros1", ""), "cannot be read as a recording"),
+        (bad_metadata, "cannot be read as a recording"),
+        (without_images, "no images"),
+    ],
+)
+def test_unusable_recordings_are_refused_in_one_line(tmp_path, make, message):
+    path = make(tmp_path)
+    with pytest.raises(BagError, match=message) as error, StereoBag(path) as bag:
+        list(bag.frames())
+    assert "\n" not in str(error.value)
+    assert str(path) in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("sides", "message"),
+    [
+        (cameras(info=""), "no CameraInfo on /stereo/left/camera_info.*none.*--rig"),
+        ([Camera("left"), Camera("right", info="")], "no CameraInfo on /stereo/right/camera_info"),
+        ([Camera("left", info_changes={"k": np.zeros(9)}), Camera("right")], r"K\[0\] = 0"),
+        (
+            cameras(info_changes={"p": np.array([50.0, 0, 31.5, 0, 0, 50, 23.5, 0, 0, 0, 1, 0])}),
+            "baseline of zero",
+        ),
+    ],
+)
+def test_unusable_camera_info_is_refused(tmp_path, sides, message):
+    with StereoBag(make_bag(tmp_path / "bag", sides)) as bag, pytest.raises(BagError, match=message):
+        bag.read_rig()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"encoding": "32FC1"}, r"/stereo/left/image_rect at 100\.000 s.*'32FC1' is not supported"),
+        ({"step_too_small": True}, "step is 63 bytes"),
+    ],
+)
+def test_unusable_images_name_topic_and_time(tmp_path, options, message):
+    with pytest.raises(BagError, match=message):
+        read(make_bag(tmp_path / "bag", cameras(**options)))
+
+
+@pytest.fixture(scope="module")
+def recording_bytes(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("fuzz")
+    return {
+        ".mcap": (make_bag(folder / "a", cameras(), kind="mcap-chunks") / "a.mcap").read_bytes(),
+        ".db3": (make_bag(folder / "b", cameras(), kind="sqlite3") / "b.db3").read_bytes(),
+        ".bag": make_bag(folder / "c", cameras(), kind="ros1").read_bytes(),
+    }
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    suffix=st.sampled_from([".mcap", ".db3", ".bag"]),
+    flips=st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(1, 255)), max_size=8),
+    keep=st.floats(0, 1),
+)
+def test_damaged_bytes_give_frames_or_one_error(tmp_path, recording_bytes, suffix, flips, keep):
+    content = bytearray(recording_bytes[suffix])
+    for position, mask in flips:
+        content[int(position * len(content))] ^= mask
+    path = tmp_path / f"damaged{suffix}"
+    path.write_bytes(content[: max(1, round(keep * len(content)))] if keep < 0.9 else content)
+    try:
+        with StereoBag(path) as bag:
+            bag.read_rig()
+            for frame in bag.frames():
+                assert frame.left.dtype == np.uint8
+    except BagError as error:
+        assert "\n" not in str(error)

@@ -1,0 +1,154 @@
+"""Finding the two cameras among the topics of a recording."""
+
+import pytest
+
+from stereo_selfcal.bags.errors import BagError
+from stereo_selfcal.bags.topics import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, Topic, find_stereo_topics
+
+
+def topics(*names, count=5):
+    """Image topics; those that end as image_transport's do are compressed."""
+    return [Topic(n, COMPRESSED_IMAGE if "compressed" in n else IMAGE, count) for n in names]
+
+
+def both(*names):
+    """Each name with {} as left and as right."""
+    return [name.format(side) for name in names for side in ("left", "right")]
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (both("/stereo/{}/image_rect"), "/stereo/{}/image_rect"),
+        (both("/{}/image_rect")[::-1], "/{}/image_rect"),
+        # Of one camera: rectified before raw, Image before CompressedImage, grey before colour.
+        (both("/s/{}/image_raw", "/s/{}/image_rect"), "/s/{}/image_rect"),
+        (both("/s/{}/image_rect/compressed", "/s/{}/image_rect"), "/s/{}/image_rect"),
+        (both("/s/{}/image_raw", "/s/{}/image_rect/compressed"), "/s/{}/image_rect/compressed"),
+        (both("/s/{}/image_rect_color", "/s/{}/image_rect"), "/s/{}/image_rect"),
+        (both("/s/{}/image_color", "/s/{}/image_mono"), "/s/{}/image_mono"),
+        # Only one is complete.
+        (["/s/left/image_rect", *both("/s/{}/image_raw")], "/s/{}/image_raw"),
+        # ZED: the rectified pair beside raw ones in other namespaces, and depth.
+        (
+            both("/zed/{}_raw/image_raw_color", "/zed/{}/image_rect_color", "/zed/depth/{}/image_rect"),
+            "/zed/{}/image_rect_color",
+        ),
+        # The side as a part of a name (KITTI).
+        (both("/kitti/camera_gray_{}/image_raw"), "/kitti/camera_gray_{}/image_raw"),
+        (both("/cam/image_{}"), "/cam/image_{}"),
+        # The word left elsewhere in the name stays.
+        (both("/left_arm/{}/image"), "/left_arm/{}/image"),
+        # Left and right before numbers.
+        (["/cam0/image", "/cam1/image", *both("/s/{}/image")], "/s/{}/image"),
+    ],
+)
+def test_left_and_right_are_found(names, expected):
+    found = find_stereo_topics(topics(*names))
+    assert [found.left.name, found.right.name] == both(expected)
+
+
+def test_capital_letters():
+    found = find_stereo_topics(topics("/Left/image", "/Right/image"))
+    assert (found.left.name, found.right.name) == ("/Left/image", "/Right/image")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["/cam0/image_raw", "/cam1/image_raw"],  # EuRoC
+        ["/camera/infra1/image_rect_raw", "/camera/infra2/image_rect_raw"],  # RealSense
+        ["/image_00/data", "/image_01/data"],  # KITTI
+        ["/camera_9/image", "/camera_10/image"],
+    ],
+)
+def test_numbered_cameras_are_found(names):
+    found = find_stereo_topics(topics(*names, "/camera/depth/image_rect_raw"))
+    assert [found.left.name, found.right.name] == names
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["/front/left/image", "/front/right/image", "/rear/left/image", "/rear/right/image"],
+        ["/cams/front_left", "/cams/front_right", "/cams/rear_left", "/cams/rear_right"],
+        ["/cam0/image", "/cam1/image", "/cam2/image"],
+        # Different cameras: neither the kind of message nor the colour may decide.
+        [
+            "/front/left/image_rect",
+            "/front/right/image_rect",
+            "/rear/left/image_rect/compressed",
+            "/rear/right/image_rect/compressed",
+        ],
+    ],
+)
+def test_ambiguity_lists_the_candidates(names):
+    with pytest.raises(BagError, match=r"--left and --right") as error:
+        find_stereo_topics(topics(*names))
+    assert all(name in str(error.value) for name in names)
+
+
+@pytest.mark.parametrize(
+    ("available", "message"),
+    [
+        ([], "no topic of type sensor_msgs/Image"),
+        ([Topic("/left/camera_info", CAMERA_INFO, 5)], "no topic of type sensor_msgs/Image"),
+        (topics("/left/image", "/right/image", count=0), r"/left/image \(0 messages\)"),
+        (topics("/stereo/left/image_rect"), r"only one camera \(left\).*/stereo/left/image_rect"),
+        (topics("/stereo/right/image_rect", "/stereo/right/image_raw"), r"only one camera \(right\)"),
+        (topics("/camera/image"), "only one camera in the recording"),
+        (topics("/front/image", "/rear/image"), "no left/right pair among .*/front/image, /rear/image"),
+        (topics("/cleft/image", "/cright/image"), "no left/right pair"),
+        (topics("/left/image/compressedDepth", "/right/image/compressedDepth"), "no images"),
+    ],
+)
+def test_no_pair_says_what_there_is(available, message):
+    with pytest.raises(BagError, match=message):
+        find_stereo_topics(available)
+
+
+FOUR = topics("/front/left/image", "/front/right/image", "/rear/left/image", "/rear/right/image")
+
+
+@pytest.mark.parametrize(
+    ("given", "found"),
+    [
+        ({"left": "/front/left/image"}, ("/front/left/image", "/front/right/image")),
+        ({"right": "/rear/right/image"}, ("/rear/left/image", "/rear/right/image")),
+        ({"left": "rear/left/image"}, ("/rear/left/image", "/rear/right/image")),
+        (
+            {"left": "/front/left/image", "right": "/rear/left/image"},
+            ("/front/left/image", "/rear/left/image"),
+        ),
+    ],
+)
+def test_named_topics_win(given, found):
+    pair = find_stereo_topics(FOUR, **given)
+    assert (pair.left.name, pair.right.name) == found
+
+
+def test_transport_suffix_may_be_left_out():
+    pair = find_stereo_topics(
+        topics("/a/left/image/compressed", "/a/right/image/compressed"), left="/a/left/image"
+    )
+    assert pair.right.name == "/a/right/image/compressed"
+    assert pair.left.camera_info == "/a/left/camera_info"
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"left": "/nowhere"}, "--left /nowhere: no such image topic.*/front/left/image"),
+        ({"left": "/front/left/image", "right": "/front/left/image"}, "give two topics"),
+        ({"left": "/front/right/image"}, "no right camera found for --left"),
+        ({"right": "/front/left/image"}, "no left camera found for --right"),
+    ],
+)
+def test_wrong_names_are_refused(given, message):
+    with pytest.raises(BagError, match=message):
+        find_stereo_topics(FOUR, **given)
+
+
+def test_named_topic_without_messages_is_refused():
+    with pytest.raises(BagError, match="no message on it"):
+        find_stereo_topics([*FOUR, *topics("/x/left/image", count=0)], left="/x/left/image")

@@ -1,0 +1,136 @@
+"""What the command line tools share."""
+
+import io
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from stereo_selfcal.cli.console import Progress, UsageError, check_writable, run, without_ros_args
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+
+
+@pytest.mark.parametrize(
+    ("given", "kept"),
+    [
+        (["bag", "--json"], ["bag", "--json"]),
+        (["bag", "--ros-args", "-r", "a:=b"], ["bag"]),
+        (["--ros-args", "-p", "x:=1", "--", "bag"], ["bag"]),
+        (["--ros-args", "--", "a", "--ros-args", "-r", "x:=y"], ["a"]),
+        (["--", "-bag"], ["--", "-bag"]),
+        ([], []),
+    ],
+)
+def test_ros_arguments(given, kept):
+    assert without_ros_args(given) == kept
+
+
+def raising(error):
+    def work(argv):
+        raise error
+
+    return work
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "line"),
+    [
+        (UsageError("what\nand why"), 2, "tool: what and why\n"),
+        (FileNotFoundError(2, "No such file", "x"), 2, "tool: [Errno 2] No such file: 'x'\n"),
+        (KeyboardInterrupt(), 130, "tool: interrupted\n"),
+        (SystemExit(0), 0, ""),
+    ],
+)
+def test_failures_become_a_line_and_a_status(error, status, line, capsys):
+    assert run("tool", raising(error), []) == status
+    assert capsys.readouterr() == ("", line)
+
+
+def test_programming_errors_are_not_hidden():
+    with pytest.raises(ZeroDivisionError):
+        run("tool", raising(ZeroDivisionError()), [])
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_progress_bar_on_a_terminal_only():
+    terminal, pipe = Terminal(), io.StringIO()
+    for stream in (terminal, pipe):
+        progress = Progress(4, stream)
+        for done in (0, 2, 4, 5):
+            progress.show(done)
+        progress.clear()
+    assert pipe.getvalue() == ""
+    assert "[###############...............] 2/4" in terminal.getvalue()
+    assert terminal.getvalue().endswith("\r\x1b[K")
+    assert "\n" not in terminal.getvalue()
+    Progress(0, Terminal()).show(0)
+
+
+def test_check_writable_leaves_no_trace(tmp_path):
+    check_writable(tmp_path / "new.yaml", "--output")
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "link").symlink_to(tmp_path / "folder-that-is-not" / "x")
+    for path in (tmp_path, tmp_path / "link", Path(os.devnull), tmp_path / "a" / "b"):
+        with pytest.raises(UsageError, match="--output"):
+            check_writable(path, "--output")
+
+
+PROGRAM = """
+import sys, time
+from stereo_selfcal.cli.console import run
+def work(argv):
+    sys.stdout.write("begun\\n")
+    sys.stdout.flush()
+    {rest}
+    return 0
+sys.exit(run("tool", work, []))
+"""
+
+
+def start(rest):
+    return subprocess.Popen(
+        [sys.executable, "-c", PROGRAM.format(rest=rest)],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_ctrl_c_is_quiet():
+    with start("time.sleep(60)") as process:
+        assert process.stdout.readline() == "begun\n"
+        time.sleep(0.1)
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=20)
+    assert (process.returncode, err) == (130, "tool: interrupted\n")
+
+
+@pytest.mark.parametrize("flush", ["sys.stdout.flush()", ""])
+def test_closed_pipe_is_quiet(flush):
+    with subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            PROGRAM.format(rest=f"sys.stdin.read(); sys.stdout.write('x' * 100); {flush}"),
+        ],
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout.readline() == "begun\n"
+        process.stdout.close()
+        process.stdin.close()
+        assert process.stderr.read() == ""
+        assert process.wait(timeout=20) == 141

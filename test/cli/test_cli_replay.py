@@ -1,0 +1,356 @@
+"""replay: exit statuses, one-line errors, and what goes where."""
+
+import json
+import math
+import os
+import subprocess
+import sys
+import weakref
+from dataclasses import replace
+from pathlib import Path
+from typing import ClassVar
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from bag_making import RIG, Camera, cameras, make_bag
+
+from stereo_selfcal.cli import replay as replay_module
+from stereo_selfcal.cli.replay import main, read_rig_file, run_replay
+from stereo_selfcal.core.config import CalibratorConfig
+from stereo_selfcal.core.extrinsics import Extrinsics
+from stereo_selfcal.core.results import CalibrationResult, Rejection, RejectReason, describe, rejected
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+POSE = Extrinsics(1.4, 0.05, -0.01)
+COVARIANCE = np.diag([1e-6, 1e-8, 1e-8])
+
+
+def refusal(stamp_s=0.0):
+    rejection = Rejection(RejectReason.NO_LINES_FOUND, "lines found", 0, 2, "", "paint some")
+    return rejected(rejection, stamp_s)
+
+
+class FakeCalibrator:
+    """Accepts what it is told to; each accepted frame is a little higher than the one before."""
+
+    accept = staticmethod(lambda index: True)
+    made: ClassVar[list] = []
+
+    def __init__(self, rig, config=None):
+        self.rig, self.config, self.stamps, self.accepted = rig, config, [], []
+        self.made.append(self)
+
+    def add(self, left, right, stamp_s=0.0):
+        self.stamps.append(stamp_s)
+        if not self.accept(len(self.stamps) - 1):
+            return refusal(stamp_s)
+        pose = replace(POSE, height_m=POSE.height_m + 0.01 * len(self.accepted))
+        self.accepted.append(pose)
+        return CalibrationResult("good", None, pose, COVARIANCE, 0.1, stamp_s=stamp_s, n_frames=1)
+
+    @property
+    def estimate(self):
+        if not self.accepted:
+            return refusal(self.stamps[-1])
+        pose = Extrinsics.from_array(np.mean([p.as_array() for p in self.accepted], axis=0))
+        result = CalibrationResult(
+            "fused", None, pose, COVARIANCE, 0.1, stamp_s=self.stamps[-1], n_frames=len(self.accepted)
+        )
+        return replace(result, message=describe(pose, result.std))
+
+
+@pytest.fixture
+def calibrator(monkeypatch):
+    monkeypatch.setattr(replay_module, "Calibrator", FakeCalibrator)
+    monkeypatch.setattr(FakeCalibrator, "made", [])
+    return FakeCalibrator
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    return make_bag(tmp_path_factory.mktemp("replay") / "bag", cameras(), n_frames=4)
+
+
+def test_table(bag, calibrator, monkeypatch, capsys):
+    monkeypatch.setattr(calibrator, "accept", staticmethod(lambda index: index != 1))
+    assert main([str(bag)]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    lines = out.splitlines()
+    assert lines[0] == "left  /stereo/left/image_rect (4 images)"
+    assert len({len(line) for line in lines[2:8]}) == 1, "columns are aligned"
+    assert lines[4].split() == ["100.000000", "accepted", "1.4000", "+2.865", "-0.573"]
+    assert lines[5].split() == ["100.100000", "no_lines_found", "-", "-", "-"]
+    text = "\n".join(lines[8:])
+    assert "3 of 4 frames accepted" in text
+    assert "1 x no_lines_found" in text
+    assert "mean                                          1.4100" in text
+    assert "standard deviation over the frames            0.0100        0.000       0.000" in text
+    assert "fused estimate                                1.4100" in text
+    assert text.endswith("roll -0.573 deg (std 0.006)")
+
+
+def test_json_is_one_object_with_all_digits(bag, calibrator, monkeypatch, capsys):
+    monkeypatch.setattr(calibrator, "accept", staticmethod(lambda index: index != 1))
+    assert main([str(bag), "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert out.count("\n") == 1
+    content = json.loads(out)
+    assert list(content) == ["accepted", "reason", "message", "extrinsics", "std", "lane_yaw_rad", "frames"]
+    estimate = calibrator.made[0].estimate
+    assert content["accepted"] is True
+    assert content["reason"] is None
+    assert content["extrinsics"]["height_m"] == estimate.extrinsics.height_m
+    assert content["std"]["height_m"] == math.sqrt(1e-6)
+    assert content["lane_yaw_rad"] == 0.1
+    assert content["frames"][1] == {
+        "stamp_s": pytest.approx(100.1),
+        "accepted": False,
+        "reason": "no_lines_found",
+        "height_m": None,
+        "pitch_rad": None,
+        "roll_rad": None,
+    }
+    assert content["frames"][0]["pitch_rad"] == 0.05
+
+
+def test_files(bag, calibrator, tmp_path, capsys):
+    output, picture = tmp_path / "result.yaml", tmp_path / "overview.png"
+    output.write_text("an older result")
+    assert main([str(bag), "--output", str(output), "--picture", str(picture), "--seed", "7"]) == 0
+    first = capsys.readouterr().out, output.read_bytes(), picture.read_bytes()
+    parameters = yaml.safe_load(output.read_text())["/**"]["ros__parameters"]
+    assert parameters["extrinsics"]["height_m"] == calibrator.made[0].estimate.extrinsics.height_m
+    assert parameters["provenance"]["source"] == "bag"
+    assert parameters["provenance"]["seed"] == calibrator.made[0].config.seed == 7
+    assert cv2.imread(str(picture)).shape[2] == 3
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["overview.png", "result.yaml"]
+    assert main([str(bag), "--output", str(output), "--picture", str(picture), "--seed", "7"]) == 0
+    assert first == (capsys.readouterr().out, output.read_bytes(), picture.read_bytes()), "deterministic"
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_nothing_accepted(bag, calibrator, monkeypatch, tmp_path, capsys, as_json):
+    monkeypatch.setattr(calibrator, "accept", staticmethod(lambda index: False))
+    output = tmp_path / "result.yaml"
+    output.write_text("an older result")
+    arguments = [str(bag), "--output", str(output), "--picture", str(tmp_path / "p.png")]
+    assert main(arguments + ["--json"] * as_json) == 1
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert output.read_text() == "an older result", "the last good calibration stays"
+    assert (tmp_path / "p.png").exists(), "the picture shows why"
+    if as_json:
+        content = json.loads(out)
+        assert (content["accepted"], content["reason"]) == (False, "no_lines_found")
+        assert content["extrinsics"] is content["std"] is content["lane_yaw_rad"] is None
+    else:
+        assert "0 of 4 frames accepted" in out
+        assert "limit 2; paint some" in out
+
+
+def test_picture_shows_the_last_accepted_frame(bag, calibrator, monkeypatch):
+    monkeypatch.setattr(calibrator, "accept", staticmethod(lambda index: index < 2))
+    with replay_module.StereoBag(bag) as opened:
+        replay = run_replay(opened.frames(), FakeCalibrator(RIG))
+    assert replay.frame.stamp_s == pytest.approx(100.1)
+    assert replay.result.accepted
+
+
+def test_at_most_two_frames_are_in_memory():
+    class Frame:
+        left = right = None
+        stamp_s = 0.0
+
+    references = []
+
+    def frames():
+        for _ in range(50):
+            frame = Frame()
+            references.append(weakref.ref(frame))
+            yield frame
+            del frame
+            assert sum(reference() is not None for reference in references) <= 2
+
+    run_replay(frames(), FakeCalibrator(RIG))
+    assert len(references) == 50
+
+
+def test_max_frames(bag, calibrator, capsys):
+    assert main([str(bag), "--json", "--max-frames", "2"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["frames"]) == 2
+
+
+def test_settings_and_seed_reach_the_calibrator(bag, calibrator, tmp_path):
+    config = tmp_path / "config.yaml"
+    config.write_text("stereo_selfcal: {ros__parameters: {seed: 3, genetic: {population: 50}}}")
+    assert main([str(bag), "--config", str(config)]) == 0
+    assert main([str(bag), "--config", str(config), "--seed", "4"]) == 0
+    assert main([str(bag)]) == 0
+    assert [made.config.seed for made in calibrator.made] == [3, 4, CalibratorConfig().seed]
+    assert [made.config.genetic.population for made in calibrator.made[:2]] == [50, 50]
+
+
+def test_rig_file_replaces_camera_info(tmp_path, calibrator):
+    path = make_bag(tmp_path / "bag", cameras(info=""))
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(yaml.safe_dump(RIG.to_mapping()))
+    assert main([str(path), "--rig", str(rig)]) == 0
+    assert calibrator.made[0].rig == RIG
+    as_json = tmp_path / "rig.json"
+    as_json.write_text(json.dumps(RIG.to_mapping() | {"fx": 5e1}).replace("50.0", "5e1"))
+    assert read_rig_file(as_json) == RIG
+
+
+def test_ros_arguments_are_passed_over(bag, calibrator):
+    assert main(["--ros-args", "-r", "__node:=x", "--", str(bag)]) == 0
+    assert main([str(bag), "--ros-args", "--params-file", "nowhere"]) == 0
+
+
+def test_approximate_stamps(tmp_path, calibrator, capsys):
+    path = make_bag(tmp_path / "bag", [Camera("left"), Camera("right", stamp_shift_ns=2_000_000)])
+    assert main([str(path)]) == 2
+    assert "nearest difference of their header stamps 0.002000 s" in capsys.readouterr().err
+    assert main([str(path), "--approximate-sync-tolerance", "0.01"]) == 0
+
+
+P_WITHOUT_BASELINE = np.array([50.0, 0, 31.5, 0, 0, 50, 23.5, 0, 0, 0, 1, 0])
+
+
+def truncated(tmp_path):
+    path = make_bag(tmp_path / "bag", cameras(), kind="mcap")
+    os.truncate(path / "bag.mcap", 5000)
+    return [path]
+
+
+def recording(sides, *extra):
+    return lambda tmp_path: [make_bag(tmp_path / "bag", sides), *extra]
+
+
+def text(tmp_path):
+    (tmp_path / "notes.mcap").write_text("not a bag")
+    return [tmp_path / "notes.mcap"]
+
+
+def rig_file(content):
+    def make(tmp_path):
+        (tmp_path / "rig.yaml").write_text(content)
+        return [make_bag(tmp_path / "bag", cameras()), "--rig", tmp_path / "rig.yaml"]
+
+    return make
+
+
+def config_file(content):
+    def make(tmp_path):
+        (tmp_path / "config.yaml").write_text(content)
+        return [make_bag(tmp_path / "bag", cameras()), "--config", tmp_path / "config.yaml"]
+
+    return make
+
+
+def output_in(*parts):
+    def make(tmp_path):
+        (tmp_path / "file").touch()
+        (tmp_path / "folder").mkdir()
+        return [make_bag(tmp_path / "bag", cameras()), "--output", tmp_path.joinpath(*parts)]
+
+    return make
+
+
+BAD_INPUT = {
+    "missing path": (lambda p: [p / "nowhere"], "nowhere: no such file or folder"),
+    "not a bag": (text, "cannot be read as a recording"),
+    "truncated mcap": (truncated, "cannot be read as a recording"),
+    "no images": (recording(cameras(image="")), "no images"),
+    "only one camera": (recording([Camera("left")]), "only one camera (left)"),
+    "no CameraInfo": (recording(cameras(info="")), "give the rig with --rig"),
+    "K[0] = 0": (recording(cameras(info_changes={"k": np.zeros(9)})), "K[0] = 0"),
+    "zero baseline": (recording(cameras(info_changes={"p": P_WITHOUT_BASELINE})), "baseline of zero"),
+    "unknown encoding": (recording(cameras(encoding="yuv422")), "'yuv422' is not supported"),
+    "step too small": (recording(cameras(step_too_small=True)), "step is 63 bytes"),
+    "output without folder": (output_in("nowhere", "x.yaml"), "choose a writable folder"),
+    "output is a folder": (output_in("folder"), "is not a file"),
+    "output below a file": (output_in("file", "x.yaml"), "choose a writable folder"),
+    "ambiguous topics": (
+        recording(
+            [Camera(s, f"/{where}/{s}/image", "") for where in ("front", "rear") for s in ("left", "right")]
+        ),
+        "choose with --left and --right",
+    ),
+    "unknown topic": (recording(cameras(), "--left", "/x"), "--left /x: no such image topic"),
+    "no arguments": (lambda p: [], "BAG"),
+    "unknown option": (recording(cameras(), "--wrong"), "--wrong"),
+    "seed no number": (recording(cameras(), "--seed", "x"), "invalid int value"),
+    "seed out of range": (recording(cameras(), "--seed", "-1"), "seed is -1"),
+    "no frames wanted": (recording(cameras(), "--max-frames", "0"), "less than 1"),
+    "bad tolerance": (recording(cameras(), "--approximate-sync-tolerance", "nan"), "is not a time"),
+    "rig file missing": (recording(cameras(), "--rig", "/nowhere/rig.yaml"), "No such file"),
+    "rig file no YAML": (rig_file("a: ["), "cannot be read"),
+    "rig file no mapping": (rig_file("5"), "holds no keys"),
+    "rig file lacks keys": (rig_file("{width: 64, height: 48}"), "lacks fx"),
+    "rig file wrong value": (
+        rig_file(yaml.safe_dump(RIG.to_mapping() | {"baseline_m": 0.0})),
+        "baseline_m is 0.0",
+    ),
+    "config file missing": (recording(cameras(), "--config", "/nowhere/x.yaml"), "cannot be read"),
+    "unknown setting": (
+        config_file("stereo_selfcal: {ros__parameters: {genetic: {size: 5}}}"),
+        "genetic.size",
+    ),
+    "picture no PNG": (recording(cameras(), "--picture", "x.pdf"), "end the name in .png"),
+    "one file for both": (
+        recording(cameras(), "--picture", "x.png", "--output", "./x.png"),
+        "give two files",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD_INPUT)
+def test_bad_input_is_one_line_and_exit_status_2(name, tmp_path, calibrator, capsys, monkeypatch):
+    make, message = BAD_INPUT[name]
+    arguments = [str(argument) for argument in make(tmp_path)]
+    result = tmp_path / "result.yaml"
+    result.write_text("an older result")
+    if "--output" not in arguments:
+        arguments += ["--output", str(result)]
+    monkeypatch.chdir(tmp_path)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    assert main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert message in err
+    assert err.startswith("replay: ")
+    assert err.count("\n") == 1
+    assert "Traceback" not in out + err
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+def run(*arguments, **options):
+    command = [sys.executable, "-m", "stereo_selfcal", "replay", *map(str, arguments)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, **options)
+
+
+def test_bad_input_as_a_process(tmp_path):
+    path = make_bag(tmp_path / "bag", cameras(encoding="yuv422"))
+    os.truncate(path / "bag.mcap", 5000)
+    for arguments in ([tmp_path / "nowhere"], [path], []):
+        done = run(*arguments)
+        assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
+
+
+def test_help_as_a_process():
+    done = run("--help")
+    assert done.returncode == 0
+    assert "exit status" in done.stdout
+
+
+def test_unwritable_folder(bag, tmp_path, calibrator, monkeypatch, capsys):
+    def refuse(*arguments, **options):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("tempfile.TemporaryFile", refuse)  # root may write anywhere
+    assert main([str(bag), "--output", str(tmp_path / "x.yaml")]) == 2
+    assert "cannot be written (Permission denied)" in capsys.readouterr().err
+    assert not calibrator.made, "found before the work"

@@ -1,0 +1,203 @@
+"""The overview picture: drawn where the geometry says, for every kind of result."""
+
+import math
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from stereo_selfcal import picture
+from stereo_selfcal.core.extrinsics import Extrinsics
+from stereo_selfcal.core.geometry import apply_homography, image_from_road
+from stereo_selfcal.core.pattern import ImageLine, LanePattern
+from stereo_selfcal.core.results import CalibrationResult, Rejection, RejectReason, rejected
+from stereo_selfcal.picture import draw_birds_eye, draw_camera_view, draw_overview, shown_extrinsics
+from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene
+
+RIG = PAPER_RIG
+SCENE = named_scene("straight_road")
+POSE = SCENE.scene.extrinsics
+FRAME = SCENE.frame(0)
+COVARIANCE = np.diag([1e-6, 1e-8, 1e-8])
+REJECTION = Rejection(RejectReason.LINES_NOT_STRAIGHT, "bend", 3, 1, "px", "drive straight " * 20)
+
+
+def line(u_mid, slope):
+    rows = np.arange(280.0, 480.0, 2.0)
+    columns = u_mid + slope * (rows - 380.0)
+    return ImageLine(
+        u_mid,
+        slope,
+        380.0,
+        np.eye(2),
+        rows,
+        columns,
+        np.ones(rows.size),
+        rows.size,
+        width_px=6.0,
+        contrast=90.0,
+    )
+
+
+LINES = (line(200.0, -1.2), line(440.0, 1.2))
+BLACK, NONE = np.zeros((480, 640), np.uint8), np.empty(0)
+PATTERN = LanePattern(LINES, LINES, np.array([320.0, 280.0]), LINES[0].rows, np.zeros((2, 2, 100)))
+ACCEPTED = CalibrationResult("good", None, POSE, COVARIANCE, 0.01, pattern=PATTERN, n_frames=3)
+
+
+def has_colour(image, colour, tolerance=40):
+    return int((np.abs(image.astype(int) - colour).max(axis=2) <= tolerance).sum())
+
+
+@pytest.mark.parametrize(
+    "result",
+    [
+        ACCEPTED,
+        replace(ACCEPTED, pattern=None),
+        rejected(REJECTION),
+        rejected(REJECTION, pattern=PATTERN, stages={"genetic": POSE}),
+        rejected(REJECTION, stages={"genetic": Extrinsics(0.3, math.radians(-20), math.radians(15))}),
+        rejected(REJECTION, stages={"genetic": Extrinsics(4.0, math.radians(20), math.radians(-15))}),
+        rejected(replace(REJECTION, remedy="Größe ≤ 1")),
+    ],
+    ids=lambda result: str(result.reason),
+)
+def test_every_result_gives_a_picture(result):
+    image = draw_overview(FRAME.left, FRAME.right, RIG, result)
+    assert image.dtype == np.uint8
+    assert image.shape[1:] == (960, 3)
+    assert image.std() > 10
+    np.testing.assert_array_equal(image, draw_overview(FRAME.left, FRAME.right, RIG, result))
+
+
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [
+        (np.zeros((0, 0), np.uint8), np.zeros((0, 0), np.uint8)),
+        (np.zeros((40, 60), np.uint8), np.zeros((480, 640), np.uint8)),
+        (np.zeros((480, 640), np.uint8), np.zeros((240, 320), np.uint8)),
+        (np.full((480, 640), 255, np.uint8), np.full((480, 640), 255, np.uint8)),
+        (np.zeros((480, 640), np.uint8), np.zeros((480, 640), np.uint8)),
+        (np.zeros((1200, 1920), np.uint8), np.zeros((1200, 1920), np.uint8)),
+    ],
+)
+def test_images_that_do_not_fit_the_rig(left, right):
+    for result in (ACCEPTED, rejected(REJECTION)):
+        assert draw_overview(left, right, RIG, result).shape[1] >= 960
+
+
+def test_small_images_are_enlarged_and_large_ones_kept():
+    small = replace_size(320, 240)
+    assert (
+        draw_overview(np.zeros((240, 320), np.uint8), np.zeros((240, 320), np.uint8), small, ACCEPTED).shape[
+            1
+        ]
+        == 960
+    )
+    large = np.zeros((1080, 1920), np.uint8)
+    assert draw_overview(large, large, replace_size(1920, 1080), ACCEPTED).shape[1] == 1920
+
+
+def replace_size(width, height):
+    scale = width / RIG.width
+    return replace(
+        RIG, width=width, height=height, fx=RIG.fx * scale, fy=RIG.fy * scale, cx=width / 2, cy=height / 2
+    )
+
+
+def test_lines_lie_on_their_pixels():
+    bare = replace(PATTERN, left=tuple(replace(each, rows=NONE, columns=NONE) for each in LINES))
+    view = draw_camera_view(BLACK, RIG, rejected(REJECTION, pattern=bare))
+    across = np.arange(640)
+    for row in (310, 380, 470):
+        for each in LINES:
+            ink = np.where(np.abs(across - each.column_at(row)) < 8, view[row, :, 2].astype(float), 0.0)
+            assert (ink * across).sum() / ink.sum() == pytest.approx(each.column_at(row), abs=0.25)
+
+
+def test_points_lie_on_their_pixels():
+    view = draw_camera_view(BLACK, RIG, rejected(REJECTION, pattern=PATTERN))
+    row = LINES[0].rows[0]
+    for each in LINES:
+        assert tuple(view[round(row), round(each.column_at(row))]) == picture.WHITE
+
+
+@pytest.mark.parametrize("x_m", picture.GRID_LABELS_M)
+def test_grid_lies_on_the_road(x_m):
+    """At a crossing of the grid the picture is painted, beside it it is not."""
+    view = draw_camera_view(BLACK, RIG, replace(ACCEPTED, pattern=None), 3.0)
+    crossing = apply_homography(image_from_road(RIG, POSE, "left"), [x_m, 0.0])
+    u, v = np.round((crossing + 0.5) * 3.0 - 0.5).astype(int)
+    assert view[v - 1 : v + 2, u - 1 : u + 2].max() > 60
+    beside = apply_homography(image_from_road(RIG, POSE, "left"), [x_m + 2.5, 0.5])
+    u, v = np.round((beside + 0.5) * 3.0 - 0.5).astype(int)
+    assert view[v, u].max() == 0
+
+
+@pytest.fixture
+def no_grid(monkeypatch):
+    monkeypatch.setattr(picture, "_blend_line", lambda canvas, points: None)
+
+
+def fringes(pose):
+    """Share of pixels on which the two cameras differ clearly in the bird's-eye view."""
+    view = draw_birds_eye(FRAME.left, FRAME.right, RIG, pose).astype(int)
+    inside = (view > 0).all(axis=2)
+    return (np.abs(view[:, :, 2] - view[:, :, 0])[inside] > 40).mean()
+
+
+def test_birds_eye_agrees_only_for_the_right_pose(no_grid):
+    best = fringes(POSE)
+    assert best < 0.003
+    assert fringes(replace(POSE, pitch_rad=POSE.pitch_rad + math.radians(1.0))) > 3 * best
+    assert fringes(replace(POSE, height_m=POSE.height_m * 1.1)) > 3 * best
+    assert fringes(replace(POSE, roll_rad=POSE.roll_rad + math.radians(3.0))) > 3 * best
+
+
+def test_birds_eye_is_metric():
+    """A solid line at a known place of the road lies on its row, forward is right, left is up."""
+    view = draw_birds_eye(FRAME.left, FRAME.right, RIG, POSE)
+    across = view.shape[0] / (2 * picture.BIRDS_EYE_HALF_WIDTH_M)
+    scene = SCENE.scene
+    for column in (200, 400):
+        x_m = picture._near_edge_m(RIG, POSE)
+        x_m += column * (picture.BIRDS_EYE_FAR_M - x_m) / view.shape[1]
+        y_m = -1.75 - scene.lateral_offset_m - math.tan(scene.lane_yaw_rad) * x_m
+        row = across * (picture.BIRDS_EYE_HALF_WIDTH_M - y_m)
+        lower = view[220:390, column].mean(axis=1)
+        assert 220 + lower.argmax() == pytest.approx(row, abs=0.08 * across)
+
+
+def test_brightness_of_the_cameras_does_not_tint_the_road(no_grid):
+    darker = (FRAME.right * 0.6).astype(np.uint8)
+    view = draw_birds_eye(FRAME.left, darker, RIG, POSE).astype(float)
+    inside = (view > 0).all(axis=2)
+    assert view[:, :, 2][inside].mean() == pytest.approx(view[:, :, 0][inside].mean(), rel=0.02)
+
+
+def test_verdict_has_its_colour_and_legend_is_there():
+    good = draw_overview(FRAME.left, FRAME.right, RIG, ACCEPTED)
+    bad = draw_overview(FRAME.left, FRAME.right, RIG, rejected(REJECTION))
+    assert tuple(good[30, 3]) == picture.GREEN
+    assert tuple(bad[30, 3]) == picture.VERMILION
+    assert has_colour(good, picture.SKY_BLUE) > 900
+
+
+def test_refused_result_shows_its_last_stage():
+    stages = {"genetic": POSE, "closed_form": replace(POSE, height_m=2.0)}
+    assert shown_extrinsics(rejected(REJECTION, stages=stages)).height_m == 2.0
+    assert shown_extrinsics(rejected(REJECTION)) is None
+
+
+def test_inputs_are_left_alone():
+    left = FRAME.left.copy()
+    left.setflags(write=False)
+    draw_overview(left, FRAME.right, RIG, ACCEPTED)
+    np.testing.assert_array_equal(left, FRAME.left)
+
+
+def test_png_round_trip():
+    image = draw_overview(FRAME.left, FRAME.right, RIG, ACCEPTED)
+    _, content = cv2.imencode(".png", image)
+    np.testing.assert_array_equal(cv2.imdecode(content, cv2.IMREAD_COLOR), image)
