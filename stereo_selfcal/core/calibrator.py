@@ -2,37 +2,163 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
+from . import checks
 from .config import CalibratorConfig
-from .results import CalibrationResult
+from .extraction import edge_response, find_stripe_points
+from .extrinsics import Extrinsics
+from .fitness import PatternFitness
+from .fusion import fuse
+from .genetic import GeneticResult, maximise
+from .lines import fit_line, hough_peaks
+from .matching import Candidate, match_lines, sample_pattern
+from .pattern import LanePattern
+from .results import CalibrationResult, Rejection, RejectReason, describe, rejected
 from .rig import StereoRig
+from .uncertainty import lane_curvature, propagate
 
 Image = npt.NDArray[np.uint8]
+Candidates = tuple[list[Candidate], list[Candidate]]
+
+_PAPER_GRADIENT_PX = 1  # length of the paper's kernel [-1 0 1]
 
 
 class Calibrator:
-    """Stateful calibrator of one rig: add frames, read the fused estimate."""
+    """Stateful calibrator of one rig: add frames, read the fused estimate.
+
+    Attributes:
+        rig: The rig all frames come from.
+        config: Settings.
+    """
 
     def __init__(self, rig: StereoRig, config: CalibratorConfig | None = None) -> None:
         self.rig = rig
         self.config = config or CalibratorConfig()
+        self._accepted: list[CalibrationResult] = []
+        self._last: CalibrationResult | None = None
 
     def add(self, left: Image, right: Image, stamp_s: float = 0.0) -> CalibrationResult:
         """Calibrate one frame and remember it when it is accepted.
+
+        The result depends on this frame alone, whatever was added before: the random numbers
+        start anew from the seed.
 
         Args:
             left: (H, W) uint8 rectified image of the left camera.
             right: The same of the right camera.
             stamp_s: Time stamp of the frame [s].
         """
-        raise NotImplementedError
+        result = self._calibrate(left, right, stamp_s)
+        if result.accepted:
+            # Images' worth of points is not needed any more: memory must not grow with a bag.
+            self._accepted.append(replace(result, pattern=None, genetic=None))
+        self._last = result
+        return result
 
     @property
     def estimate(self) -> CalibrationResult:
-        """The accepted frames so far, fused; rejected with ``no_frames`` when there is none."""
-        raise NotImplementedError
+        """The accepted frames so far, fused; the last rejection when none was accepted."""
+        if not self._accepted:
+            if self._last is not None:
+                return self._last
+            return rejected(Rejection(RejectReason.NO_FRAMES, "frames", 0, 1, "", "add a stereo frame first"))
+        if len(self._accepted) == 1:
+            return self._accepted[0]
+        poses = np.array([r.extrinsics.as_array() for r in self._accepted if r.extrinsics is not None])
+        covariances = np.array([r.covariance for r in self._accepted])
+        mean, covariance, used = fuse(poses, covariances)
+        frames = [r for r, use in zip(self._accepted, used, strict=True) if use]
+        yaws = [r.lane_yaw_rad for r in frames if r.lane_yaw_rad is not None]
+        fused = CalibrationResult(
+            message="",
+            extrinsics=Extrinsics.from_array(mean),
+            covariance=covariance,
+            lane_yaw_rad=float(np.mean(yaws)),
+            stages={
+                name: Extrinsics.from_array(np.mean([r.stages[name].as_array() for r in frames], axis=0))
+                for name in frames[0].stages
+            },
+            stamp_s=self._accepted[-1].stamp_s,
+            n_frames=len(frames),
+        )
+        return replace(fused, message=_announce(fused))
+
+    def _calibrate(self, left: Image, right: Image, stamp_s: float) -> CalibrationResult:
+        """Run every stage on one frame."""
+        refusal = checks.check_images(left, right, self.rig)
+        if refusal:
+            return rejected(refusal, stamp_s)
+        candidates = [self._find_lines(image) for image in (left, right)]
+        refusal = checks.check_lines_found(candidates, self.config)
+        if refusal:
+            return rejected(refusal, stamp_s)
+        matched, n_matched = match_lines(candidates[0], candidates[1], self.rig, self.config)
+        refusal = checks.check_lines_matched(matched, n_matched)
+        if refusal or matched is None:
+            return rejected(refusal, stamp_s)  # type: ignore[arg-type]
+        pattern = sample_pattern(matched, self.rig, self.config)
+        refusal = checks.check_converging(matched)
+        if refusal:
+            return rejected(refusal, stamp_s, pattern=pattern)
+        return self._solve(pattern, stamp_s)
+
+    def _find_lines(self, image: Image) -> Candidates:
+        """Return the lines of one image: left lane boundaries, right lane boundaries."""
+        points = find_stripe_points(image, self.config.extraction)
+        response = edge_response(image, _PAPER_GRADIENT_PX)
+        sides = []
+        for peaks in hough_peaks(points, image.shape):
+            lines = [(fit_line(response, peak, points.noise_grey), peak.votes) for peak in peaks]
+            sides.append([Candidate(line, votes) for line, votes in lines if line is not None])
+        return sides[0], sides[1]
+
+    def _solve(self, pattern: LanePattern, stamp_s: float) -> CalibrationResult:
+        """Find the extrinsics for a pattern, and judge them."""
+        fitness = PatternFitness(pattern, self.rig, self.config.fitness)
+        genetic = self._search(fitness)
+        extrinsics = Extrinsics.from_array(genetic.best)
+        evidence: dict[str, Any] = {
+            "pattern": pattern,
+            "genetic": genetic,
+            "stages": {"genetic": extrinsics},
+        }
+        misfit_px = float(np.sqrt(np.max(fitness.errors(genetic.best[None]))))
+        refusal = checks.check_inside(extrinsics, self.config) or checks.check_fitness(
+            genetic.fitness, misfit_px, self.config
+        )
+        if refusal:
+            return rejected(refusal, stamp_s, **evidence)
+        curvature = lane_curvature(pattern, self.rig, extrinsics.height_m)
+        fit = propagate(pattern, self.rig, extrinsics)
+        refusal = checks.check_straight(*curvature, self.config) or checks.check_determined(fit)
+        if refusal or fit is None:
+            return rejected(refusal, stamp_s, **evidence)  # type: ignore[arg-type]
+        result = CalibrationResult(
+            message="",
+            extrinsics=extrinsics,
+            covariance=fit.covariance,
+            lane_yaw_rad=fit.lane_yaw_rad,
+            stamp_s=stamp_s,
+            n_frames=1,
+            **evidence,
+        )
+        return replace(result, message=_announce(result))
+
+    def _search(self, fitness: PatternFitness) -> GeneticResult:
+        """Run the genetic algorithm over the whole search box."""
+        box = self.config.search
+        return maximise(
+            fitness,
+            lower=(box.height_min_m, -box.pitch_max_rad, -box.roll_max_rad),
+            upper=(box.height_max_m, box.pitch_max_rad, box.roll_max_rad),
+            config=self.config.genetic,
+            rng=np.random.default_rng(self.config.seed),
+        )
 
 
 def calibrate(
@@ -47,4 +173,12 @@ def calibrate(
         seed: Seed of the random numbers; same input and seed, same result.
         config: Settings; its seed is replaced by ``seed``.
     """
-    raise NotImplementedError
+    return Calibrator(rig, replace(config or CalibratorConfig(), seed=seed)).add(left, right)
+
+
+def _announce(result: CalibrationResult) -> str:
+    """Return the sentence of an accepted result."""
+    if result.extrinsics is None or result.std is None:
+        raise ValueError("only an accepted result can be announced")
+    frames = "1 frame" if result.n_frames == 1 else f"{result.n_frames} frames"
+    return f"calibrated from {frames}: {describe(result.extrinsics, result.std)}"

@@ -56,8 +56,9 @@ class ExtractionConfig:
     min_contrast_sigma: float = _setting(
         3.0, "Least edge contrast of a stripe point over the image noise", "sigma", 1, 20
     )
-    min_line_sigma: float = _setting(
-        9.0, "Least edge contrast of a whole line over the image noise", "sigma", 3, 100
+    min_line_rows: int = _setting(40, "Least number of image rows a line is seen in", "px", 10, 10000)
+    min_radius_m: float = _setting(
+        1000.0, "Smallest radius of the road that still counts as straight", "m", 10, 100000
     )
     sample_step_px: int = _setting(10, "Distance of the sampled image rows (paper: 10)", "px", 1, 100)
     horizon_fraction: float = _setting(

@@ -42,19 +42,22 @@ def image_from_road(rig: StereoRig, extrinsics: Extrinsics, side: Side) -> Array
     camera_from_road = road_from_camera_rotation(extrinsics.pitch_rad, extrinsics.roll_rad).T
     translation = -extrinsics.height_m * camera_from_road[:, 2] - camera_centre_m(rig, side)
     body_from_plane = np.column_stack([camera_from_road[:, 0], camera_from_road[:, 1], translation])
-    return camera_matrix(rig) @ BODY_FROM_OPTICAL.T @ body_from_plane
+    matrix: Array = camera_matrix(rig) @ BODY_FROM_OPTICAL.T @ body_from_plane
+    return matrix
 
 
 def road_from_image(rig: StereoRig, extrinsics: Extrinsics, side: Side) -> Array:
     """Return the inverse perspective: the homography from image pixels to the road, shape (3, 3)."""
-    return np.linalg.inv(image_from_road(rig, extrinsics, side))
+    inverse: Array = np.linalg.inv(image_from_road(rig, extrinsics, side)).astype(np.float64)
+    return inverse
 
 
 def apply_homography(matrix: Array, points: npt.ArrayLike) -> Array:
     """Map points of shape (..., 2) through a (3, 3) homography."""
     xy = np.asarray(points, dtype=np.float64)
-    mapped = xy @ matrix[:, :2].T + matrix[:, 2]
-    return mapped[..., :2] / mapped[..., 2:]
+    homogeneous = xy @ matrix[:, :2].T + matrix[:, 2]
+    mapped: Array = homogeneous[..., :2] / homogeneous[..., 2:]
+    return mapped
 
 
 def horizon_row(rig: StereoRig, extrinsics: Extrinsics, u: npt.ArrayLike) -> Array:
@@ -62,12 +65,11 @@ def horizon_row(rig: StereoRig, extrinsics: Extrinsics, u: npt.ArrayLike) -> Arr
     up_in_body = road_from_camera_rotation(extrinsics.pitch_rad, extrinsics.roll_rad)[2]
     y_body = -(np.asarray(u, dtype=np.float64) - rig.cx) / rig.fx
     z_body = -(up_in_body[0] + up_in_body[1] * y_body) / up_in_body[2]
-    return rig.cy - rig.fy * z_body
+    row: Array = rig.cy - rig.fy * z_body
+    return row
 
 
-def paper_projection(
-    rig: StereoRig, height_m: float, alpha_rad: float, beta_rad: float, side: Side
-) -> Array:
+def paper_projection(rig: StereoRig, height_m: float, alpha_rad: float, beta_rad: float, side: Side) -> Array:
     """Return the paper's matrix T (section 2.1, equation 1), shape (4, 4).
 
     Paper axes: X right, Y forward, Z up. T maps (X, Y, Z, 1) of the road frame to
@@ -100,7 +102,8 @@ def paper_projection(
             [0.0, 1.0, 0.0, 0.0],
         ]
     )
-    return pixels_from_camera @ camera_from_road
+    projection: Array = pixels_from_camera @ camera_from_road
+    return projection
 
 
 def reduce_to_plane(projection: Array) -> Array:

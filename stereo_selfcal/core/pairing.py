@@ -166,17 +166,25 @@ class StampPairer(Generic[T]):
     """
 
     def __init__(self, approximate: bool = False, tolerance_s: float = 0.0, queue_size: int = 5) -> None:
+        self._left: _Side[T] = _Side()
+        self._right: _Side[T] = _Side()
+        self._pairs = 0
+        self._resets = 0
+        self._nearest_ns: int | None = None
+        self.configure(approximate, tolerance_s, queue_size)
+
+    def configure(self, approximate: bool, tolerance_s: float, queue_size: int) -> None:
+        """Change the arguments of the constructor; counts and waiting images stay.
+
+        Raises:
+            ConfigError: As in the constructor.
+        """
         if not (math.isfinite(tolerance_s) and tolerance_s >= 0):
             raise ConfigError(f"tolerance of the pairing is {tolerance_s} s: zero or more is needed")
         if queue_size < 1:
             raise ConfigError(f"queue size of the pairing is {queue_size}: one or more is needed")
         self._tolerance_ns = round(tolerance_s * _NS_PER_S) if approximate else 0
         self._queue_size = queue_size
-        self._left: _Side[T] = _Side()
-        self._right: _Side[T] = _Side()
-        self._pairs = 0
-        self._resets = 0
-        self._nearest_ns: int | None = None
 
     def add_left(self, stamp_ns: int, payload: T) -> list[StampedPair[T]]:
         """Take a left image and return the pairs that are now certain, oldest first.

@@ -20,7 +20,10 @@ class ImageLine:
         covariance: (2, 2) covariance of (u_mid, slope).
         rows: (N,) rows [px] of the measured points.
         columns: (N,) sub-pixel columns [px] of the measured points.
-        width_px: Median width of the stripe over the measured rows [px].
+        weights: (N,) relative weights of the measured points in the fit.
+        n_rows: Number of image rows behind the measured points.
+        width_px: Median width of the stripe along the rows [px].
+        contrast: Median contrast of its weaker edge [grey levels].
     """
 
     u_mid: float
@@ -29,7 +32,10 @@ class ImageLine:
     covariance: Array
     rows: Array
     columns: Array
+    weights: Array
+    n_rows: int
     width_px: float
+    contrast: float
 
     def column_at(self, v: Array) -> Array:
         """Return the column [px] at rows ``v`` [px], the same shape."""

@@ -53,17 +53,17 @@ class StereoRig:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, bool) or not isinstance(value, numbers.Real):
-                raise RigError(f"rig.{field.name} is {value!r}, a number is needed")
+            given = getattr(self, field.name)
+            # numbers.Real takes NumPy's scalars as well.
+            if isinstance(given, bool) or not isinstance(given, numbers.Real):
+                raise RigError(f"rig.{field.name} is {given!r}, a number is needed")
+            value = float(given)
             if not math.isfinite(value):
                 raise RigError(f"rig.{field.name} is {value}, a finite number is needed")
-            if field.name in ("width", "height"):
-                if value != int(value):
-                    raise RigError(f"rig.{field.name} is {value}, whole pixels are needed")
-                object.__setattr__(self, field.name, int(value))
-            else:
-                object.__setattr__(self, field.name, float(value))
+            whole = field.name in ("width", "height")
+            if whole and not value.is_integer():
+                raise RigError(f"rig.{field.name} is {value}, whole pixels are needed")
+            object.__setattr__(self, field.name, int(value) if whole else value)
         for name in ("width", "height", "fx", "fy", "baseline_m"):
             if getattr(self, name) <= 0:
                 raise RigError(

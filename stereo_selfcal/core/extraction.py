@@ -1,0 +1,175 @@
+"""Stripe points: where an image row crosses the left edge of a painted stripe (paper section 2.2).
+
+The paper correlates each row with [-1 0 1] and marks a positive peak that is followed, one
+stripe width further, by a negative one. The same is done here at several widths: for a stripe of w
+pixels the means of w / 2 pixels on both sides of the edge are compared, which sees the near,
+wide part of a line through noise that drowns single pixels. The narrowest width is the
+paper's kernel. The positive peak is marked, not the middle, which perspective moves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from .config import ExtractionConfig
+from .extrinsics import Array
+
+Image = npt.NDArray[np.uint8]
+
+# Half widths of the edge filters [px]; filter k finds stripes of 2k ... 4k + 1 pixels, so together
+# they cover 2 ... 65 px: a 15 cm line from 0.7 m under a 500 px camera to 40 m ahead.
+_FILTER_LENGTHS_PX = (1, 2, 4, 8, 16)
+
+# The weaker edge of a stripe has at least this share of the stronger one: paint lies on asphalt, so
+# that both sides are darker by about the same; a step (a shadow, a kerb, a verge) is no stripe.
+_MIN_EDGE_RATIO = 0.5
+
+# Painted lines are brighter than their road by at least this, however little noise there is:
+# worn paint in deep shadow has about 10 grey levels, the texture of asphalt 3.
+_MIN_CONTRAST_GREY = 8.0
+
+# Rows above and below in which a stripe should go on, along its own direction.
+_CONTINUITY_ROWS = (-3, -2, -1, 1, 2, 3)
+_CONTINUITY_REACH_PX = 1  # on either side: a direction off by 0.3 over three rows
+
+# Noise of a flat, noiseless 8-bit image: rounding alone gives 1 / sqrt(12) = 0.29 grey levels;
+# JPEG-free cameras reach about 0.5.
+_MIN_NOISE_GREY = 0.5
+
+# J. Immerkaer, "Fast noise variance estimation", CVIU 64 (1996): this mask has no
+# response to planes, and an L2 norm of 6.
+_NOISE_MASK = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)
+_NOISE_MASK_NORM = 6.0
+_SIGMA_OVER_MEDIAN = 1.4826  # of the absolute value of a normal variable
+_NOISE_ROW_STEP = 4  # every fourth strip of rows is enough for two digits
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StripePoints:
+    """Marked points of one image, strongest first within nothing: in row order per filter.
+
+    Attributes:
+        rows: (N,) rows [px].
+        columns: (N,) sub-pixel columns of the stripe's left edge [px].
+        widths: (N,) widths of the stripe along the row [px].
+        contrast: (N,) contrast of the weaker edge [grey levels].
+        slopes: (N,) du/dv of the edge from the grey-value gradient around the point.
+        slope_std: (N,) its standard deviation by the image noise.
+        continuity: (N,) share of the neighbouring rows in which the stripe goes on, 0 ... 1.
+        noise_grey: Standard deviation of the image noise [grey levels].
+    """
+
+    rows: Array
+    columns: Array
+    widths: Array
+    contrast: Array
+    slopes: Array
+    slope_std: Array
+    continuity: Array
+    noise_grey: float
+
+
+def noise_grey(image: Image) -> float:
+    """Return the standard deviation of the pixel noise [grey levels] (Immerkaer 1996, median)."""
+    strips = np.concatenate([image[i : i + 3] for i in range(0, image.shape[0] - 2, 3 * _NOISE_ROW_STEP)])
+    response = cv2.filter2D(strips, cv2.CV_32F, _NOISE_MASK)[1::3, 1:-1]
+    middle = strips[1::3, 1:-1]
+    # Clipped pixels (a white sky) carry no noise and would lower the estimate.
+    usable = (middle > 0) & (middle < 255)
+    if not usable.any():
+        return _MIN_NOISE_GREY
+    median = float(np.median(np.abs(response[usable])))
+    return max(_MIN_NOISE_GREY, _SIGMA_OVER_MEDIAN * median / _NOISE_MASK_NORM)
+
+
+def edge_response(image: Image, length_px: int) -> npt.NDArray[np.float32]:
+    """Return the mean of ``length_px`` pixels right of each pixel minus the mean left of it.
+
+    ``length_px`` = 1 is the paper's kernel [-1 0 1].
+
+    Returns:
+        (H, W) float32; columns closer than ``length_px`` to the border are 0.
+    """
+    kernel = np.zeros((1, 2 * length_px + 1), dtype=np.float32)
+    kernel[0, :length_px] = -1.0 / length_px
+    kernel[0, length_px + 1 :] = 1.0 / length_px
+    response = np.asarray(
+        cv2.filter2D(image, cv2.CV_32F, kernel, borderType=cv2.BORDER_REPLICATE), dtype=np.float32
+    )
+    response[:, :length_px] = 0.0
+    response[:, response.shape[1] - length_px :] = 0.0
+    return response
+
+
+def find_stripe_points(image: Image, config: ExtractionConfig) -> StripePoints:
+    """Mark the left edges of all painted stripes, row by row.
+
+    Args:
+        image: (H, W) uint8.
+        config: ``min_contrast_sigma`` is the least contrast of either edge over the noise of
+            the filter that found it.
+    """
+    noise = noise_grey(image)
+    smooth = cv2.blur(image, (3, 3))
+    vertical = cv2.filter2D(smooth, cv2.CV_32F, np.array([[-0.5], [0.0], [0.5]], dtype=np.float32))
+    horizontal = cv2.filter2D(smooth, cv2.CV_32F, np.array([[-0.5, 0.0, 0.5]], dtype=np.float32))
+    found = [_points_of_filter(image, length, noise, config) for length in _FILTER_LENGTHS_PX]
+    rows, columns, widths, contrast = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    nearest = np.rint(columns).astype(np.intp)
+    steepness = np.maximum(horizontal[rows, nearest], 1.0).astype(np.float64)
+    # Iso-grey direction: I_u du + I_v dv = 0. Either derivative is half the difference of two means
+    # of 9 pixels that are two apart, so 3 of each are shared: sigma * sqrt(12) / 18, about sigma / 5.
+    slopes = -vertical[rows, nearest].astype(np.float64) / steepness
+    slope_std = noise / 5.0 / steepness * np.sqrt(1.0 + slopes**2)
+    continuity = _continuity(rows, columns, slopes, image.shape)
+    return StripePoints(
+        rows.astype(np.float64), columns, widths, contrast, slopes, slope_std, continuity, noise
+    )
+
+
+def _continuity(rows: npt.NDArray[np.intp], columns: Array, slopes: Array, shape: tuple[int, ...]) -> Array:
+    """Return the share of neighbouring rows that are marked where the edge of each point leads."""
+    points = np.zeros(shape, dtype=np.uint8)
+    points[rows, np.rint(columns).astype(np.intp)] = 1
+    marked = cv2.dilate(points, np.ones((1, 2 * _CONTINUITY_REACH_PX + 1), np.uint8))
+    found = np.zeros(len(rows))
+    for step in _CONTINUITY_ROWS:
+        v = np.clip(rows + step, 0, shape[0] - 1)
+        u = np.clip(np.rint(columns + step * slopes).astype(np.intp), 0, shape[1] - 1)
+        found += marked[v, u]
+    return found / len(_CONTINUITY_ROWS)
+
+
+def _points_of_filter(
+    image: Image, length: int, noise: float, config: ExtractionConfig
+) -> tuple[npt.NDArray[np.intp], Array, Array, Array]:
+    """Return rows, columns, widths and contrasts of the stripes 2 ... 4 filter lengths wide."""
+    response = edge_response(image, length)
+    width = response.shape[1]
+    narrowest, widest = 2 * length, 4 * length + 1
+    span = widest - narrowest + 1
+    # Strongest negative peak narrowest ... widest pixels to the right, as one running maximum.
+    strongest = cv2.dilate(-response, np.ones((1, span), np.uint8), anchor=(0, 0))
+    opposite = np.zeros_like(response)
+    opposite[:, : width - narrowest] = strongest[:, narrowest:]
+    peak = cv2.dilate(response, np.ones((1, 2 * length + 1), np.uint8))
+    # Mean of length pixels minus mean of length pixels.
+    threshold = max(_MIN_CONTRAST_GREY, config.min_contrast_sigma * noise * np.sqrt(2.0 / length))
+    weaker = np.minimum(response, opposite)
+    stronger = np.maximum(response, opposite)
+    mask = (response >= peak) & (weaker > threshold) & (weaker > _MIN_EDGE_RATIO * stronger)
+    mask[:, : length + 1] = False
+    mask[:, width - widest - 1 :] = False
+    rows, columns = np.nonzero(mask)
+    before, here, after = (response[rows, columns + shift] for shift in (-1, 0, 1))
+    # Parabola through three values: exact for a step edge averaged over a box-shaped pixel.
+    curvature = np.minimum(before - 2.0 * here + after, -1e-6)
+    shift = np.clip(0.5 * (before - after) / curvature, -0.5, 0.5)
+    reach = columns[:, None] + np.arange(narrowest, widest + 1)
+    widths = narrowest + np.argmin(response[rows[:, None], reach], axis=1)
+    exact: Array = columns + shift.astype(np.float64)
+    return rows, exact, widths.astype(np.float64), weaker[rows, columns].astype(np.float64)

@@ -1,0 +1,45 @@
+"""Fusion of the frames a calibrator has accepted."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from .extrinsics import Array
+
+# Frames farther from the median than this many robust standard deviations are left out.
+_OUTLIER_SIGMAS = 4.0
+_SIGMA_OVER_MAD = 1.4826
+_MIN_FOR_OUTLIERS = 4  # with three, the median absolute deviation is decided by one frame
+
+
+def fuse(estimates: Array, covariances: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+    """Combine estimates of one pose, weighted by their information.
+
+    The covariance of the mean is enlarged by Birge's ratio (R. T. Birge, "The calculation of errors by
+    the method of least squares", Phys. Rev. 40, 1932) where the estimates scatter more than
+    their covariances promise.
+
+    Args:
+        estimates: (N, 3) height_m, pitch_rad, roll_rad.
+        covariances: (N, 3, 3).
+
+    Returns:
+        The mean (3,), its covariance (3, 3), and which frames were used (N,).
+    """
+    n = len(estimates)
+    used = np.ones(n, dtype=bool)
+    if n >= _MIN_FOR_OUTLIERS:
+        deviation = np.abs(estimates - np.median(estimates, axis=0))
+        formal = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+        scale = np.maximum(_SIGMA_OVER_MAD * np.median(deviation, axis=0), np.median(formal, axis=0))
+        used = np.all(deviation <= _OUTLIER_SIGMAS * scale, axis=1)
+    information = np.linalg.inv(covariances[used])
+    covariance = np.linalg.inv(information.sum(axis=0))
+    mean = covariance @ np.einsum("nij,nj->i", information, estimates[used])
+    residual = estimates[used] - mean
+    freedom = 3 * (np.count_nonzero(used) - 1)
+    if freedom > 0:
+        chi2 = float(np.einsum("ni,nij,nj->", residual, information, residual))
+        covariance = covariance * max(1.0, chi2 / freedom)
+    return mean, (covariance + covariance.T) / 2.0, used

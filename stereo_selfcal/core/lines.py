@@ -1,0 +1,265 @@
+"""Straight lines through stripe points: Hough transform, then a sub-pixel fit (paper section 2.2).
+
+The accumulator is the paper's: rho = u cos(theta) + v sin(theta) about the image centre, rho of
+either sign, so that left and right lane boundaries differ in the sign of theta. Its cells (1 degree, 4
+px) only say where to look. The accuracy comes from the fit that follows: the edge is measured in
+blocks of rows along the line, and a straight line is fitted robustly to the measurements.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from .extraction import StripePoints
+from .extrinsics import Array
+from .pattern import ImageLine
+
+Response = npt.NDArray[np.float32]
+
+_THETA_STEP_DEG = 1.0
+# A row-wise gradient sees no line flatter than this; it also bounds du/dv to +-5.7.
+_THETA_MAX_DEG = 80.0
+_N_THETA = int(2 * _THETA_MAX_DEG / _THETA_STEP_DEG) + 1
+_RHO_STEP_PX = 4.0
+
+# A point votes only for slopes near that of its own edge: within three standard deviations of
+# the measured direction, but at least within this, for a direction from 3 x 3 pixels of a
+# stripe a few pixels wide is that much off by its other edge (measured on rendered lines).
+_MIN_VOTE_HALF_WIDTH_DEG = 8.0
+_VOTE_SIGMAS = 3.0
+
+# Contrast beyond this makes no better line: a quarter of the grey levels (the paper's stripes
+# have 123), so that fresh paint in the sun does not outvote a worn line of twice the length.
+_FULL_VOTE_GREY = 64.0
+
+# The strongest points of an image that vote; a lane line has at most one in each row and filter,
+# so this leaves room for several lines besides clutter, and bounds the time on foliage.
+_MAX_VOTING_POINTS = 6000
+
+# Peaks kept for each sign of theta: own lane, neighbours' lanes, kerbs, shadows.
+PEAKS_PER_SIGN = 10
+# Points this close to a peak are taken to be its line, and their votes are withdrawn before the
+# next peak is looked for: the half diagonal of a cell over the length of a line.
+_SUPPORT_PX = 6.0
+
+# Fit: half width of the search [px] in its passes: first the Hough cell (4 px and 1 degree over
+# the length of the line), then around the fitted line.
+_SEARCH_HALF_WIDTHS_PX = (7, 4, 3)
+# A block of rows has as many as bring its edge to this many standard deviations over the noise.
+_BLOCK_SIGMAS = 6.0
+_BLOCK_ROWS_MIN, _BLOCK_ROWS_MAX = 4, 24
+_MIN_PEAK_SIGMAS = 3.5  # one false peak in 2000 blocks
+_TUKEY = 4.685  # 95 % efficiency for normal residuals (Huber, Robust Statistics)
+_MIN_BLOCKS = 5  # two parameters, and enough left to estimate the residuals' spread
+_MIN_RESIDUAL_PX = 0.005  # rounding to 8 bits moves an edge of contrast 100 by this
+
+
+@dataclass(frozen=True, slots=True)
+class HoughPeak:
+    """A cell of the accumulator: ``u(v) = u_mid + slope * (v - v_mid)``, and its votes."""
+
+    u_mid: float
+    slope: float
+    v_mid: float
+    votes: float
+    contrast: float
+    width_px: float
+
+
+def hough_peaks(points: StripePoints, shape: tuple[int, int]) -> tuple[list[HoughPeak], list[HoughPeak]]:
+    """Return the strongest lines of either sign of theta, strongest first.
+
+    Args:
+        points: Marked points of one image.
+        shape: (H, W) of the image.
+
+    Returns:
+        Lines that run to the left going down (theta > 0: left lane boundaries), and to the right.
+    """
+    centre_u, centre_v = (shape[1] - 1) / 2, (shape[0] - 1) / 2
+    vote = np.minimum(points.contrast / _FULL_VOTE_GREY, 1.0) * points.continuity
+    strongest = np.argsort(-vote, kind="stable")[:_MAX_VOTING_POINTS]
+    u, v = points.columns[strongest] - centre_u, points.rows[strongest] - centre_v
+    theta = np.degrees(np.arctan(-points.slopes[strongest]))
+    spread = np.degrees(points.slope_std[strongest] / (1.0 + points.slopes[strongest] ** 2))
+    half_width = np.maximum(_MIN_VOTE_HALF_WIDTH_DEG, _VOTE_SIGMAS * spread)
+    n_rho = 2 * math.ceil(math.hypot(*shape) / 2 / _RHO_STEP_PX) + 3
+    cells = _cells(u, v, theta, half_width, n_rho)
+    weights = vote[strongest]
+    votes = np.broadcast_to(weights, cells.shape)
+    # One cell more than the table takes the votes outside of a point's slopes.
+    table = np.bincount(cells.ravel(), votes.ravel(), minlength=_N_THETA * n_rho + 1)
+
+    sides: tuple[list[HoughPeak], list[HoughPeak]] = ([], [])
+    middle = _N_THETA // 2
+    regions = (slice((middle + 1) * n_rho, _N_THETA * n_rho), slice(0, middle * n_rho))
+    for peaks, region in zip(sides, regions, strict=True):
+        for _ in range(PEAKS_PER_SIGN):
+            best = region.start + int(np.argmax(table[region]))
+            if table[best] <= 0.0:
+                break
+            angle = math.radians(best // n_rho * _THETA_STEP_DEG - _THETA_MAX_DEG)
+            rho = (best % n_rho - n_rho // 2) * _RHO_STEP_PX
+            support = np.abs(u * math.cos(angle) + v * math.sin(angle) - rho) < _SUPPORT_PX
+            support &= weights > 0.0
+            support &= np.any(cells == best, axis=0) | (np.abs(theta - math.degrees(angle)) <= half_width)
+            if not support.any():
+                table[best] = 0.0
+                continue
+            chosen = strongest[support]
+            v_mid = float(np.median(v[support]))
+            peaks.append(
+                HoughPeak(
+                    u_mid=(rho - v_mid * math.sin(angle)) / math.cos(angle) + centre_u,
+                    slope=-math.tan(angle),
+                    v_mid=v_mid + centre_v,
+                    votes=float(table[best]),
+                    contrast=float(np.median(points.contrast[chosen])),
+                    width_px=float(np.median(points.widths[chosen])),
+                )
+            )
+            withdrawn = np.bincount(
+                cells[:, support].ravel(), votes[:, support].ravel(), minlength=table.size
+            )
+            table -= withdrawn
+            weights = np.where(support, 0.0, weights)
+            votes = np.broadcast_to(weights, cells.shape)
+            table[best] = 0.0
+    return sides
+
+
+def _cells(u: Array, v: Array, theta: Array, half_width: Array, n_rho: int) -> npt.NDArray[np.intp]:
+    """Return the cells each point votes for, (K, N); the last cell of the table stands for none."""
+    nearest = np.rint((theta + _THETA_MAX_DEG) / _THETA_STEP_DEG).astype(np.intp)
+    reach = np.minimum(half_width / _THETA_STEP_DEG, _N_THETA).astype(np.intp)
+    shifts = np.arange(-int(reach.max(initial=0)), int(reach.max(initial=0)) + 1)[:, None]
+    cell = nearest + shifts
+    voting = (np.abs(shifts) <= reach) & (cell >= 0) & (cell < _N_THETA)
+    angles = np.radians(np.arange(_N_THETA) * _THETA_STEP_DEG - _THETA_MAX_DEG)
+    column = np.clip(cell, 0, _N_THETA - 1)
+    rho = u * np.cos(angles)[column] + v * np.sin(angles)[column]
+    index = column * n_rho + np.rint(rho / _RHO_STEP_PX).astype(np.intp) + n_rho // 2
+    return np.where(voting, index, _N_THETA * n_rho)
+
+
+def fit_line(response: Response, peak: HoughPeak, noise: float, first_row: float = 0.0) -> ImageLine | None:
+    """Fit a straight line to the left edge of a stripe, to sub-pixel accuracy.
+
+    Args:
+        response: (H, W) gradient of the image by the paper's kernel [-1 0 1].
+        peak: Where to look.
+        noise: Standard deviation of the image noise [grey levels].
+        first_row: Rows above this are left out [px].
+
+    Returns:
+        The line, or None when too little of it can be measured.
+    """
+    n_rows = round(
+        np.clip(
+            (_BLOCK_SIGMAS * noise * math.sqrt(2.0) / peak.contrast) ** 2, _BLOCK_ROWS_MIN, _BLOCK_ROWS_MAX
+        )
+    )
+    v_mid, u_mid, slope = peak.v_mid, peak.u_mid, peak.slope
+    covariance = np.zeros((2, 2))
+    rows = columns = strength = np.empty(0)
+    for half_width in _SEARCH_HALF_WIDTHS_PX:
+        rows, offsets, strength = _measure(
+            response, (u_mid, slope, v_mid), n_rows, half_width, noise, math.ceil(first_row)
+        )
+        if len(rows) < _MIN_BLOCKS:
+            return None
+        columns = u_mid + slope * (rows - v_mid) + offsets
+        v_mid = float(np.average(rows, weights=strength))
+        fitted = _robust_line(rows - v_mid, columns, strength)
+        if fitted is None:
+            return None
+        (u_mid, slope), covariance, robust = fitted
+        keep = robust > 0.0
+        rows, columns, strength = rows[keep], columns[keep], (strength * robust)[keep]
+    return ImageLine(
+        u_mid,
+        slope,
+        v_mid,
+        covariance,
+        rows,
+        columns,
+        strength / strength.mean(),
+        n_rows * len(rows),
+        peak.width_px,
+        peak.contrast,
+    )
+
+
+def _measure(
+    response: Response,
+    line: tuple[float, float, float],
+    n_rows: int,
+    half_width: int,
+    noise: float,
+    first_row: int,
+) -> tuple[Array, Array, Array]:
+    """Measure the edge in blocks of rows, each averaged along the line.
+
+    Returns:
+        rows (M,) middle of each block that shows an edge, offsets (M,) of the edge from the line [px],
+        weights (M,) inverse variances up to a common factor.
+    """
+    u_mid, slope, v_mid = line
+    height, width = response.shape
+    rows = np.arange(first_row, height)
+    columns = u_mid + slope * (rows - v_mid)
+    inside = (columns > half_width + 1) & (columns < width - half_width - 3)
+    rows, columns = rows[inside], columns[inside]
+    n_blocks = len(rows) // n_rows
+    if n_blocks < _MIN_BLOCKS:
+        empty = np.empty(0)
+        return empty, empty, empty
+    # The nearest rows fill whole blocks; what is left over is at the far end.
+    rows, columns = rows[-n_blocks * n_rows :], columns[-n_blocks * n_rows :]
+    floor = np.floor(columns).astype(np.intp)
+    part = (columns - floor).astype(np.float32)[:, None]
+    window = np.arange(-half_width, half_width + 2)
+    values = response[rows[:, None], floor[:, None] + window]
+    strip = values[:, :-1] * (1 - part) + values[:, 1:] * part
+    profile = strip.reshape(n_blocks, n_rows, -1).mean(axis=1)
+
+    best = np.argmax(profile[:, 1:-1], axis=1) + 1
+    block = np.arange(n_blocks)
+    before, here, after = (profile[block, best + shift] for shift in (-1, 0, 1))
+    curvature = np.minimum(before - 2 * here + after, -1e-6)
+    offsets = best - half_width + 0.5 * (before - after) / curvature
+    seen = here > _MIN_PEAK_SIGMAS * noise * math.sqrt(2.0 / n_rows)
+    middles = rows.reshape(n_blocks, n_rows).mean(axis=1)
+    # The noise of a parabola's vertex goes with the inverse of its curvature.
+    weights = (-curvature / 255.0) ** 2
+    return middles[seen], offsets[seen].astype(np.float64), weights[seen].astype(np.float64)
+
+
+def _robust_line(v: Array, u: Array, weights: Array) -> tuple[tuple[float, float], Array, Array] | None:
+    """Fit u = a + b v by iteratively reweighted least squares with Tukey's biweight.
+
+    Returns:
+        (a, b), their covariance (2, 2), and the robust weights 0 ... 1; None when too few agree.
+    """
+    design = np.column_stack([np.ones_like(v), v])
+    relative = weights / weights.mean()
+    robust = np.ones_like(v)
+    scale = 0.0
+    for _ in range(12):
+        used = relative * robust
+        normal = design.T @ (design * used[:, None])
+        if np.linalg.matrix_rank(normal) < 2:
+            return None
+        solution = np.linalg.solve(normal, design.T @ (used * u))
+        # Residuals in units of a point of mean weight.
+        residual = (u - design @ solution) * np.sqrt(relative)
+        scale = max(_MIN_RESIDUAL_PX, 1.4826 * float(np.median(np.abs(residual))))
+        robust = np.clip(1.0 - (residual / (_TUKEY * scale)) ** 2, 0.0, None) ** 2
+    if np.count_nonzero(robust) < _MIN_BLOCKS:
+        return None
+    covariance: Array = scale**2 * np.linalg.inv(design.T @ (design * (relative * robust)[:, None]))
+    return (float(solution[0]), float(solution[1])), covariance, robust

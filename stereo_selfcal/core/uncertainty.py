@@ -1,0 +1,137 @@
+"""Covariance of the extrinsics from that of the measured lines, and a test for curvature.
+
+Four measured lines (two lane boundaries, two cameras) are eight numbers; six parameters predict
+them: height, pitch, roll, yaw of the lane and the lateral positions of the two boundaries.
+The Gauss-Newton step of that fit gives the information matrix, and the two numbers left over say
+whether the measured lines are as consistent as their own covariances promise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .extrinsics import Array, Extrinsics
+from .geometry import SIDES, apply_homography, image_from_road, road_from_image
+from .pattern import ImageLine, LanePattern
+from .rig import StereoRig
+
+_N_ITERATIONS = 4  # from the genetic result, the first step already lands within its rounding
+# Steps of the numerical derivative: height [m], pitch, roll, yaw [rad], positions [m].
+_STEPS = np.array([1e-5, 1e-6, 1e-6, 1e-6, 1e-5, 1e-5])
+_DEGREES_OF_FREEDOM = 2
+# Where a road line is evaluated to be drawn in the image [m ahead].
+_NEAR_M, _FAR_M = 5.0, 50.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LineFit:
+    """Result of the six-parameter fit to the measured lines.
+
+    Attributes:
+        covariance: (3, 3) of (height_m, pitch_rad, roll_rad).
+        lane_yaw_rad: Yaw of the camera against the lane, > 0: it points left.
+        chi2: Weighted sum of squares of the two numbers left over; 2 is expected.
+    """
+
+    covariance: Array
+    lane_yaw_rad: float
+    chi2: float
+
+
+def propagate(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics) -> LineFit | None:
+    """Propagate the covariance of the measured lines to the extrinsics.
+
+    Args:
+        pattern: The measured lines.
+        rig: Intrinsics and baseline.
+        extrinsics: The estimate, near which the fit starts.
+
+    Returns:
+        The fit, with the covariance enlarged by chi2 / 2 where the lines agree less than they
+        promise (Birge's ratio); None when the lines leave a parameter undetermined.
+    """
+    lines = (*pattern.left, *pattern.right)
+    measured = np.array([value for line in lines for value in (line.u_mid, line.slope)])
+    information = np.zeros((8, 8))
+    for i, line in enumerate(lines):
+        information[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = np.linalg.inv(line.covariance)
+    parameters = np.concatenate([extrinsics.as_array(), _lane(pattern, rig, extrinsics)])
+    for _ in range(_N_ITERATIONS):
+        residual = measured - _predict(parameters, lines, rig)
+        jacobian = np.column_stack(
+            [
+                (_predict(parameters + step, lines, rig) - _predict(parameters - step, lines, rig))
+                / (2.0 * step.sum())
+                for step in np.diag(_STEPS)
+            ]
+        )
+        normal = jacobian.T @ information @ jacobian
+        if not np.all(np.isfinite(normal)) or np.linalg.matrix_rank(normal) < len(parameters):
+            return None
+        parameters = parameters + np.linalg.solve(normal, jacobian.T @ information @ residual)
+    residual = measured - _predict(parameters, lines, rig)
+    chi2 = float(residual @ information @ residual)
+    covariance = np.linalg.inv(normal)[:3, :3] * max(1.0, chi2 / _DEGREES_OF_FREEDOM)
+    return LineFit((covariance + covariance.T) / 2.0, float(parameters[3]), chi2)
+
+
+def _lane(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics) -> Array:
+    """Return lane yaw [rad] and the positions of both boundaries at x = 0 [m], from the left image."""
+    to_road = road_from_image(rig, extrinsics, "left")
+    ends = np.stack([pattern.columns[0][:, [0, -1]], np.broadcast_to(pattern.rows[[0, -1]], (2, 2))], axis=-1)
+    far, near = np.moveaxis(apply_homography(to_road, ends), 1, 0)
+    tangent = float(np.mean((far[:, 1] - near[:, 1]) / (far[:, 0] - near[:, 0])))
+    # The lane runs at minus the camera's yaw.
+    return np.concatenate([[-np.arctan(tangent)], near[:, 1] - tangent * near[:, 0]])
+
+
+def _predict(parameters: Array, lines: tuple[ImageLine, ...], rig: StereoRig) -> Array:
+    """Return (u_mid, slope) of the four lines for six parameters, shape (8,)."""
+    extrinsics = Extrinsics.from_array(parameters[:3])
+    tangent = -np.tan(parameters[3])
+    predicted = []
+    for i, side in enumerate(SIDES):
+        to_image = image_from_road(rig, extrinsics, side)
+        for j in range(2):
+            position = parameters[4 + j]
+            ends = [(x, position + tangent * x) for x in (_NEAR_M, _FAR_M)]
+            (u0, v0), (u1, v1) = apply_homography(to_image, ends)
+            slope = (u1 - u0) / (v1 - v0)
+            predicted += [u0 + slope * (lines[2 * i + j].v_mid - v0), slope]
+    return np.array(predicted)
+
+
+def lane_curvature(pattern: LanePattern, rig: StereoRig, height_m: float) -> tuple[float, float]:
+    """Measure the curvature that the points of the four lines have in common.
+
+    A line at distance x on a road of curvature k is displaced by k x^2 / 2 to the left, in the image by
+    -k fx x / 2 = -k fx fy height / 2 / (v - v_horizon). This is fitted to the measured points,
+    together with a straight line of its own for each.
+
+    Returns:
+        Curvature [1/m], > 0: to the left; and its standard deviation [1/m].
+    """
+    lines = (*pattern.left, *pattern.right)
+    n_parameters = 2 * len(lines) + 1
+    normal = np.zeros((n_parameters, n_parameters))
+    right_side = np.zeros(n_parameters)
+    blocks = []
+    for i, line in enumerate(lines):
+        below = np.maximum(line.rows - float(pattern.vanishing_point[1]), 1.0)
+        design = np.zeros((len(line.rows), n_parameters))
+        design[:, 2 * i] = 1.0
+        design[:, 2 * i + 1] = line.rows - line.v_mid
+        design[:, -1] = -rig.fx * rig.fy * height_m / 2.0 / below
+        normal += design.T @ (design * line.weights[:, None])
+        right_side += design.T @ (line.weights * line.columns)
+        blocks.append(design)
+    solution, *_ = np.linalg.lstsq(normal, right_side, rcond=None)
+    squares = sum(
+        float(line.weights @ (line.columns - design @ solution) ** 2)
+        for line, design in zip(lines, blocks, strict=True)
+    )
+    freedom = max(1, sum(len(line.rows) for line in lines) - n_parameters)
+    variance = np.linalg.pinv(normal)[-1, -1] * squares / freedom
+    return float(solution[-1]), float(np.sqrt(variance))
