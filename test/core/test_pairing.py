@@ -242,3 +242,11 @@ def test_any_order_of_any_stamps_is_survived_and_repeatable(arrivals, queue_size
     counts = first.counts
     assert counts.left - counts.pairs - counts.dropped_left <= queue_size
     assert counts.right - counts.pairs - counts.dropped_right <= queue_size
+
+
+def test_tolerance_can_change_while_images_wait():
+    pairer = StampPairer()
+    assert feed(pairer, [("L", 0), ("R", 5)]) == []
+    pairer.configure(True, 0.01, 5)
+    assert feed(pairer, [("L", 100)]) == [(0, 5)]
+    assert pairer.counts.left == 2

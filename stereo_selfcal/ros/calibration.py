@@ -1,0 +1,212 @@
+"""One call of ``~/calibrate``: waits for fresh pairs, calibrates, and says what is missing. Needs no ROS."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+from ..core.calibrator import Calibrator
+from ..core.errors import ImageError, RigError
+from ..core.images import Image, message_to_grey
+from ..core.pairing import PairCounts, StampedPair, stamp_to_s
+from ..core.results import CalibrationResult
+from ..core.rig import StereoRig
+from .config import NodeConfig
+
+_CLOCK_STEP_S = 1e-3  # a call that ends at once (shutdown) must not divide by zero
+
+
+class Topics(NamedTuple):
+    """Full names of the topics the node listens to."""
+
+    left: str
+    right: str
+    left_info: str
+    right_info: str
+
+
+@dataclass(frozen=True, slots=True)
+class InputState:
+    """What has arrived so far.
+
+    Attributes:
+        counts: Images, pairs, drops.
+        nearest_s: Least difference of a left and a right stamp since the call began [s].
+    """
+
+    counts: PairCounts
+    nearest_s: float | None
+
+
+class FrameSource(Protocol):
+    """Where a call gets its frames from."""
+
+    @property
+    def topics(self) -> Topics:
+        """Topics of the source."""
+
+    @property
+    def state(self) -> InputState:
+        """Counts so far."""
+
+    @property
+    def camera_infos(self) -> tuple[Any, Any]:
+        """Last CameraInfo of both cameras, None where none came."""
+
+    def publishers(self, topic: str) -> int:
+        """Return how many publishers a topic has."""
+
+    def next_pair(self, timeout_s: float) -> StampedPair[Any] | None:
+        """Wait for a pair of image messages."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """Answer of a call.
+
+    Attributes:
+        message: One sentence: the result, or the reason.
+        result: The accepted calibration, None when there is none.
+        rig: The rig it holds for.
+        stamp_ns: Stamp of the last frame in it [ns].
+    """
+
+    message: str
+    result: CalibrationResult | None = None
+    rig: StereoRig | None = None
+    stamp_ns: int = 0
+
+
+class CalibrationCall:
+    """Calibrates from the frames that arrive within the timeout.
+
+    Frames that are refused do not end the call: the next one may be better. It ends with the
+    configured number of accepted frames, or with the timeout and the last reason.
+
+    Args:
+        source: Where the frames come from.
+        config: Parameters at the start of the call.
+    """
+
+    def __init__(self, source: FrameSource, config: NodeConfig) -> None:
+        self._source = source
+        self._config = config
+        self._calibrator: Calibrator | None = None
+        self._rig_problem: str | None = None
+        self._pairs = 0
+        self._accepted = 0
+        self._last_rejection = ""
+
+    def run(self) -> Outcome:
+        """Return the result, or the reason why there is none after the timeout."""
+        start_s = time.monotonic()
+        before = self._source.state.counts
+        while True:
+            remaining_s = max(0.0, self._config.timeout_s - (time.monotonic() - start_s))
+            pair = self._source.next_pair(remaining_s)
+            if pair is not None:
+                self._take(pair)
+                if self._calibrator is not None and self._accepted == self._config.frames:
+                    estimate = self._calibrator.estimate
+                    if estimate.accepted:
+                        return Outcome(estimate.message, estimate, self._calibrator.rig, pair.stamp_ns)
+                    return Outcome(estimate.message)
+            if pair is None or remaining_s == 0.0:
+                break
+        return Outcome(self._reason(before, max(time.monotonic() - start_s, _CLOCK_STEP_S)))
+
+    def _take(self, pair: StampedPair[Any]) -> None:
+        """Calibrate one pair, or remember why it could not be."""
+        self._pairs += 1
+        if self._calibrator is None:
+            try:
+                rig = self._rig()
+            except RigError as error:
+                self._rig_problem = str(error)
+                return
+            self._rig_problem = None
+            self._calibrator = Calibrator(rig, self._config.calibrator)
+        topics = self._source.topics
+        try:
+            left = _grey(pair.left, topics.left)
+            right = _grey(pair.right, topics.right)
+        except ImageError as error:
+            self._last_rejection = str(error)
+            return
+        result = self._calibrator.add(left, right, stamp_to_s(pair.stamp_ns))
+        if result.accepted:
+            self._accepted += 1
+        else:
+            self._last_rejection = result.message
+
+    def _rig(self) -> StereoRig:
+        rig = self._config.rig_from_parameters()
+        if rig is not None:
+            return rig
+        left, right = self._source.camera_infos
+        if left is not None and right is not None:
+            return StereoRig.from_camera_info(left, right)
+        topics = self._source.topics
+        missing = [t for t, info in ((topics.left_info, left), (topics.right_info, right)) if info is None]
+        named = " and ".join(f"{topic} ({_publishers(self._source, topic)})" for topic in missing)
+        raise RigError(f"no CameraInfo on {named}: publish it or set the parameters rig.*")
+
+    def _reason(self, before: PairCounts, elapsed_s: float) -> str:
+        """Return why the call ends without a result."""
+        if not self._pairs:
+            return no_pair_reason(self._source, self._config, before, elapsed_s)
+        seen = f"{self._pairs} {'pair' if self._pairs == 1 else 'pairs'} in {elapsed_s:.1f} s"
+        if self._rig_problem is not None:
+            return f"{self._rig_problem} ({seen})"
+        if self._accepted:
+            return (
+                f"{self._accepted} of {self._config.frames} frames accepted, {seen}: raise timeout_s or "
+                f"lower frames; last refusal: {self._last_rejection or 'none'}"
+            )
+        return f"no frame accepted, {seen}; last refusal: {self._last_rejection}"
+
+
+def no_pair_reason(source: FrameSource, config: NodeConfig, before: PairCounts, elapsed_s: float) -> str:
+    """Return why no pair was formed: which side is missing, or how far the stamps are apart.
+
+    Args:
+        source: Where the frames should have come from.
+        config: Parameters of the node.
+        before: Counts at the beginning.
+        elapsed_s: Time since then [s].
+    """
+    state, topics = source.state, source.topics
+    added = state.counts.since(before)
+    text = (
+        f"no pair in {elapsed_s:.1f} s: left {added.left / elapsed_s:.1f} Hz, "
+        f"right {added.right / elapsed_s:.1f} Hz; "
+    )
+    silent = [topic for topic, count in ((topics.left, added.left), (topics.right, added.right)) if not count]
+    if silent:
+        named = " and ".join(f"{topic} ({_publishers(source, topic)})" for topic in silent)
+        return f"{text}nothing arrives on {named}: start the camera, remap the topic or check its QoS"
+    if state.nearest_s is None:
+        return f"{text}left and right never waited for each other: raise queue_size from {config.queue_size}"
+    nearest = f"{text}the nearest stamps differ by {state.nearest_s * 1e3:.3f} ms"
+    if not config.approximate_sync:
+        return f"{nearest}: set approximate_sync, with approximate_sync_tolerance_seconds of at least that"
+    tolerance_s = config.approximate_sync_tolerance_seconds
+    if state.nearest_s > tolerance_s:
+        return (
+            f"{nearest}, approximate_sync_tolerance_seconds allows {tolerance_s * 1e3:.3f} ms: raise it or "
+            "synchronise the cameras"
+        )
+    return f"{nearest}, which is tolerated, but none was formed: raise queue_size from {config.queue_size}"
+
+
+def _publishers(source: FrameSource, topic: str) -> str:
+    count = source.publishers(topic)
+    return "1 publisher" if count == 1 else f"{count} publishers"
+
+
+def _grey(message: Any, topic: str) -> Image:
+    try:
+        return message_to_grey(message)
+    except ImageError as error:
+        raise ImageError(f"{topic}: {error}") from error

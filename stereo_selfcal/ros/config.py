@@ -1,0 +1,97 @@
+"""The node's parameters as one value. Importing this needs no ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..core.config import CalibratorConfig
+from ..core.errors import ConfigError, RigError
+from ..core.rig import StereoRig
+from ..node_settings import RIG_PREFIX, all_settings, is_calibrator_setting
+
+SETTINGS = {setting.name: setting for setting in all_settings()}
+
+
+@dataclass(frozen=True, slots=True)
+class NodeConfig:
+    """The parameters at one moment; the names are theirs.
+
+    Attributes:
+        approximate_sync: Whether the stamps of a pair may differ.
+        approximate_sync_tolerance_seconds: By how much [s].
+        queue_size: Images of each side that wait for a partner, and pairs for the calibrator.
+        image_transport: "raw" or "compressed".
+        output_path: The result file, None for none.
+        timeout_s: How long a call waits for usable frames [s].
+        frames: Accepted frames fused per call.
+        road_frame: Frame of the road.
+        camera_frame: Frame of the camera body.
+        rig: Values of ``rig.*`` without the prefix, empty when all are 0.
+        calibrator: Settings of the calibrator.
+    """
+
+    approximate_sync: bool
+    approximate_sync_tolerance_seconds: float
+    queue_size: int
+    image_transport: str
+    output_path: Path | None
+    timeout_s: float
+    frames: int
+    road_frame: str
+    camera_frame: str
+    rig: Mapping[str, float]
+    calibrator: CalibratorConfig
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any]) -> NodeConfig:
+        """Build from all parameter values by dotted name.
+
+        Raises:
+            ConfigError: A value is not one of its choices, empty where a name is needed, or does not
+                go with another.
+        """
+        for name, setting in SETTINGS.items():
+            if setting.choices and values[name] not in setting.choices:
+                raise ConfigError(
+                    f"{name} is {values[name]!r}: it must be one of {', '.join(setting.choices)}"
+                )
+        for name in ("road_frame", "camera_frame"):
+            if not values[name].strip():
+                raise ConfigError(f"{name} is empty: the name of a frame is needed")
+        rig = {
+            name.removeprefix(RIG_PREFIX): values[name] for name in SETTINGS if name.startswith(RIG_PREFIX)
+        }
+        settings = {name: value for name, value in values.items() if is_calibrator_setting(name)}
+        return cls(
+            **{name: values[name] for name in cls.__slots__ if name in values and name != "output_path"},
+            output_path=_output_path(values["output_path"]),
+            rig=rig if any(rig.values()) else {},
+            calibrator=CalibratorConfig.from_mapping(settings),
+        )
+
+    def rig_from_parameters(self) -> StereoRig | None:
+        """Return the rig of ``rig.*``, None when it is to come from CameraInfo.
+
+        Raises:
+            RigError: Some values are given and others not, or they cannot be right.
+        """
+        if not self.rig:
+            return None
+        missing = [RIG_PREFIX + name for name, value in self.rig.items() if not value]
+        if missing:
+            raise RigError(
+                f"{', '.join(missing)} not set: set all parameters of {RIG_PREFIX}* or none of them"
+            )
+        return StereoRig.from_mapping(self.rig)
+
+
+def _output_path(text: str) -> Path | None:
+    if not text.strip():
+        return None
+    try:
+        return Path(text).expanduser().absolute()
+    except RuntimeError as error:  # no home folder
+        raise ConfigError(f"output_path is {text!r}: {error}; give the whole path") from error

@@ -1,0 +1,95 @@
+"""The messages the node publishes, from results and counters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.parameter import Parameter
+
+from ..core.extrinsics import Array, Extrinsics
+
+_NS_PER_S = 1_000_000_000
+
+# Rows of (height_m, pitch_rad, roll_rad) in the 6 x 6 covariance of a pose, whose order is
+# x, y, z, rotation about X, about Y, about Z; the rotations are about fixed axes, and
+# R_y(pitch) R_x(roll) turns about the fixed X by roll, then about the fixed Y by pitch.
+_POSE_ROWS = (2, 4, 3)
+
+
+def time_message(stamp_ns: int) -> Time:
+    """Return a stamp [ns] as a message."""
+    sec, nanosec = divmod(stamp_ns, _NS_PER_S)
+    return Time(sec=sec, nanosec=nanosec)
+
+
+def extrinsics_message(node: str, stamp_ns: int, parameters: Mapping[str, float]) -> ParameterEvent:
+    """Return the result as a parameter event.
+
+    Args:
+        node: Full name of the node that holds the parameters.
+        stamp_ns: Stamp of the (last) frame [ns].
+        parameters: Values by full name; they are in ``changed_parameters``, from the first result on.
+    """
+    changed = [
+        Parameter(name, Parameter.Type.DOUBLE, value).to_parameter_msg() for name, value in parameters.items()
+    ]
+    return ParameterEvent(stamp=time_message(stamp_ns), node=node, changed_parameters=changed)
+
+
+def quaternion_message(extrinsics: Extrinsics) -> Quaternion:
+    """Return the rotation R_y(pitch) R_x(roll) as a unit quaternion with w >= 0."""
+    sin_pitch, cos_pitch = math.sin(extrinsics.pitch_rad / 2), math.cos(extrinsics.pitch_rad / 2)
+    sin_roll, cos_roll = math.sin(extrinsics.roll_rad / 2), math.cos(extrinsics.roll_rad / 2)
+    return Quaternion(
+        x=cos_pitch * sin_roll, y=sin_pitch * cos_roll, z=-sin_pitch * sin_roll, w=cos_pitch * cos_roll
+    )
+
+
+def pose_message(
+    extrinsics: Extrinsics, covariance: Array, road_frame: str, stamp_ns: int
+) -> PoseWithCovarianceStamped:
+    """Return the pose of the camera body in the road frame.
+
+    Args:
+        extrinsics: The calibration.
+        covariance: (3, 3) covariance of (height_m, pitch_rad, roll_rad).
+        road_frame: Name of the road frame.
+        stamp_ns: Stamp of the (last) frame [ns].
+    """
+    message = PoseWithCovarianceStamped()
+    message.header.stamp = time_message(stamp_ns)
+    message.header.frame_id = road_frame
+    message.pose.pose.position.z = float(extrinsics.height_m)
+    message.pose.pose.orientation = quaternion_message(extrinsics)
+    # x, y and yaw are not estimated but zero by definition: the road frame lies under the camera
+    # and points along its heading. Their variance is zero, which is exact and not "unknown".
+    pose_covariance = np.zeros((6, 6))
+    pose_covariance[np.ix_(_POSE_ROWS, _POSE_ROWS)] = covariance
+    message.pose.covariance = pose_covariance.ravel()
+    return message
+
+
+def diagnostics_message(
+    stamp: Time, name: str, hardware_id: str, level: bytes, text: str, values: Mapping[str, str]
+) -> DiagnosticArray:
+    """Return one diagnostic status.
+
+    Args:
+        stamp: Time of the report.
+        name: Name of the status.
+        hardware_id: What it is about: the frame of the camera.
+        level: DiagnosticStatus.OK, WARN, ...
+        text: One sentence.
+        values: Measured values by key.
+    """
+    pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
+    status = DiagnosticStatus(level=level, name=name, message=text, hardware_id=hardware_id, values=pairs)
+    message = DiagnosticArray(status=[status])
+    message.header.stamp = stamp
+    return message

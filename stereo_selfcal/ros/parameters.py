@@ -1,0 +1,156 @@
+"""Parameters of the node: declared from one table, checked as a whole, results set all at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from ..core.errors import ConfigError
+from ..node_settings import RESULT_PREFIX, NodeSetting
+from ..result_file import RESULT_NAMES
+from .config import SETTINGS, NodeConfig
+
+_RESULT_DESCRIPTION = {
+    "height_m": "Height of the middle of the baseline over the road [m]",
+    "pitch_rad": "Pitch of the camera over the road, > 0: nose down [rad]",
+    "roll_rad": "Roll of the camera over the road, > 0: right side down [rad]",
+    "height_std_m": "Standard deviation of the height [m]",
+    "pitch_std_rad": "Standard deviation of the pitch [rad]",
+    "roll_std_rad": "Standard deviation of the roll [rad]",
+}
+
+
+class NodeParameters:
+    """Declares the parameters on a node and watches over them.
+
+    Args:
+        node: The node.
+        on_change: Called with the new configuration after a parameter was set.
+
+    Raises:
+        ConfigError: A value given at the start has the wrong type or is out of range.
+    """
+
+    def __init__(self, node: Node, on_change: Callable[[NodeConfig], None]) -> None:
+        self._node = node
+        self._on_change = on_change
+        self._publishing = False
+        for setting in SETTINGS.values():
+            _declare(node, setting)
+        for name in RESULT_NAMES:
+            # Dynamic, as a typed parameter without a value could not be read at all. Not read-only,
+            # as that would bind the node itself; _check keeps others off. A result file among the
+            # node's own parameter files is no result of this run: overrides are ignored.
+            descriptor = ParameterDescriptor(
+                description=f"Result: {_RESULT_DESCRIPTION[name]}; without value until calibrated",
+                dynamic_typing=True,
+            )
+            node.declare_parameter(RESULT_PREFIX + name, None, descriptor, ignore_override=True)
+        self._config = NodeConfig.from_values(self._values())
+        node.add_pre_set_parameters_callback(_whole_numbers_as_floats)
+        node.add_on_set_parameters_callback(self._check)
+        node.add_post_set_parameters_callback(self._changed)
+
+    @property
+    def config(self) -> NodeConfig:
+        """The parameters now."""
+        return self._config
+
+    def publish_result(self, parameters: Mapping[str, float]) -> None:
+        """Set the result parameters, all at once.
+
+        To be called from the node's default callback group, where the parameter services run, too:
+        then nobody reads half a result.
+        """
+        self._publishing = True
+        try:
+            outcome = self._node.set_parameters_atomically(
+                [Parameter(name, Parameter.Type.DOUBLE, value) for name, value in parameters.items()]
+            )
+        finally:
+            self._publishing = False
+        if not outcome.successful:
+            raise ConfigError(f"the result parameters were not set: {outcome.reason}")
+
+    def _values(self) -> dict[str, Any]:
+        return {name: self._node.get_parameter(name).value for name in SETTINGS}
+
+    def _check(self, parameters: Iterable[Parameter]) -> SetParametersResult:
+        values = self._values()
+        for parameter in parameters:
+            if parameter.name.startswith(RESULT_PREFIX) and not self._publishing:
+                reason = f"{parameter.name} is a result: it is set by ~/calibrate alone"
+                return SetParametersResult(successful=False, reason=reason)
+            if parameter.name in values:
+                values[parameter.name] = parameter.value
+        try:
+            NodeConfig.from_values(values)
+        except ConfigError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _changed(self, parameters: Iterable[Parameter]) -> None:
+        if any(parameter.name in SETTINGS for parameter in parameters):
+            self._config = NodeConfig.from_values(self._values())
+            self._on_change(self._config)
+
+
+def _descriptor(setting: NodeSetting) -> ParameterDescriptor:
+    unit = f" [{setting.unit}]" if setting.unit else ""
+    descriptor = ParameterDescriptor(description=setting.description + unit, read_only=setting.fixed)
+    if setting.choices:
+        descriptor.additional_constraints = f"one of: {', '.join(setting.choices)}"
+    if setting.low is not None and setting.high is not None:
+        if isinstance(setting.default, float):
+            span = FloatingPointRange(from_value=float(setting.low), to_value=float(setting.high), step=0.0)
+            descriptor.floating_point_range = [span]
+        else:
+            descriptor.integer_range = [
+                IntegerRange(from_value=int(setting.low), to_value=int(setting.high), step=1)
+            ]
+    return descriptor
+
+
+def _declare(node: Node, setting: NodeSetting) -> None:
+    """Declare one parameter; a whole number is taken where a float is needed (``-p timeout_s:=5``)."""
+    try:
+        node.declare_parameter(setting.name, setting.default, _descriptor(setting))
+        return
+    except (InvalidParameterTypeException, InvalidParameterValueException):
+        value = _override(node, setting)
+    if isinstance(setting.default, float) and type(value) is int:
+        value = float(value)
+    if type(value) is not type(setting.default):
+        kind = type(setting.default).__name__
+        raise ConfigError(f"{setting.name} is {value!r}: a value of type {kind} is needed")
+    try:
+        node.declare_parameter(setting.name, value, _descriptor(setting), ignore_override=True)
+    except InvalidParameterValueException:
+        reason = f"it must lie in {setting.low} ... {setting.high} {setting.unit}".rstrip()
+        raise ConfigError(f"{setting.name} is {value!r}: {reason}") from None
+
+
+def _override(node: Node, setting: NodeSetting) -> Any:
+    """Return the value given at the start for a parameter, whatever its type."""
+    value = node.declare_parameter(setting.name, None, ParameterDescriptor(dynamic_typing=True)).value
+    node.undeclare_parameter(setting.name)
+    return value
+
+
+def _whole_numbers_as_floats(parameters: list[Parameter]) -> list[Parameter]:
+    """Take 5 for 5.0: ``ros2 param set`` reads the one as an integer."""
+    return [
+        Parameter(p.name, Parameter.Type.DOUBLE, float(p.value))
+        if p.type_ is Parameter.Type.INTEGER and _is_float(p.name)
+        else p
+        for p in parameters
+    ]
+
+
+def _is_float(name: str) -> bool:
+    return name in SETTINGS and isinstance(SETTINGS[name].default, float)
