@@ -90,7 +90,7 @@ NODE_SETTINGS = (
         "camera_frame", "stereo_camera", "Frame of the camera body: x forward, y left, z up, mid-baseline"
     ),
     NodeSetting(
-        "rig.width", 0, "Image width; all of rig.* or, with all 0, CameraInfo", "px", 0, _GREATEST_PIXELS
+        "rig.width", 0, "Image width; 0: from CameraInfo", "px", 0, _GREATEST_PIXELS
     ),
     NodeSetting("rig.height", 0, "Image height; 0: from CameraInfo", "px", 0, _GREATEST_PIXELS),
     NodeSetting(

@@ -1,0 +1,277 @@
+"""One call of ~/calibrate against a scripted camera: what it answers, and when. No DDS."""
+
+import dataclasses
+from collections import deque
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from stereo_selfcal import CalibrationResult, CalibratorConfig, Extrinsics
+from stereo_selfcal.core.pairing import PairCounts, StampedPair
+from stereo_selfcal.core.results import Rejection, RejectReason, rejected
+from stereo_selfcal.ros import calibration
+from stereo_selfcal.ros.calibration import CalibrationCall, InputState, Topics
+from stereo_selfcal.ros.config import SETTINGS, NodeConfig
+
+RIG = {"width": 4, "height": 3, "fx": 5.0, "fy": 5.0, "cx": 1.5, "cy": 1.0, "baseline_m": 0.2}
+ARRIVED = PairCounts(10, 10)
+TOPICS = Topics("/left/image_rect", "/right/image_rect", "/left/camera_info", "/right/camera_info")
+
+
+def config(**changes):
+    values = {name: setting.default for name, setting in SETTINGS.items()}
+    values.update({"timeout_s": 0.2, **{f"rig.{name}": value for name, value in RIG.items()}})
+    values.update({name.replace("__", "."): value for name, value in changes.items()})
+    return NodeConfig.from_values(values)
+
+
+def without_rig(**changes):
+    return config(**{f"rig__{name}": type(value)(0) for name, value in RIG.items()}, **changes)
+
+
+def image(value=100, encoding="mono8", step=4):
+    return SimpleNamespace(
+        data=bytes([value]) * 12, width=4, height=3, step=step, encoding=encoding, is_bigendian=0
+    )
+
+
+def pair(stamp_ns=0, left=None, right=None):
+    return StampedPair(left or image(), right or image(), stamp_ns, stamp_ns)
+
+
+def info(fx=5.0, shift=0.0, **changes):
+    k = [fx, 0, 1.5, 0, fx, 1.0, 0, 0, 1]
+    p = [fx, 0, 1.5, shift, 0, fx, 1.0, 0, 0, 0, 1, 0]
+    return SimpleNamespace(**{"width": 4, "height": 3, "k": k, "p": p, **changes})
+
+
+class Source:
+    """A camera that delivers ``pairs``, one per request, and then nothing."""
+
+    def __init__(self, *pairs, counts=ARRIVED, nearest_s=None, infos=(None, None)):
+        self.topics = TOPICS
+        self.camera_infos = infos
+        self.states = deque([InputState(ARRIVED, None), InputState(counts, nearest_s)])
+        self.pairs = deque(pairs)
+
+    @property
+    def state(self):
+        return self.states.popleft() if len(self.states) > 1 else self.states[0]
+
+    def publishers(self, topic):
+        return 1 if "left" in topic else 0
+
+    def next_pair(self, timeout_s):
+        assert timeout_s >= 0
+        return self.pairs.popleft() if self.pairs else None
+
+
+class FakeCalibrator:
+    """Accepts images with values above 50 and remembers what it was given."""
+
+    made = ()
+
+    def __init__(self, rig, settings):
+        self.rig, self.settings, self.frames = rig, settings, []
+        FakeCalibrator.made = (*self.made, self)
+
+    def add(self, left, right, stamp_s):
+        assert left.shape == right.shape == (3, 4) and left.dtype == np.uint8
+        if left[0, 0] <= 50:
+            return rejected(
+                Rejection(RejectReason.NO_LINES_FOUND, "lines found", 0, 2, "", "look at the road")
+            )
+        self.frames.append(stamp_s)
+        return self.estimate
+
+    @property
+    def estimate(self):
+        return CalibrationResult(
+            "height 1.2 m", extrinsics=Extrinsics(1.2, 0, 0), covariance=np.eye(3), n_frames=len(self.frames)
+        )
+
+
+@pytest.fixture(autouse=True)
+def calibrator(monkeypatch):
+    FakeCalibrator.made = ()
+    monkeypatch.setattr(calibration, "Calibrator", FakeCalibrator)
+
+
+def test_first_good_pair_is_the_answer():
+    outcome = CalibrationCall(Source(pair(1_500_000_000), pair()), config()).run()
+    assert outcome.message == "height 1.2 m"
+    assert outcome.result.n_frames == 1
+    assert outcome.stamp_ns == 1_500_000_000
+    assert dataclasses.asdict(outcome.rig) == RIG
+    assert FakeCalibrator.made[0].frames == [1.5]
+
+
+def test_settings_reach_the_calibrator():
+    CalibrationCall(Source(pair()), config(seed=5, genetic__population=30)).run()
+    expected = CalibratorConfig.from_mapping({"seed": 5, "genetic.population": 30})
+    assert FakeCalibrator.made[0].settings == expected
+
+
+def test_refused_frames_are_followed_by_better_ones():
+    source = Source(pair(left=image(0)), pair(left=image(0)), pair(3))
+    assert CalibrationCall(source, config()).run().result is not None
+
+
+def test_frames_are_fused():
+    source = Source(*(pair(i * 10**9, image(0 if i == 1 else 100)) for i in range(6)))
+    outcome = CalibrationCall(source, config(frames=3)).run()
+    assert FakeCalibrator.made[0].frames == [0.0, 2.0, 3.0]
+    assert outcome.result.n_frames == 3
+    assert len(source.pairs) == 2
+
+
+def test_too_few_accepted_frames_say_how_many():
+    outcome = CalibrationCall(Source(pair(), pair(left=image(0))), config(frames=3)).run()
+    assert outcome.result is None
+    assert outcome.message.startswith(
+        "1 of 3 frames accepted, 2 pairs in 0.0 s: raise timeout_s or lower frames"
+    )
+    assert "lines found: 0, limit 2; look at the road" in outcome.message
+
+
+def test_refusal_is_passed_on_with_the_number_of_pairs():
+    outcome = CalibrationCall(Source(pair(left=image(0)), pair(left=image(0))), config()).run()
+    assert outcome.result is None
+    assert outcome.message.startswith(
+        "no frame accepted, 2 pairs in 0.0 s; last refusal: lines found: 0, limit 2"
+    )
+
+
+def test_wrong_encoding_is_named_with_its_topic():
+    outcome = CalibrationCall(Source(pair(right=image(encoding="yuv422"))), config()).run()
+    assert "/right/image_rect: image encoding 'yuv422' is not supported" in outcome.message
+
+
+def test_wrong_step_is_named_with_its_topic():
+    outcome = CalibrationCall(Source(pair(left=image(step=3))), config()).run()
+    assert "/left/image_rect: step is 3 bytes" in outcome.message
+
+
+def test_rig_from_camera_info():
+    source = Source(pair(), infos=(info(), info(shift=-1.0)))
+    outcome = CalibrationCall(source, without_rig()).run()
+    assert outcome.rig.baseline_m == 0.2
+
+
+def test_parameters_win_over_camera_info():
+    source = Source(pair(), infos=(info(fx=9.0), info(fx=9.0, shift=-1.0)))
+    assert CalibrationCall(source, config()).run().rig.fx == 5.0
+
+
+@pytest.mark.parametrize(
+    ("infos", "words"),
+    [
+        (
+            (None, None),
+            "no CameraInfo on /left/camera_info (1 publisher) and /right/camera_info (0 publishers)",
+        ),
+        (
+            (info(), None),
+            "no CameraInfo on /right/camera_info (0 publishers): publish it or set the parameters",
+        ),
+        ((info(k=[0.0] * 9), info()), "left CameraInfo is uncalibrated (K[0] = 0)"),
+        ((info(), info()), "baseline of zero"),
+    ],
+)
+def test_what_is_wrong_with_camera_info(infos, words):
+    outcome = CalibrationCall(Source(pair(), pair(), infos=infos), without_rig()).run()
+    assert outcome.result is None
+    assert words in outcome.message and outcome.message.endswith("(2 pairs in 0.0 s)")
+
+
+def test_camera_info_may_come_after_the_images():
+    source = Source(pair(), pair())
+    first = source.next_pair
+
+    def next_pair(timeout_s):
+        if len(source.pairs) == 1:
+            source.camera_infos = (info(), info(shift=-1.0))
+        return first(timeout_s)
+
+    source.next_pair = next_pair
+    assert CalibrationCall(source, without_rig()).run().result is not None
+
+
+def test_half_a_rig_by_parameters_names_the_other_half():
+    outcome = CalibrationCall(Source(pair()), config(rig__fx=0.0, rig__baseline_m=0.0)).run()
+    assert "rig.fx, rig.baseline_m not set: set all parameters of rig.* or none of them" in outcome.message
+
+
+def test_impossible_rig_by_parameters_is_explained():
+    outcome = CalibrationCall(Source(pair()), config(rig__cx=40.0)).run()
+    assert "principal point (40.0, 1.0) lies outside the 4 x 3 image" in outcome.message
+
+
+@pytest.mark.parametrize(
+    ("state", "changes", "words"),
+    [
+        (
+            {"counts": PairCounts(160, 10)},
+            {},
+            "no pair in 5.0 s: left 30.0 Hz, right 0.0 Hz; nothing arrives on /right/image_rect (0 publ",
+        ),
+        (
+            {"counts": PairCounts(10, 160)},
+            {},
+            "no pair in 5.0 s: left 0.0 Hz, right 30.0 Hz; nothing arrives on /left/image_rect (1 publ",
+        ),
+        (
+            {"counts": PairCounts(10, 10)},
+            {},
+            "right 0.0 Hz; nothing arrives on /left/image_rect (1 publisher) and /right/image_rect (0 pub",
+        ),
+        (
+            {"counts": PairCounts(160, 160), "nearest_s": 0.012},
+            {},
+            "left 30.0 Hz, right 30.0 Hz; the nearest stamps differ by 12.000 ms: set approximate_sync",
+        ),
+        (
+            {"counts": PairCounts(160, 160), "nearest_s": 0.012},
+            {"approximate_sync": True},
+            "differ by 12.000 ms, approximate_sync_tolerance_seconds allows 10.000 ms: raise it",
+        ),
+        (
+            {"counts": PairCounts(160, 160), "nearest_s": 0.002},
+            {"approximate_sync": True},
+            "which is tolerated, but none was formed: raise queue_size from 5",
+        ),
+        (
+            {"counts": PairCounts(160, 160)},
+            {},
+            "left and right never waited for each other: raise queue_size from 5",
+        ),
+    ],
+)
+def test_why_there_is_no_pair(state, changes, words):
+    source = Source(**state)
+    source.states.popleft()  # the state in which the call began
+    reason = calibration.no_pair_reason(source, config(**changes), ARRIVED, elapsed_s=5.0)
+    assert words in reason
+
+
+def test_call_without_pairs_answers_with_that_reason():
+    outcome = CalibrationCall(Source(counts=PairCounts(10, 10)), config()).run()
+    assert outcome.result is None
+    assert outcome.message.startswith("no pair in ")
+
+
+def test_call_ends_at_its_timeout_while_refusals_go_on():
+    source = Source(*(pair(left=image(0)) for _ in range(10**5)))
+    outcome = CalibrationCall(source, config(timeout_s=0.1)).run()
+    assert outcome.message.startswith("no frame accepted, ")
+    assert source.pairs
+
+
+def test_exception_of_the_estimator_is_not_swallowed(monkeypatch):
+    def fail(*_args):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(FakeCalibrator, "add", fail)
+    with pytest.raises(ZeroDivisionError):
+        CalibrationCall(Source(pair()), config()).run()
