@@ -320,8 +320,8 @@ def _numbers(result: CalibrationResult) -> list[str]:
         return [_ascii(result.message)]
     return [
         f"height {pose.height_m:.4f} m (std {std.height_m * 1e3:.1f} mm)     "
-        f"pitch {math.degrees(pose.pitch_rad):+.3f} deg (std {math.degrees(std.pitch_rad):.3f})     "
-        f"roll {math.degrees(pose.roll_rad):+.3f} deg (std {math.degrees(std.roll_rad):.3f})"
+        f"pitch {math.degrees(pose.pitch_rad):+.3f} deg (std {math.degrees(std.pitch_rad):.4f})     "
+        f"roll {math.degrees(pose.roll_rad):+.3f} deg (std {math.degrees(std.roll_rad):.4f})"
     ]
 
 

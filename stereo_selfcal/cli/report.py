@@ -70,11 +70,11 @@ def table_summary(rows: Sequence[FrameRow], estimate: CalibrationResult) -> str:
     if accepted:
         text += _line("mean", _over(accepted, statistics.fmean))
     if len(accepted) > 1:
-        text += _line("standard deviation over the frames", _over(accepted, statistics.stdev), "")
+        text += _line("standard deviation over the frames", _over(accepted, statistics.stdev), spread=True)
     if estimate.accepted and estimate.extrinsics is not None:
         text += _line("fused estimate", estimate.extrinsics)
         if estimate.std is not None:
-            text += _line("its standard deviation", estimate.std, "")
+            text += _line("its standard deviation", estimate.std, spread=True)
     return f"{text}{estimate.message}\n"
 
 
@@ -108,9 +108,13 @@ def _over(poses: Sequence[Extrinsics], statistic: Any) -> Extrinsics:
     )
 
 
-def _line(label: str, pose: Extrinsics | None, sign: str = "+") -> str:
-    """Return a table line: metres with 0.1 mm, degrees with 0.001 deg."""
+def _line(label: str, pose: Extrinsics | None, spread: bool = False) -> str:
+    """Return a table line; a spread (standard deviation) has no sign and one digit more."""
     if pose is None:
         return f"{label:<{_LABEL_WIDTH}}{'-':>12}{'-':>13}{'-':>12}\n"
+    sign, more = ("", 1) if spread else ("+", 0)
     pitch_deg, roll_deg = math.degrees(pose.pitch_rad), math.degrees(pose.roll_rad)
-    return f"{label:<{_LABEL_WIDTH}}{pose.height_m:>12.4f}{pitch_deg:>{sign}13.3f}{roll_deg:>{sign}12.3f}\n"
+    return (
+        f"{label:<{_LABEL_WIDTH}}{pose.height_m:>12.{4 + more}f}"
+        f"{pitch_deg:>{sign}13.{3 + more}f}{roll_deg:>{sign}12.{3 + more}f}\n"
+    )
