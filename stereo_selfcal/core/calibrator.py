@@ -134,7 +134,7 @@ class Calibrator:
         if refusal:
             return rejected(refusal, stamp_s, **evidence)
         curvature = lane_curvature(pattern, self.rig, extrinsics.height_m)
-        fit = propagate(pattern, self.rig, extrinsics)
+        fit = propagate(pattern, self.rig, extrinsics, self.config.fitness)
         refusal = checks.check_straight(*curvature, self.config) or checks.check_determined(fit)
         if refusal or fit is None:
             return rejected(refusal, stamp_s, **evidence)  # type: ignore[arg-type]

@@ -171,5 +171,5 @@ def _points_of_filter(
     shift = np.clip(0.5 * (before - after) / curvature, -0.5, 0.5)
     reach = columns[:, None] + np.arange(narrowest, widest + 1)
     widths = narrowest + np.argmin(response[rows[:, None], reach], axis=1)
-    exact: Array = columns + shift.astype(np.float64)
+    exact = columns.astype(np.float64) + shift.astype(np.float64)
     return rows, exact, widths.astype(np.float64), weaker[rows, columns].astype(np.float64)

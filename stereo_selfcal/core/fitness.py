@@ -62,6 +62,17 @@ class PatternFitness:
 
     def _matching_error(self, height: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
         """E1: mean squared distance on the road of the points both cameras see, in pixels."""
+        forward, sideways = self._distances(height, cp, sp, cr, sr)
+        squares = np.einsum("ij,ij->i", forward, forward) + np.einsum("ij,ij->i", sideways, sideways)
+        error: Array = squares / forward.shape[1]
+        return error
+
+    def _distances(self, height: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> tuple[Array, Array]:
+        """Return how far apart the cameras put each point on the road, forward and sideways [px].
+
+        Returns:
+            Two arrays (P, 2 N): distance over the size of a pixel on the road there.
+        """
         n_points = self._rays.shape[1] // 2
         # Roll acts on (y, z), then pitch on (x, z): rays in road axes, each (P, 4 N).
         rolled_z = np.column_stack([sr, cr]) @ self._rays
@@ -78,26 +89,43 @@ class PatternFitness:
             np.maximum(drop[:, :n_points] * (-1.0 / centre_z[0])[:, None], _FARTHEST_INVERSE_DEPTH),
             np.maximum(drop[:, n_points:] * (-1.0 / centre_z[1])[:, None], _FARTHEST_INVERSE_DEPTH),
         ]
-        # Distance times sqrt(inverse_left * inverse_right): metres over metres per unit ray.
+        # Distance times f sqrt(inverse_left inverse_right): metres over metres a pixel.
         ratio = np.sqrt(inverse[1] / inverse[0])
         scale = ratio * inverse[0]
-        dx = road_x[:, :n_points] * ratio - road_x[:, n_points:] / ratio
-        dx += scale * (centre_x[0] - centre_x[1])[:, None]
-        dy = road_y[:, :n_points] * ratio - road_y[:, n_points:] / ratio
-        dy += scale * (centre_y[0] - centre_y[1])[:, None]
-        total = np.einsum("ij,ij->i", dx, dx) + np.einsum("ij,ij->i", dy, dy)
-        error: Array = total * (self._focal_px**2 / n_points)
-        return error
+        forward = road_x[:, :n_points] * ratio - road_x[:, n_points:] / ratio
+        forward += scale * (centre_x[0] - centre_x[1])[:, None]
+        sideways = road_y[:, :n_points] * ratio - road_y[:, n_points:] / ratio
+        sideways += scale * (centre_y[0] - centre_y[1])[:, None]
+        return forward * self._focal_px, sideways * self._focal_px
 
     def _parallelism_error(self, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
         """E2: angle between the lines on the road in the camera that sees them more parallel."""
-        angles = self.line_angles(cp, sp, cr, sr)
-        difference = np.abs(angles[:, 0::2] - angles[:, 1::2])
-        difference = np.minimum(difference, np.pi - difference).min(axis=1)
-        error: Array = (self._config.parallel_weight * self._focal_px * difference) ** 2
+        difference = np.abs(self._angles_between(cp, sp, cr, sr)).min(axis=1)
+        error: Array = (self._config.parallel_weight * difference) ** 2
         return error
 
-    def line_angles(self, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
+    def _angles_between(self, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
+        """Return the angle between the two lines as each camera puts them on the road, (P, 2) [px]."""
+        angles = self._line_angles(cp, sp, cr, sr)
+        difference = angles[:, 0::2] - angles[:, 1::2]
+        # Lines have no direction: angles differ by at most a right angle.
+        wrapped: Array = (difference + np.pi / 2) % np.pi - np.pi / 2
+        return wrapped * self._focal_px
+
+    def linear_terms(self, candidate: Array) -> tuple[Array, Array]:
+        """Return what the fitness is made of, before squares and minimum are taken.
+
+        Args:
+            candidate: (3,) height_m, pitch_rad, roll_rad.
+
+        Returns:
+            distances (4 N,) of the points and angles (2,) between the lines by camera, both [px].
+        """
+        height, pitch, roll = candidate[:, None]
+        trig = (np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll))
+        return np.concatenate(self._distances(height, *trig), axis=1)[0], self._angles_between(*trig)[0]
+
+    def _line_angles(self, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
         """Return the angles of the lines on the road against the x axis, modulo pi.
 
         Returns:

@@ -1,18 +1,23 @@
 """Covariance of the extrinsics from that of the measured lines, and a test for curvature.
 
-Four measured lines (two lane boundaries, two cameras) are eight numbers; six parameters predict
-them: height, pitch, roll, yaw of the lane and the lateral positions of the two boundaries.
-The Gauss-Newton step of that fit gives the information matrix, and the two numbers left over say
-whether the measured lines are as consistent as their own covariances promise.
+Four measured lines (two lane boundaries, two cameras) are eight numbers with known covariance. The
+genetic algorithm minimises E1 while E2 keeps the lines parallel in one camera, and the implicit
+function theorem says how its result moves with the eight numbers: that gives its covariance.
+
+Six parameters predict the eight numbers: height, pitch, roll, yaw of the lane and the positions of
+both boundaries. The two left over say whether the lines are as consistent as their own
+covariances promise (chi2); where they are not, the covariance is enlarged.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .config import FitnessConfig
 from .extrinsics import Array, Extrinsics
+from .fitness import PatternFitness
 from .geometry import SIDES, apply_homography, image_from_road, road_from_image
 from .pattern import ImageLine, LanePattern
 from .rig import StereoRig
@@ -20,6 +25,7 @@ from .rig import StereoRig
 _N_ITERATIONS = 4  # from the genetic result, the first step already lands within its rounding
 # Steps of the numerical derivative: height [m], pitch, roll, yaw [rad], positions [m].
 _STEPS = np.array([1e-5, 1e-6, 1e-6, 1e-6, 1e-5, 1e-5])
+_LINE_STEP_PX = 1e-3
 _DEGREES_OF_FREEDOM = 2
 # Where a road line is evaluated to be drawn in the image [m ahead].
 _NEAR_M, _FAR_M = 5.0, 50.0
@@ -40,17 +46,21 @@ class LineFit:
     chi2: float
 
 
-def propagate(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics) -> LineFit | None:
+def propagate(
+    pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics, config: FitnessConfig
+) -> LineFit | None:
     """Propagate the covariance of the measured lines to the extrinsics.
 
     Args:
         pattern: The measured lines.
         rig: Intrinsics and baseline.
+        config: The fitness that was maximised.
         extrinsics: The estimate, near which the fit starts.
 
     Returns:
         The fit, with the covariance enlarged by chi2 / 2 where the lines agree less than they
-        promise (Birge's ratio); None when the lines leave a parameter undetermined.
+        promise (R. T. Birge, "The calculation of errors by the method of least squares", Phys. Rev.
+        40, 1932); None when the lines leave a parameter undetermined.
     """
     lines = (*pattern.left, *pattern.right)
     measured = np.array([value for line in lines for value in (line.u_mid, line.slope)])
@@ -73,8 +83,57 @@ def propagate(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics) -> L
         parameters = parameters + np.linalg.solve(normal, jacobian.T @ information @ residual)
     residual = measured - _predict(parameters, lines, rig)
     chi2 = float(residual @ information @ residual)
-    covariance = np.linalg.inv(normal)[:3, :3] * max(1.0, chi2 / _DEGREES_OF_FREEDOM)
+    result_by_lines = _sensitivity(pattern, rig, extrinsics.as_array(), config)
+    if result_by_lines is None:
+        return None
+    covariance = result_by_lines @ np.linalg.inv(information) @ result_by_lines.T
+    covariance *= max(1.0, chi2 / _DEGREES_OF_FREEDOM)
     return LineFit((covariance + covariance.T) / 2.0, float(parameters[3]), chi2)
+
+
+def _sensitivity(
+    pattern: LanePattern, rig: StereoRig, estimate: Array, config: FitnessConfig
+) -> Array | None:
+    """Return the derivative (3, 8) of the genetic result by (u_mid, slope) of the four lines.
+
+    The result minimises E1 = |d|^2 under the constraint that the angle g in the camera that sees the
+    lines more parallel is zero, so d_t^T d + lambda g_t = 0 and g = 0 (subscript: derivative).
+    Moving the lines by dl moves it by dt with::
+
+        [d_t^T d_t  g_t] [dt     ]     [d_t^T d_l]
+        [g_t^T       0 ] [dlambda]  = -[g_l      ] dl
+    """
+    fitness = PatternFitness(pattern, rig, config)
+    camera = int(np.argmin(np.abs(fitness.linear_terms(estimate)[1])))
+
+    def terms(model: PatternFitness, candidate: Array) -> Array:
+        distances, angles = model.linear_terms(candidate)
+        return np.append(distances, angles[camera])
+
+    by_estimate = np.column_stack(
+        [
+            (terms(fitness, estimate + step) - terms(fitness, estimate - step)) / (2.0 * step.sum())
+            for step in np.diag(_STEPS[:3])
+        ]
+    )
+    by_lines = []
+    for i, line in enumerate((*pattern.left, *pattern.right)):
+        for change in (np.ones_like(pattern.rows), pattern.rows - line.v_mid):
+            step = _LINE_STEP_PX / np.abs(change).max()
+            moved = []
+            for sign in (1.0, -1.0):
+                columns = pattern.columns.copy()
+                columns[divmod(i, 2)] += sign * step * change
+                model = PatternFitness(replace(pattern, columns=columns), rig, config)
+                moved.append(terms(model, estimate))
+            by_lines.append((moved[0] - moved[1]) / (2.0 * step))
+    d_t, g_t = by_estimate[:-1], by_estimate[-1:]
+    d_l, g_l = np.column_stack(by_lines)[:-1], np.column_stack(by_lines)[-1:]
+    system = np.block([[d_t.T @ d_t, g_t.T], [g_t, np.zeros((1, 1))]])
+    if not np.all(np.isfinite(system)) or np.linalg.matrix_rank(system) < len(system):
+        return None
+    solution: Array = -np.linalg.solve(system, np.concatenate([d_t.T @ d_l, g_l]))[:3]
+    return solution
 
 
 def _lane(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics) -> Array:
