@@ -94,6 +94,9 @@ class _Canvas:
     def text(self, text: str, x: float, y: float, colour: Colour = WHITE, size: float = 1.0) -> int:
         """Write on a dark plate, the lower left corner at (x, y) of this picture; return the width [px]."""
         scale = size * TEXT_SCALE * self.pixels.shape[1] / MIN_WIDTH_PX
+        # The fonts of OpenCV 4 and 5 differ in width; what would run out of the picture is made smaller.
+        wanted = cv2.getTextSize(text, FONT, scale, self.thickness)[0][0]
+        scale *= min(1.0, max(self.pixels.shape[1] - x, 1) / max(wanted, 1))
         (width, height), below = cv2.getTextSize(text, FONT, scale, self.thickness)
         left, baseline, margin = round(x), round(y), 2 * self.thickness
         rows = slice(max(baseline - height - margin, 0), max(baseline + below, 0))
