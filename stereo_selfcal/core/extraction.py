@@ -23,6 +23,8 @@ Image = npt.NDArray[np.uint8]
 # Half widths of the edge filters [px]; filter k finds stripes of 2k ... 4k + 1 pixels, so together
 # they cover 2 ... 65 px: a 15 cm line from 0.7 m under a 500 px camera to 40 m ahead.
 _FILTER_LENGTHS_PX = (1, 2, 4, 8, 16)
+# Wide stripes are near and long, so from this filter on every second row will do.
+_ALL_ROWS_BELOW_PX = 4
 
 # The weaker edge of a stripe has at least this share of the stronger one: paint lies on asphalt, so
 # that both sides are darker by about the same; a step (a shadow, a kerb, a verge) is no stripe.
@@ -33,8 +35,8 @@ _MIN_EDGE_RATIO = 0.5
 _MIN_CONTRAST_GREY = 8.0
 
 # Rows above and below in which a stripe should go on, along its own direction.
-_CONTINUITY_ROWS = (-3, -2, -1, 1, 2, 3)
-_CONTINUITY_REACH_PX = 1  # on either side: a direction off by 0.3 over three rows
+_CONTINUITY_ROWS = (-4, -2, 2, 4)  # even, as the wide filters see every second row
+_CONTINUITY_REACH_PX = 1  # on either side: a direction off by 0.25 over four rows
 
 # Noise of a flat, noiseless 8-bit image: rounding alone gives 1 / sqrt(12) = 0.29 grey levels;
 # JPEG-free cameras reach about 0.5.
@@ -45,18 +47,19 @@ _MIN_NOISE_GREY = 0.5
 _NOISE_MASK = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)
 _NOISE_MASK_NORM = 6.0
 _SIGMA_OVER_MEDIAN = 1.4826  # of the absolute value of a normal variable
-_NOISE_ROW_STEP = 4  # every fourth strip of rows is enough for two digits
+_NOISE_ROW_STEP = 6  # every sixth strip of rows is enough for two digits
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StripePoints:
-    """Marked points of one image, strongest first within nothing: in row order per filter.
+    """Marked points of one image, filter by filter, row by row.
 
     Attributes:
         rows: (N,) rows [px].
         columns: (N,) sub-pixel columns of the stripe's left edge [px].
         widths: (N,) widths of the stripe along the row [px].
         contrast: (N,) contrast of the weaker edge [grey levels].
+        counts: (N,) image rows each point stands for.
         slopes: (N,) du/dv of the edge from the grey-value gradient around the point.
         slope_std: (N,) its standard deviation by the image noise.
         continuity: (N,) share of the neighbouring rows in which the stripe goes on, 0 ... 1.
@@ -67,6 +70,7 @@ class StripePoints:
     columns: Array
     widths: Array
     contrast: Array
+    counts: Array
     slopes: Array
     slope_std: Array
     continuity: Array
@@ -114,21 +118,30 @@ def find_stripe_points(image: Image, config: ExtractionConfig) -> StripePoints:
             the filter that found it.
     """
     noise = noise_grey(image)
-    smooth = cv2.blur(image, (3, 3))
-    vertical = cv2.filter2D(smooth, cv2.CV_32F, np.array([[-0.5], [0.0], [0.5]], dtype=np.float32))
-    horizontal = cv2.filter2D(smooth, cv2.CV_32F, np.array([[-0.5, 0.0, 0.5]], dtype=np.float32))
     found = [_points_of_filter(image, length, noise, config) for length in _FILTER_LENGTHS_PX]
-    rows, columns, widths, contrast = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    nearest = np.rint(columns).astype(np.intp)
-    steepness = np.maximum(horizontal[rows, nearest], 1.0).astype(np.float64)
-    # Iso-grey direction: I_u du + I_v dv = 0. Either derivative is half the difference of two means
-    # of 9 pixels that are two apart, so 3 of each are shared: sigma * sqrt(12) / 18, about sigma / 5.
-    slopes = -vertical[rows, nearest].astype(np.float64) / steepness
-    slope_std = noise / 5.0 / steepness * np.sqrt(1.0 + slopes**2)
+    rows, columns, widths, contrast, counts = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    slopes, slope_std = _edge_directions(image, rows, columns, noise)
     continuity = _continuity(rows, columns, slopes, image.shape)
     return StripePoints(
-        rows.astype(np.float64), columns, widths, contrast, slopes, slope_std, continuity, noise
+        rows.astype(np.float64), columns, widths, contrast, counts, slopes, slope_std, continuity, noise
     )
+
+
+def _edge_directions(
+    image: Image, rows: npt.NDArray[np.intp], columns: Array, noise: float
+) -> tuple[Array, Array]:
+    """Return du/dv of the edges at the points, and its standard deviation."""
+    smooth = cv2.blur(image, (3, 3))
+    u = np.clip(np.rint(columns).astype(np.intp), 1, image.shape[1] - 2)
+    v = np.clip(rows, 1, image.shape[0] - 2)
+    # Twice the derivatives of the grey value.
+    across = smooth[v, u + 1].astype(np.float64) - smooth[v, u - 1]
+    down = smooth[v + 1, u].astype(np.float64) - smooth[v - 1, u]
+    steepness = np.maximum(across, 1.0)
+    # Iso-grey direction: I_u du + I_v dv = 0. Either difference is that of two means of 9 pixels, 3 of
+    # which they share: its noise is sigma * sqrt(12) / 9, about 0.4 sigma.
+    slopes = -down / steepness
+    return slopes, 0.4 * noise / steepness * np.sqrt(1.0 + slopes**2)
 
 
 def _continuity(rows: npt.NDArray[np.intp], columns: Array, slopes: Array, shape: tuple[int, ...]) -> Array:
@@ -146,30 +159,39 @@ def _continuity(rows: npt.NDArray[np.intp], columns: Array, slopes: Array, shape
 
 def _points_of_filter(
     image: Image, length: int, noise: float, config: ExtractionConfig
-) -> tuple[npt.NDArray[np.intp], Array, Array, Array]:
-    """Return rows, columns, widths and contrasts of the stripes 2 ... 4 filter lengths wide."""
-    response = edge_response(image, length)
-    width = response.shape[1]
-    narrowest, widest = 2 * length, 4 * length + 1
-    span = widest - narrowest + 1
-    # Strongest negative peak narrowest ... widest pixels to the right, as one running maximum.
-    strongest = cv2.dilate(-response, np.ones((1, span), np.uint8), anchor=(0, 0))
-    opposite = np.zeros_like(response)
-    opposite[:, : width - narrowest] = strongest[:, narrowest:]
-    peak = cv2.dilate(response, np.ones((1, 2 * length + 1), np.uint8))
+) -> tuple[npt.NDArray[np.intp], Array, Array, Array, Array]:
+    """Return rows, columns, widths, contrasts and row counts of the stripes 2 ... 4 filter lengths wide."""
+    row_step = 1 if length < _ALL_ROWS_BELOW_PX else 2
+    response = edge_response(image[::row_step], length)
     # Mean of length pixels minus mean of length pixels.
     threshold = max(_MIN_CONTRAST_GREY, config.min_contrast_sigma * noise * np.sqrt(2.0 / length))
-    weaker = np.minimum(response, opposite)
-    stronger = np.maximum(response, opposite)
-    mask = (response >= peak) & (weaker > threshold) & (weaker > _MIN_EDGE_RATIO * stronger)
-    mask[:, : length + 1] = False
-    mask[:, width - widest - 1 :] = False
-    rows, columns = np.nonzero(mask)
-    before, here, after = (response[rows, columns + shift] for shift in (-1, 0, 1))
+    narrowest, widest = 2 * length, 4 * length + 1
+    # From here on only pixels over the threshold are looked at, a few in a hundred.
+    strong = cv2.findNonZero(cv2.compare(response, threshold, cv2.CMP_GT))
+    # (N, 1, 2) in OpenCV 4, (N, 2) in OpenCV 5, None when there is nothing.
+    places = np.empty((0, 2), dtype=np.int32) if strong is None else strong.reshape(-1, 2)
+    columns, rows = places[:, 0].astype(np.intp), places[:, 1].astype(np.intp)
+    inside = (columns > length) & (columns < response.shape[1] - widest - 1)
+    rows, columns = rows[inside], columns[inside]
+    here = response[rows, columns]
+    for shift in range(1, length + 1):
+        peak = (here >= response[rows, columns - shift]) & (here >= response[rows, columns + shift])
+        rows, columns, here = rows[peak], columns[peak], here[peak]
+    # The strongest negative peak, narrowest ... widest pixels to the right.
+    falling = -response[rows[:, None], columns[:, None] + np.arange(narrowest, widest + 1)]
+    opposite = falling.max(axis=1, initial=0.0)
+    weaker, stronger = np.minimum(here, opposite), np.maximum(here, opposite)
+    stripe = (weaker > threshold) & (weaker > _MIN_EDGE_RATIO * stronger)
+    rows, columns, here, weaker = rows[stripe], columns[stripe], here[stripe], weaker[stripe]
+    widths = narrowest + np.argmax(falling[stripe], axis=1) if stripe.any() else np.empty(0)
+    before, after = response[rows, columns - 1], response[rows, columns + 1]
     # Parabola through three values: exact for a step edge averaged over a box-shaped pixel.
     curvature = np.minimum(before - 2.0 * here + after, -1e-6)
-    shift = np.clip(0.5 * (before - after) / curvature, -0.5, 0.5)
-    reach = columns[:, None] + np.arange(narrowest, widest + 1)
-    widths = narrowest + np.argmin(response[rows[:, None], reach], axis=1)
-    exact = columns.astype(np.float64) + shift.astype(np.float64)
-    return rows, exact, widths.astype(np.float64), weaker[rows, columns].astype(np.float64)
+    shift_px = np.clip(0.5 * (before - after) / curvature, -0.5, 0.5)
+    return (
+        rows * row_step,
+        columns.astype(np.float64) + shift_px,
+        np.asarray(widths, dtype=np.float64),
+        weaker.astype(np.float64),
+        np.full(len(rows), float(row_step)),
+    )

@@ -42,6 +42,10 @@ _MAX_VOTING_POINTS = 6000
 
 # Peaks kept for each sign of theta: own lane, neighbours' lanes, kerbs, shadows.
 PEAKS_PER_SIGN = 10
+# Lines with fewer votes are not looked at: a worn line (10 grey levels) of half the length of the
+# strongest has a tenth of its votes, and 40 rows of it have 5.
+_MIN_VOTE_SHARE = 0.04
+_MIN_VOTES = 2.0
 # Points this close to a peak are taken to be its line, and their votes are withdrawn before the
 # next peak is looked for: the half diagonal of a cell over the length of a line.
 _SUPPORT_PX = 6.0
@@ -55,6 +59,9 @@ _BLOCK_ROWS_MIN, _BLOCK_ROWS_MAX = 4, 24
 _MIN_PEAK_SIGMAS = 3.5  # one false peak in 2000 blocks
 _TUKEY = 4.685  # 95 % efficiency for normal residuals (Huber, Robust Statistics)
 _MIN_BLOCKS = 5  # two parameters, and enough left to estimate the residuals' spread
+_MAX_ITERATIONS, _SETTLED = 12, 1e-3  # of the reweighting, change of the residuals' spread
+_SINGULAR = 1e-12  # all points in one row
+_SIGMA_OVER_MAD = 1.4826
 _MIN_RESIDUAL_PX = 0.005  # rounding to 8 bits moves an edge of contrast 100 by this
 
 
@@ -81,7 +88,7 @@ def hough_peaks(points: StripePoints, shape: tuple[int, int]) -> tuple[list[Houg
         Lines that run to the left going down (theta > 0: left lane boundaries), and to the right.
     """
     centre_u, centre_v = (shape[1] - 1) / 2, (shape[0] - 1) / 2
-    vote = np.minimum(points.contrast / _FULL_VOTE_GREY, 1.0) * points.continuity
+    vote = np.minimum(points.contrast / _FULL_VOTE_GREY, 1.0) * points.continuity * points.counts
     strongest = np.argsort(-vote, kind="stable")[:_MAX_VOTING_POINTS]
     u, v = points.columns[strongest] - centre_u, points.rows[strongest] - centre_v
     theta = np.degrees(np.arctan(-points.slopes[strongest]))
@@ -97,16 +104,17 @@ def hough_peaks(points: StripePoints, shape: tuple[int, int]) -> tuple[list[Houg
     sides: tuple[list[HoughPeak], list[HoughPeak]] = ([], [])
     middle = _N_THETA // 2
     regions = (slice((middle + 1) * n_rho, _N_THETA * n_rho), slice(0, middle * n_rho))
+    strongest_votes = float(table[:-1].max(initial=0.0))
     for peaks, region in zip(sides, regions, strict=True):
         for _ in range(PEAKS_PER_SIGN):
             best = region.start + int(np.argmax(table[region]))
-            if table[best] <= 0.0:
+            if table[best] <= max(_MIN_VOTES, _MIN_VOTE_SHARE * strongest_votes):
                 break
             angle = math.radians(best // n_rho * _THETA_STEP_DEG - _THETA_MAX_DEG)
             rho = (best % n_rho - n_rho // 2) * _RHO_STEP_PX
             support = np.abs(u * math.cos(angle) + v * math.sin(angle) - rho) < _SUPPORT_PX
             support &= weights > 0.0
-            support &= np.any(cells == best, axis=0) | (np.abs(theta - math.degrees(angle)) <= half_width)
+            support &= np.abs(theta - math.degrees(angle)) <= half_width
             if not support.any():
                 table[best] = 0.0
                 continue
@@ -128,7 +136,7 @@ def hough_peaks(points: StripePoints, shape: tuple[int, int]) -> tuple[list[Houg
             table -= withdrawn
             weights = np.where(support, 0.0, weights)
             votes = np.broadcast_to(weights, cells.shape)
-            table[best] = 0.0
+            table[best] = 0.0  # rounding, or a point on the rim of the support
     return sides
 
 
@@ -245,21 +253,26 @@ def _robust_line(v: Array, u: Array, weights: Array) -> tuple[tuple[float, float
     Returns:
         (a, b), their covariance (2, 2), and the robust weights 0 ... 1; None when too few agree.
     """
-    design = np.column_stack([np.ones_like(v), v])
     relative = weights / weights.mean()
+    root = np.sqrt(relative)
     robust = np.ones_like(v)
     scale = 0.0
-    for _ in range(12):
+    for _ in range(_MAX_ITERATIONS):
         used = relative * robust
-        normal = design.T @ (design * used[:, None])
-        if np.linalg.matrix_rank(normal) < 2:
+        # Normal equations of two parameters, written out: this runs for every line of every frame.
+        s0, s1, s2 = float(used.sum()), float(used @ v), float(used @ (v * v))
+        t0, t1 = float(used @ u), float(used @ (v * u))
+        determinant = s0 * s2 - s1 * s1
+        if determinant <= _SINGULAR * s0 * s2:
             return None
-        solution = np.linalg.solve(normal, design.T @ (used * u))
+        a, b = (s2 * t0 - s1 * t1) / determinant, (s0 * t1 - s1 * t0) / determinant
         # Residuals in units of a point of mean weight.
-        residual = (u - design @ solution) * np.sqrt(relative)
-        scale = max(_MIN_RESIDUAL_PX, 1.4826 * float(np.median(np.abs(residual))))
+        residual = (u - a - b * v) * root
+        previous, scale = scale, max(_MIN_RESIDUAL_PX, _SIGMA_OVER_MAD * float(np.median(np.abs(residual))))
         robust = np.clip(1.0 - (residual / (_TUKEY * scale)) ** 2, 0.0, None) ** 2
+        if abs(scale - previous) <= _SETTLED * scale:
+            break
     if np.count_nonzero(robust) < _MIN_BLOCKS:
         return None
-    covariance: Array = scale**2 * np.linalg.inv(design.T @ (design * (relative * robust)[:, None]))
-    return (float(solution[0]), float(solution[1])), covariance, robust
+    covariance = scale**2 / determinant * np.array([[s2, -s1], [-s1, s0]])
+    return (a, b), covariance, robust
