@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,8 +15,15 @@ from .extrinsics import Extrinsics
 from .fitness import PatternFitness
 from .fusion import fuse
 from .genetic import GeneticResult, maximise
-from .lines import fit_line, hough_peaks
-from .matching import Candidate, match_lines, sample_pattern
+from .lines import fit_line, hough_peaks, refit_line
+from .matching import (
+    Candidate,
+    MatchedLines,
+    common_point,
+    first_sampled_row,
+    match_lines,
+    sample_pattern,
+)
 from .pattern import LanePattern
 from .results import CalibrationResult, Rejection, RejectReason, describe, rejected
 from .rig import StereoRig
@@ -26,6 +33,15 @@ Image = npt.NDArray[np.uint8]
 Candidates = tuple[list[Candidate], list[Candidate]]
 
 _PAPER_GRADIENT_PX = 1  # length of the paper's kernel [-1 0 1]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _View:
+    """What one camera sees: candidate lines by side, the gradient image and its noise."""
+
+    candidates: Candidates
+    response: npt.NDArray[np.float32]
+    noise_grey: float
 
 
 class Calibrator:
@@ -86,28 +102,31 @@ class Calibrator:
             stamp_s=self._accepted[-1].stamp_s,
             n_frames=len(frames),
         )
-        return replace(fused, message=_announce(fused))
+        return replace(fused, message=_announce(fused, len(self._accepted) - len(frames)))
 
     def _calibrate(self, left: Image, right: Image, stamp_s: float) -> CalibrationResult:
         """Run every stage on one frame."""
         refusal = checks.check_images(left, right, self.rig)
         if refusal:
             return rejected(refusal, stamp_s)
-        candidates = [self._find_lines(image) for image in (left, right)]
-        refusal = checks.check_lines_found(candidates, self.config)
+        views = [self._find_lines(image) for image in (left, right)]
+        refusal = checks.check_lines_found([view.candidates for view in views], self.config)
         if refusal:
             return rejected(refusal, stamp_s)
-        matched, n_matched = match_lines(candidates[0], candidates[1], self.rig, self.config)
-        refusal = checks.check_lines_matched(matched, n_matched)
-        if refusal or matched is None:
-            return rejected(refusal, stamp_s)  # type: ignore[arg-type]
-        pattern = sample_pattern(matched, self.rig, self.config)
+        matched, n_matched = match_lines(
+            views[0].candidates, views[1].candidates, (left, right), self.rig, self.config
+        )
+        if matched is None:
+            return rejected(checks.lines_not_matched(n_matched), stamp_s)
         refusal = checks.check_converging(matched)
         if refusal:
-            return rejected(refusal, stamp_s, pattern=pattern)
-        return self._solve(pattern, stamp_s)
+            return rejected(refusal, stamp_s, pattern=sample_pattern(matched, self.rig, self.config))
+        refined = self._refit(matched, views)
+        if refined is None:
+            return rejected(checks.lines_too_short(self.config), stamp_s)
+        return self._solve(sample_pattern(refined, self.rig, self.config), stamp_s)
 
-    def _find_lines(self, image: Image) -> Candidates:
+    def _find_lines(self, image: Image) -> _View:
         """Return the lines of one image: left lane boundaries, right lane boundaries."""
         points = find_stripe_points(image, self.config.extraction)
         response = edge_response(image, _PAPER_GRADIENT_PX)
@@ -115,7 +134,20 @@ class Calibrator:
         for peaks in hough_peaks(points, image.shape):
             lines = [(fit_line(response, peak, points.noise_grey), peak.votes) for peak in peaks]
             sides.append([Candidate(line, votes) for line, votes in lines if line is not None])
-        return sides[0], sides[1]
+        return _View((sides[0], sides[1]), response, points.noise_grey)
+
+    def _refit(self, matched: MatchedLines, views: list[_View]) -> MatchedLines | None:
+        """Fit the chosen lines again where they are sampled: below the vanishing point."""
+        first_row = first_sampled_row(matched.vanishing_point, self.rig, self.config)
+        lines = []
+        for view, pair in zip(views, (matched.left, matched.right), strict=True):
+            for line in pair:
+                refitted = refit_line(view.response, line, view.noise_grey, first_row)
+                if refitted is None or refitted.n_rows < self.config.extraction.min_line_rows:
+                    return None
+                lines.append(refitted)
+        point, distance = common_point(lines)
+        return MatchedLines((lines[0], lines[1]), (lines[2], lines[3]), point, distance)
 
     def _solve(self, pattern: LanePattern, stamp_s: float) -> CalibrationResult:
         """Find the extrinsics for a pattern, and judge them."""
@@ -176,9 +208,10 @@ def calibrate(
     return Calibrator(rig, replace(config or CalibratorConfig(), seed=seed)).add(left, right)
 
 
-def _announce(result: CalibrationResult) -> str:
+def _announce(result: CalibrationResult, n_outliers: int = 0) -> str:
     """Return the sentence of an accepted result."""
     if result.extrinsics is None or result.std is None:
         raise ValueError("only an accepted result can be announced")
     frames = "1 frame" if result.n_frames == 1 else f"{result.n_frames} frames"
-    return f"calibrated from {frames}: {describe(result.extrinsics, result.std)}"
+    aside = f" ({n_outliers} more set aside as outliers)" if n_outliers else ""
+    return f"calibrated from {frames}{aside}: {describe(result.extrinsics, result.std)}"

@@ -9,7 +9,6 @@ import numpy as np
 
 from .config import CalibratorConfig
 from .extrinsics import Extrinsics
-from .lines import PEAKS_PER_SIGN
 from .matching import Candidate, MatchedLines
 from .results import Rejection, RejectReason
 from .rig import StereoRig
@@ -95,18 +94,33 @@ def check_lines_found(
     return None
 
 
-def check_lines_matched(matched: MatchedLines | None, n_matched: tuple[int, int]) -> Rejection | None:
+def lines_not_matched(n_matched: tuple[int, int]) -> Rejection:
     """Refuse lines that the two cameras do not see alike."""
-    if matched is not None:
-        return None
+    if all(n_matched):
+        what = (
+            "no two of the lines both cameras see can bound one lane on a road rolled by less than search.*"
+        )
+    else:
+        what = "lane boundaries that both cameras see, of the two sides"
     return Rejection(
         RejectReason.LINES_NOT_MATCHED,
-        f"the cameras share {n_matched[0]} left and {n_matched[1]} right lane boundaries that can lie on a "
-        f"road, of {PEAKS_PER_SIGN} candidates a side; sides with any",
-        sum(n > 0 for n in n_matched),
+        what,
+        sum(n > 0 for n in n_matched) if not all(n_matched) else 0,
         2,
         "",
         f"check that left and right are not swapped and the images are rectified, and {_FIND_LINES}",
+    )
+
+
+def lines_too_short(config: CalibratorConfig) -> Rejection:
+    """Refuse lines of which too little lies below the vanishing point."""
+    return Rejection(
+        RejectReason.NO_LINES_FOUND,
+        "no two lines found: one of them is seen below the horizon in too few rows",
+        0,
+        config.extraction.min_line_rows,
+        "px",
+        _FIND_LINES,
     )
 
 

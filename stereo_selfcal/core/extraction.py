@@ -23,8 +23,8 @@ Image = npt.NDArray[np.uint8]
 # Half widths of the edge filters [px]; filter k finds stripes of 2k ... 4k + 1 pixels, so together
 # they cover 2 ... 65 px: a 15 cm line from 0.7 m under a 500 px camera to 40 m ahead.
 _FILTER_LENGTHS_PX = (1, 2, 4, 8, 16)
-# Wide stripes are near and long, so from this filter on every second row will do.
-_ALL_ROWS_BELOW_PX = 4
+# Wide stripes are near and long, so every second row will do.
+_ROW_STEPS = (1, 1, 2, 2, 2)
 
 # The weaker edge of a stripe has at least this share of the stronger one: paint lies on asphalt, so
 # that both sides are darker by about the same; a step (a shadow, a kerb, a verge) is no stripe.
@@ -98,14 +98,18 @@ def edge_response(image: Image, length_px: int) -> npt.NDArray[np.float32]:
     Returns:
         (H, W) float32; columns closer than ``length_px`` to the border are 0.
     """
-    kernel = np.zeros((1, 2 * length_px + 1), dtype=np.float32)
-    kernel[0, :length_px] = -1.0 / length_px
-    kernel[0, length_px + 1 :] = 1.0 / length_px
-    response = np.asarray(
-        cv2.filter2D(image, cv2.CV_32F, kernel, borderType=cv2.BORDER_REPLICATE), dtype=np.float32
-    )
-    response[:, :length_px] = 0.0
-    response[:, response.shape[1] - length_px :] = 0.0
+    width = image.shape[1]
+    response = np.zeros(image.shape, dtype=np.float32)
+    if width > 2 * length_px:
+        # means[u] covers u ... u + length - 1: a running sum, whose cost does not grow with its length.
+        means = cv2.boxFilter(
+            image, cv2.CV_32F, (length_px, 1), anchor=(0, 0), borderType=cv2.BORDER_REPLICATE
+        )
+        cv2.subtract(
+            means[:, length_px + 1 : width - length_px + 1],
+            means[:, : width - 2 * length_px],
+            dst=response[:, length_px : width - length_px],
+        )
     return response
 
 
@@ -118,7 +122,10 @@ def find_stripe_points(image: Image, config: ExtractionConfig) -> StripePoints:
             the filter that found it.
     """
     noise = noise_grey(image)
-    found = [_points_of_filter(image, length, noise, config) for length in _FILTER_LENGTHS_PX]
+    found = [
+        _points_of_filter(image, length, row_step, noise, config)
+        for length, row_step in zip(_FILTER_LENGTHS_PX, _ROW_STEPS, strict=True)
+    ]
     rows, columns, widths, contrast, counts = (np.concatenate(parts) for parts in zip(*found, strict=True))
     slopes, slope_std = _edge_directions(image, rows, columns, noise)
     continuity = _continuity(rows, columns, slopes, image.shape)
@@ -158,10 +165,9 @@ def _continuity(rows: npt.NDArray[np.intp], columns: Array, slopes: Array, shape
 
 
 def _points_of_filter(
-    image: Image, length: int, noise: float, config: ExtractionConfig
+    image: Image, length: int, row_step: int, noise: float, config: ExtractionConfig
 ) -> tuple[npt.NDArray[np.intp], Array, Array, Array, Array]:
     """Return rows, columns, widths, contrasts and row counts of the stripes 2 ... 4 filter lengths wide."""
-    row_step = 1 if length < _ALL_ROWS_BELOW_PX else 2
     response = edge_response(image[::row_step], length)
     # Mean of length pixels minus mean of length pixels.
     threshold = max(_MIN_CONTRAST_GREY, config.min_contrast_sigma * noise * np.sqrt(2.0 / length))
@@ -174,8 +180,10 @@ def _points_of_filter(
     inside = (columns > length) & (columns < response.shape[1] - widest - 1)
     rows, columns = rows[inside], columns[inside]
     here = response[rows, columns]
-    for shift in range(1, length + 1):
-        peak = (here >= response[rows, columns - shift]) & (here >= response[rows, columns + shift])
+    # Local maximum: cheaply among the next pixels first, then over the length of the filter.
+    for reach in (1, length):
+        around = columns[:, None] + np.arange(-reach, reach + 1)
+        peak = here >= response[rows[:, None], around].max(axis=1, initial=-np.inf)
         rows, columns, here = rows[peak], columns[peak], here[peak]
     # The strongest negative peak, narrowest ... widest pixels to the right.
     falling = -response[rows[:, None], columns[:, None] + np.arange(narrowest, widest + 1)]

@@ -30,6 +30,7 @@ _RHO_STEP_PX = 4.0
 # the measured direction, but at least within this, for a direction from 3 x 3 pixels of a
 # stripe a few pixels wide is that much off by its other edge (measured on rendered lines).
 _MIN_VOTE_HALF_WIDTH_DEG = 8.0
+_MAX_VOTE_HALF_WIDTH_DEG = 40.0  # half the accumulator: beyond, a point says nothing
 _VOTE_SIGMAS = 3.0
 
 # Contrast beyond this makes no better line: a quarter of the grey levels (the paper's stripes
@@ -50,16 +51,17 @@ _MIN_VOTES = 2.0
 # next peak is looked for: the half diagonal of a cell over the length of a line.
 _SUPPORT_PX = 6.0
 
-# Fit: half width of the search [px] in its passes: first the Hough cell (4 px and 1 degree over
-# the length of the line), then around the fitted line.
-_SEARCH_HALF_WIDTHS_PX = (7, 4, 3)
+# Half width of the search for the edge [px] in the passes of a fit: first the Hough cell (4 px and
+# 1 degree over the length of the line), then around the fitted line.
+_COARSE_HALF_WIDTHS_PX = (7, 4)
+_FINE_HALF_WIDTHS_PX = (3,)
 # A block of rows has as many as bring its edge to this many standard deviations over the noise.
 _BLOCK_SIGMAS = 6.0
 _BLOCK_ROWS_MIN, _BLOCK_ROWS_MAX = 4, 24
 _MIN_PEAK_SIGMAS = 3.5  # one false peak in 2000 blocks
 _TUKEY = 4.685  # 95 % efficiency for normal residuals (Huber, Robust Statistics)
 _MIN_BLOCKS = 5  # two parameters, and enough left to estimate the residuals' spread
-_MAX_ITERATIONS, _SETTLED = 12, 1e-3  # of the reweighting, change of the residuals' spread
+_MAX_ITERATIONS, _SETTLED = 8, 1e-2  # of the reweighting, change of the residuals' spread
 _SINGULAR = 1e-12  # all points in one row
 _SIGMA_OVER_MAD = 1.4826
 _MIN_RESIDUAL_PX = 0.005  # rounding to 8 bits moves an edge of contrast 100 by this
@@ -93,18 +95,16 @@ def hough_peaks(points: StripePoints, shape: tuple[int, int]) -> tuple[list[Houg
     u, v = points.columns[strongest] - centre_u, points.rows[strongest] - centre_v
     theta = np.degrees(np.arctan(-points.slopes[strongest]))
     spread = np.degrees(points.slope_std[strongest] / (1.0 + points.slopes[strongest] ** 2))
-    half_width = np.maximum(_MIN_VOTE_HALF_WIDTH_DEG, _VOTE_SIGMAS * spread)
+    half_width = np.clip(_VOTE_SIGMAS * spread, _MIN_VOTE_HALF_WIDTH_DEG, _MAX_VOTE_HALF_WIDTH_DEG)
     n_rho = 2 * math.ceil(math.hypot(*shape) / 2 / _RHO_STEP_PX) + 3
-    cells = _cells(u, v, theta, half_width, n_rho)
+    cells, owner = _cells(u, v, theta, half_width, n_rho)
     weights = vote[strongest]
-    votes = np.broadcast_to(weights, cells.shape)
-    # One cell more than the table takes the votes outside of a point's slopes.
-    table = np.bincount(cells.ravel(), votes.ravel(), minlength=_N_THETA * n_rho + 1)
+    table = np.bincount(cells, weights[owner], minlength=_N_THETA * n_rho)
 
     sides: tuple[list[HoughPeak], list[HoughPeak]] = ([], [])
     middle = _N_THETA // 2
     regions = (slice((middle + 1) * n_rho, _N_THETA * n_rho), slice(0, middle * n_rho))
-    strongest_votes = float(table[:-1].max(initial=0.0))
+    strongest_votes = float(table.max(initial=0.0))
     for peaks, region in zip(sides, regions, strict=True):
         for _ in range(PEAKS_PER_SIGN):
             best = region.start + int(np.argmax(table[region]))
@@ -130,53 +130,68 @@ def hough_peaks(points: StripePoints, shape: tuple[int, int]) -> tuple[list[Houg
                     width_px=float(np.median(points.widths[chosen])),
                 )
             )
-            withdrawn = np.bincount(
-                cells[:, support].ravel(), votes[:, support].ravel(), minlength=table.size
-            )
-            table -= withdrawn
-            weights = np.where(support, 0.0, weights)
-            votes = np.broadcast_to(weights, cells.shape)
-            table[best] = 0.0  # rounding, or a point on the rim of the support
+            withdrawn = support[owner]
+            table -= np.bincount(cells[withdrawn], weights[owner[withdrawn]], minlength=table.size)
+            weights[support] = 0.0
+            table[best] = 0.0  # what rounding left, or points on the rim of the support
     return sides
 
 
-def _cells(u: Array, v: Array, theta: Array, half_width: Array, n_rho: int) -> npt.NDArray[np.intp]:
-    """Return the cells each point votes for, (K, N); the last cell of the table stands for none."""
+def _cells(
+    u: Array, v: Array, theta: Array, half_width: Array, n_rho: int
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Return the cells that get votes, (M,), and which point each vote is of, (M,)."""
     nearest = np.rint((theta + _THETA_MAX_DEG) / _THETA_STEP_DEG).astype(np.intp)
-    reach = np.minimum(half_width / _THETA_STEP_DEG, _N_THETA).astype(np.intp)
-    shifts = np.arange(-int(reach.max(initial=0)), int(reach.max(initial=0)) + 1)[:, None]
-    cell = nearest + shifts
-    voting = (np.abs(shifts) <= reach) & (cell >= 0) & (cell < _N_THETA)
+    reach = (half_width / _THETA_STEP_DEG).astype(np.intp)
+    n_votes = 2 * reach + 1
+    owner = np.repeat(np.arange(len(u)), n_votes)
+    first = np.cumsum(n_votes) - n_votes
+    column = nearest[owner] - reach[owner] + np.arange(len(owner)) - first[owner]
+    inside = (column >= 0) & (column < _N_THETA)
+    column, owner = column[inside], owner[inside]
     angles = np.radians(np.arange(_N_THETA) * _THETA_STEP_DEG - _THETA_MAX_DEG)
-    column = np.clip(cell, 0, _N_THETA - 1)
-    rho = u * np.cos(angles)[column] + v * np.sin(angles)[column]
-    index = column * n_rho + np.rint(rho / _RHO_STEP_PX).astype(np.intp) + n_rho // 2
-    return np.where(voting, index, _N_THETA * n_rho)
+    rho = u[owner] * np.cos(angles)[column] + v[owner] * np.sin(angles)[column]
+    return column * n_rho + np.rint(rho / _RHO_STEP_PX).astype(np.intp) + n_rho // 2, owner
 
 
-def fit_line(response: Response, peak: HoughPeak, noise: float, first_row: float = 0.0) -> ImageLine | None:
-    """Fit a straight line to the left edge of a stripe, to sub-pixel accuracy.
+def fit_line(response: Response, peak: HoughPeak, noise: float) -> ImageLine | None:
+    """Fit a straight line to the left edge of a stripe.
 
     Args:
         response: (H, W) gradient of the image by the paper's kernel [-1 0 1].
         peak: Where to look.
         noise: Standard deviation of the image noise [grey levels].
-        first_row: Rows above this are left out [px].
 
     Returns:
         The line, or None when too little of it can be measured.
     """
-    n_rows = round(
-        np.clip(
-            (_BLOCK_SIGMAS * noise * math.sqrt(2.0) / peak.contrast) ** 2, _BLOCK_ROWS_MIN, _BLOCK_ROWS_MAX
-        )
-    )
-    v_mid, u_mid, slope = peak.v_mid, peak.u_mid, peak.slope
-    covariance = np.zeros((2, 2))
-    rows = columns = strength = np.empty(0)
-    for half_width in _SEARCH_HALF_WIDTHS_PX:
+    start = (peak.u_mid, peak.slope, peak.v_mid)
+    return _fit(response, start, noise, 0, _COARSE_HALF_WIDTHS_PX, peak.width_px, peak.contrast)
+
+
+def refit_line(response: Response, line: ImageLine, noise: float, first_row: float) -> ImageLine | None:
+    """Fit a line again, close by and below ``first_row`` only: nothing above is road."""
+    start = (line.u_mid, line.slope, line.v_mid)
+    row = max(0, math.ceil(first_row))
+    return _fit(response, start, noise, row, _FINE_HALF_WIDTHS_PX, line.width_px, line.contrast)
+
+
+def _fit(
+    response: Response,
+    start: tuple[float, float, float],
+    noise: float,
+    first_row: int,
+    half_widths: tuple[int, ...],
+    width_px: float,
+    contrast: float,
+) -> ImageLine | None:
+    """Measure the edge along a line and fit a line to it, in one pass per half width."""
+    noise_over_contrast = noise * math.sqrt(2.0) / contrast
+    n_rows = round(np.clip((_BLOCK_SIGMAS * noise_over_contrast) ** 2, _BLOCK_ROWS_MIN, _BLOCK_ROWS_MAX))
+    u_mid, slope, v_mid = start
+    for half_width in half_widths:
         rows, offsets, strength = _measure(
-            response, (u_mid, slope, v_mid), n_rows, half_width, noise, math.ceil(first_row)
+            response, (u_mid, slope, v_mid), n_rows, half_width, noise, first_row
         )
         if len(rows) < _MIN_BLOCKS:
             return None
@@ -186,19 +201,19 @@ def fit_line(response: Response, peak: HoughPeak, noise: float, first_row: float
         if fitted is None:
             return None
         (u_mid, slope), covariance, robust = fitted
-        keep = robust > 0.0
-        rows, columns, strength = rows[keep], columns[keep], (strength * robust)[keep]
+    keep = robust > 0.0
+    used = strength[keep] * robust[keep]
     return ImageLine(
-        u_mid,
-        slope,
-        v_mid,
-        covariance,
-        rows,
-        columns,
-        strength / strength.mean(),
-        n_rows * len(rows),
-        peak.width_px,
-        peak.contrast,
+        u_mid=u_mid,
+        slope=slope,
+        v_mid=v_mid,
+        covariance=covariance,
+        rows=rows[keep],
+        columns=columns[keep],
+        weights=used / used.mean(),
+        n_rows=n_rows * int(np.count_nonzero(keep)),
+        width_px=width_px,
+        contrast=contrast,
     )
 
 

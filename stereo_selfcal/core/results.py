@@ -115,6 +115,6 @@ def describe(extrinsics: Extrinsics, std: Extrinsics) -> str:
     """Return the sentence that announces a calibration."""
     return (
         f"height {extrinsics.height_m:.4f} m (std {std.height_m * 1e3:.1f} mm), "
-        f"pitch {math.degrees(extrinsics.pitch_rad):+.3f} deg (std {math.degrees(std.pitch_rad):.3f}), "
-        f"roll {math.degrees(extrinsics.roll_rad):+.3f} deg (std {math.degrees(std.roll_rad):.3f})"
+        f"pitch {math.degrees(extrinsics.pitch_rad):+.4f} deg (std {math.degrees(std.pitch_rad):.4f}), "
+        f"roll {math.degrees(extrinsics.roll_rad):+.4f} deg (std {math.degrees(std.roll_rad):.4f})"
     )
