@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from . import checks
 from .config import CalibratorConfig
-from .extraction import edge_response, find_stripe_points
+from .extraction import Response, find_stripe_points
 from .extrinsics import Extrinsics
 from .fitness import PatternFitness
 from .fusion import fuse
@@ -32,15 +32,13 @@ from .uncertainty import lane_curvature, propagate
 Image = npt.NDArray[np.uint8]
 Candidates = tuple[list[Candidate], list[Candidate]]
 
-_PAPER_GRADIENT_PX = 1  # length of the paper's kernel [-1 0 1]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _View:
     """What one camera sees: candidate lines by side, the gradient image and its noise."""
 
     candidates: Candidates
-    response: npt.NDArray[np.float32]
+    gradient: Response
     noise_grey: float
 
 
@@ -129,12 +127,11 @@ class Calibrator:
     def _find_lines(self, image: Image) -> _View:
         """Return the lines of one image: left lane boundaries, right lane boundaries."""
         points = find_stripe_points(image, self.config.extraction)
-        response = edge_response(image, _PAPER_GRADIENT_PX)
         sides = []
         for peaks in hough_peaks(points, image.shape):
-            lines = [(fit_line(response, peak, points.noise_grey), peak.votes) for peak in peaks]
+            lines = [(fit_line(points.gradient, peak, points.noise_grey), peak.votes) for peak in peaks]
             sides.append([Candidate(line, votes) for line, votes in lines if line is not None])
-        return _View((sides[0], sides[1]), response, points.noise_grey)
+        return _View((sides[0], sides[1]), points.gradient, points.noise_grey)
 
     def _refit(self, matched: MatchedLines, views: list[_View]) -> MatchedLines | None:
         """Fit the chosen lines again where they are sampled: below the vanishing point."""
@@ -142,7 +139,7 @@ class Calibrator:
         lines = []
         for view, pair in zip(views, (matched.left, matched.right), strict=True):
             for line in pair:
-                refitted = refit_line(view.response, line, view.noise_grey, first_row)
+                refitted = refit_line(view.gradient, line, view.noise_grey, first_row)
                 if refitted is None or refitted.n_rows < self.config.extraction.min_line_rows:
                     return None
                 lines.append(refitted)

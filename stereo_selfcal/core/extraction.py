@@ -19,6 +19,7 @@ from .config import ExtractionConfig
 from .extrinsics import Array
 
 Image = npt.NDArray[np.uint8]
+Response = npt.NDArray[np.float32]
 
 # Half widths of the edge filters [px]; filter k finds stripes of 2k ... 4k + 1 pixels, so together
 # they cover 2 ... 65 px: a 15 cm line from 0.7 m under a 500 px camera to 40 m ahead.
@@ -42,12 +43,14 @@ _CONTINUITY_REACH_PX = 1  # on either side: a direction off by 0.25 over four ro
 # JPEG-free cameras reach about 0.5.
 _MIN_NOISE_GREY = 0.5
 
+_PAPER_KERNEL = np.array([[-1.0, 0.0, 1.0]], dtype=np.float32)
+
 # J. Immerkaer, "Fast noise variance estimation", CVIU 64 (1996): this mask has no
 # response to planes, and an L2 norm of 6.
 _NOISE_MASK = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)
 _NOISE_MASK_NORM = 6.0
 _SIGMA_OVER_MEDIAN = 1.4826  # of the absolute value of a normal variable
-_NOISE_ROW_STEP = 6  # every sixth strip of rows is enough for two digits
+_NOISE_ROW_STEP = 10  # every tenth strip of three rows is enough for two digits
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,6 +67,7 @@ class StripePoints:
         slope_std: (N,) its standard deviation by the image noise.
         continuity: (N,) share of the neighbouring rows in which the stripe goes on, 0 ... 1.
         noise_grey: Standard deviation of the image noise [grey levels].
+        gradient: (H, W) gradient by the paper's kernel, which the lines are measured in.
     """
 
     rows: Array
@@ -75,6 +79,7 @@ class StripePoints:
     slope_std: Array
     continuity: Array
     noise_grey: float
+    gradient: Response
 
 
 def noise_grey(image: Image) -> float:
@@ -90,7 +95,7 @@ def noise_grey(image: Image) -> float:
     return max(_MIN_NOISE_GREY, _SIGMA_OVER_MEDIAN * median / _NOISE_MASK_NORM)
 
 
-def edge_response(image: Image, length_px: int) -> npt.NDArray[np.float32]:
+def edge_response(image: Image, length_px: int) -> Response:
     """Return the mean of ``length_px`` pixels right of each pixel minus the mean left of it.
 
     ``length_px`` = 1 is the paper's kernel [-1 0 1].
@@ -99,6 +104,10 @@ def edge_response(image: Image, length_px: int) -> npt.NDArray[np.float32]:
         (H, W) float32; columns closer than ``length_px`` to the border are 0.
     """
     width = image.shape[1]
+    if length_px == 1:
+        response = np.asarray(cv2.filter2D(image, cv2.CV_32F, _PAPER_KERNEL), dtype=np.float32)
+        response[:, [0, -1]] = 0.0
+        return response
     response = np.zeros(image.shape, dtype=np.float32)
     if width > 2 * length_px:
         # means[u] covers u ... u + length - 1: a running sum, whose cost does not grow with its length.
@@ -122,15 +131,31 @@ def find_stripe_points(image: Image, config: ExtractionConfig) -> StripePoints:
             the filter that found it.
     """
     noise = noise_grey(image)
+    gradient = edge_response(image, 1)
     found = [
-        _points_of_filter(image, length, row_step, noise, config)
+        _points_of_response(
+            gradient if length == 1 else edge_response(image[::row_step], length),
+            length,
+            row_step,
+            noise,
+            config,
+        )
         for length, row_step in zip(_FILTER_LENGTHS_PX, _ROW_STEPS, strict=True)
     ]
     rows, columns, widths, contrast, counts = (np.concatenate(parts) for parts in zip(*found, strict=True))
     slopes, slope_std = _edge_directions(image, rows, columns, noise)
     continuity = _continuity(rows, columns, slopes, image.shape)
     return StripePoints(
-        rows.astype(np.float64), columns, widths, contrast, counts, slopes, slope_std, continuity, noise
+        rows.astype(np.float64),
+        columns,
+        widths,
+        contrast,
+        counts,
+        slopes,
+        slope_std,
+        continuity,
+        noise,
+        gradient,
     )
 
 
@@ -164,11 +189,10 @@ def _continuity(rows: npt.NDArray[np.intp], columns: Array, slopes: Array, shape
     return found / len(_CONTINUITY_ROWS)
 
 
-def _points_of_filter(
-    image: Image, length: int, row_step: int, noise: float, config: ExtractionConfig
+def _points_of_response(
+    response: Response, length: int, row_step: int, noise: float, config: ExtractionConfig
 ) -> tuple[npt.NDArray[np.intp], Array, Array, Array, Array]:
     """Return rows, columns, widths, contrasts and row counts of the stripes 2 ... 4 filter lengths wide."""
-    response = edge_response(image[::row_step], length)
     # Mean of length pixels minus mean of length pixels.
     threshold = max(_MIN_CONTRAST_GREY, config.min_contrast_sigma * noise * np.sqrt(2.0 / length))
     narrowest, widest = 2 * length, 4 * length + 1
@@ -180,9 +204,11 @@ def _points_of_filter(
     inside = (columns > length) & (columns < response.shape[1] - widest - 1)
     rows, columns = rows[inside], columns[inside]
     here = response[rows, columns]
-    # Local maximum: cheaply among the next pixels first, then over the length of the filter.
-    for reach in (1, length):
-        around = columns[:, None] + np.arange(-reach, reach + 1)
+    # Local maximum: among the next pixels first, which leaves few, then over the length of the filter.
+    peak = (here >= response[rows, columns - 1]) & (here >= response[rows, columns + 1])
+    rows, columns, here = rows[peak], columns[peak], here[peak]
+    if length > 1:
+        around = columns[:, None] + np.arange(-length, length + 1)
         peak = here >= response[rows[:, None], around].max(axis=1, initial=-np.inf)
         rows, columns, here = rows[peak], columns[peak], here[peak]
     # The strongest negative peak, narrowest ... widest pixels to the right.

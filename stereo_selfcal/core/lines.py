@@ -14,11 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .extraction import StripePoints
+from .extraction import Response, StripePoints
 from .extrinsics import Array
 from .pattern import ImageLine
-
-Response = npt.NDArray[np.float32]
 
 _THETA_STEP_DEG = 1.0
 # A row-wise gradient sees no line flatter than this; it also bounds du/dv to +-5.7.
@@ -217,6 +215,12 @@ def _fit(
     )
 
 
+def _median(values: Array) -> float:
+    """Return the upper median; np.median spends more time on its checks than on 60 values."""
+    middle = len(values) // 2
+    return float(np.partition(values, middle)[middle])
+
+
 def _measure(
     response: Response,
     line: tuple[float, float, float],
@@ -283,7 +287,7 @@ def _robust_line(v: Array, u: Array, weights: Array) -> tuple[tuple[float, float
         a, b = (s2 * t0 - s1 * t1) / determinant, (s0 * t1 - s1 * t0) / determinant
         # Residuals in units of a point of mean weight.
         residual = (u - a - b * v) * root
-        previous, scale = scale, max(_MIN_RESIDUAL_PX, _SIGMA_OVER_MAD * float(np.median(np.abs(residual))))
+        previous, scale = scale, max(_MIN_RESIDUAL_PX, _SIGMA_OVER_MAD * _median(np.abs(residual)))
         robust = np.clip(1.0 - (residual / (_TUKEY * scale)) ** 2, 0.0, None) ** 2
         if abs(scale - previous) <= _SETTLED * scale:
             break
