@@ -42,6 +42,14 @@ class _View:
     noise_grey: float
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Refused:
+    """Why a frame has no pattern, and the lines that were found all the same, for a picture."""
+
+    rejection: Rejection
+    pattern: LanePattern | None = None
+
+
 class Calibrator:
     """Stateful calibrator of one rig: add frames, read the fused estimate.
 
@@ -104,25 +112,40 @@ class Calibrator:
 
     def _calibrate(self, left: Image, right: Image, stamp_s: float) -> CalibrationResult:
         """Run every stage on one frame."""
+        pattern = self.extract(left, right)
+        if isinstance(pattern, Refused):
+            return rejected(pattern.rejection, stamp_s, pattern=pattern.pattern)
+        return self._solve(pattern, stamp_s)
+
+    def extract(self, left: Image, right: Image) -> LanePattern | Refused:
+        """Extract the calibration pattern of one frame (paper section 2.2).
+
+        Args:
+            left: (H, W) uint8 rectified image of the left camera.
+            right: The same of the right camera.
+
+        Returns:
+            The two lane boundaries in both images, sampled; or why there are none.
+        """
         refusal = checks.check_images(left, right, self.rig)
         if refusal:
-            return rejected(refusal, stamp_s)
+            return Refused(refusal)
         views = [self._find_lines(image) for image in (left, right)]
         refusal = checks.check_lines_found([view.candidates for view in views], self.config)
         if refusal:
-            return rejected(refusal, stamp_s)
+            return Refused(refusal)
         matched, n_matched = match_lines(
             views[0].candidates, views[1].candidates, (left, right), self.rig, self.config
         )
         if matched is None:
-            return rejected(checks.lines_not_matched(n_matched), stamp_s)
+            return Refused(checks.lines_not_matched(n_matched))
         refusal = checks.check_converging(matched)
         if refusal:
-            return rejected(refusal, stamp_s, pattern=sample_pattern(matched, self.rig, self.config))
+            return Refused(refusal, sample_pattern(matched, self.rig, self.config))
         refined = self._refit(matched, views)
         if refined is None:
-            return rejected(checks.lines_too_short(self.config), stamp_s)
-        return self._solve(sample_pattern(refined, self.rig, self.config), stamp_s)
+            return Refused(checks.lines_too_short(self.config))
+        return sample_pattern(refined, self.rig, self.config)
 
     def _find_lines(self, image: Image) -> _View:
         """Return the lines of one image: left lane boundaries, right lane boundaries."""
