@@ -19,7 +19,6 @@ from .lines import fit_line, hough_peaks, refit_line
 from .matching import (
     Candidate,
     MatchedLines,
-    common_point,
     first_sampled_row,
     match_lines,
     sample_pattern,
@@ -134,18 +133,19 @@ class Calibrator:
         refusal = checks.check_lines_found([view.candidates for view in views], self.config)
         if refusal:
             return Refused(refusal)
-        matched, n_matched = match_lines(
+        pairs, n_matched = match_lines(
             views[0].candidates, views[1].candidates, (left, right), self.rig, self.config
         )
-        if matched is None:
+        if not pairs:
             return Refused(checks.lines_not_matched(n_matched))
-        refusal = checks.check_converging(matched)
-        if refusal:
-            return Refused(refusal, sample_pattern(matched, self.rig, self.config))
-        refined = self._refit(matched, views)
-        if refined is None:
+        refusals = [checks.check_converging(pair) for pair in pairs]
+        converging = [pair for pair, refusal in zip(pairs, refusals, strict=True) if refusal is None]
+        if refusals[0] is not None and not converging:
+            return Refused(refusals[0], sample_pattern(pairs[0], self.rig, self.config))
+        refined = [refit for pair in converging if (refit := self._refit(pair, views)) is not None]
+        if not refined:
             return Refused(checks.lines_too_short(self.config))
-        return sample_pattern(refined, self.rig, self.config)
+        return sample_pattern(max(refined, key=lambda pair: pair.score), self.rig, self.config)
 
     def _find_lines(self, image: Image) -> _View:
         """Return the lines of one image: left lane boundaries, right lane boundaries."""
@@ -166,8 +166,7 @@ class Calibrator:
                 if refitted is None or refitted.n_rows < self.config.extraction.min_line_rows:
                     return None
                 lines.append(refitted)
-        point, distance = common_point(lines)
-        return MatchedLines((lines[0], lines[1]), (lines[2], lines[3]), point, distance)
+        return MatchedLines.of(lines, matched.votes)
 
     def _solve(self, pattern: LanePattern, stamp_s: float) -> CalibrationResult:
         """Find the extrinsics for a pattern, and judge them."""

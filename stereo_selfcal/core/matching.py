@@ -9,6 +9,7 @@ baseline over the height: this bounds what can be a line on the road at all.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -24,6 +25,10 @@ from .rig import StereoRig
 # Four lines that miss their common point by this (RMS along the row) count half. Lines are fitted
 # to about a tenth of a pixel, and to a few tenths when extrapolated beyond their last dash.
 _HALF_CREDIT_PX = 0.3
+
+# Pairs of boundaries that get the closer fit: a lane line, the kerb beside it and the line of the
+# next lane, on either side, make nine; more than five have never been near each other in score.
+_MAX_PAIRS = 5
 
 # Both cameras see one stripe: in the same rows, as wide, and as bright up to their gains, which
 # an automatic exposure keeps within 0.8 ... 1.25 of each other.
@@ -65,19 +70,32 @@ class _Match:
 
 @dataclass(frozen=True, slots=True)
 class MatchedLines:
-    """The two lane boundaries of both cameras, and the point they share.
+    """Two lane boundaries as seen by both cameras, and the point they share.
 
     Attributes:
         left: Left and right lane boundary in the left camera.
         right: The same two in the right camera.
+        votes: Votes of the four lines, weighted by how alike the cameras see each boundary.
         vanishing_point: (2,) column, row [px].
         concurrency_px: Root mean square distance along the row of the four lines from it [px].
     """
 
     left: tuple[ImageLine, ImageLine]
     right: tuple[ImageLine, ImageLine]
+    votes: float
     vanishing_point: Array
     concurrency_px: float
+
+    @classmethod
+    def of(cls, lines: Sequence[ImageLine], votes: float) -> MatchedLines:
+        """Build from left and right boundary in the left camera, then in the right camera."""
+        point, distance = common_point(lines)
+        return cls((lines[0], lines[1]), (lines[2], lines[3]), votes, point, distance)
+
+    @property
+    def score(self) -> float:
+        """What the choice among several goes by: many votes, little distance from one point."""
+        return self.votes / (1.0 + (self.concurrency_px / _HALF_CREDIT_PX) ** 2)
 
 
 def match_lines(
@@ -86,8 +104,8 @@ def match_lines(
     images: tuple[Image, Image],
     rig: StereoRig,
     config: CalibratorConfig,
-) -> tuple[MatchedLines | None, tuple[int, int]]:
-    """Choose the two lane boundaries with the most votes among all that both cameras see alike.
+) -> tuple[list[MatchedLines], tuple[int, int]]:
+    """Pair the lines that both cameras see alike to lane boundaries.
 
     Args:
         left: Candidates of the left camera: left boundaries, right boundaries.
@@ -97,25 +115,19 @@ def match_lines(
         config: Its search box bounds the growth of the disparity.
 
     Returns:
-        The best four lines, or None; and how many left and right boundaries could be matched at all.
+        The most promising pairs of boundaries, best first, for a closer fit; and how many left and
+        right boundaries both cameras see at all.
     """
     boundaries = [_matches(left[i], right[i], images, rig, config) for i in range(2)]
-    best: MatchedLines | None = None
-    best_score = 0.0
+    found = []
     for first, second in product(*boundaries):
-        if not _roll_possible(first, second, rig, config):
-            continue
-        candidates = (first.left, first.right, second.left, second.right)
-        point, distance = common_point([candidate.line for candidate in candidates])
-        score = first.similarity * (first.left.votes + first.right.votes)
-        score += second.similarity * (second.left.votes + second.right.votes)
-        score /= 1.0 + (distance / _HALF_CREDIT_PX) ** 2
-        if score > best_score:
-            best_score = score
-            best = MatchedLines(
-                (first.left.line, second.left.line), (first.right.line, second.right.line), point, distance
-            )
-    return best, (len(boundaries[0]), len(boundaries[1]))
+        if _roll_possible(first, second, rig, config):
+            lines = [first.left.line, second.left.line, first.right.line, second.right.line]
+            votes = sum(m.similarity * (m.left.votes + m.right.votes) for m in (first, second))
+            found.append(MatchedLines.of(lines, votes))
+    # Only an order: these fits still take in what lies above the road.
+    found.sort(key=lambda lines: -lines.score)
+    return found[:_MAX_PAIRS], (len(boundaries[0]), len(boundaries[1]))
 
 
 def _matches(
@@ -208,7 +220,7 @@ def _overlap(a: Array, b: Array) -> float:
     return float(common / (max(a.max(), b.max()) - min(a.min(), b.min())))
 
 
-def common_point(lines: list[ImageLine]) -> tuple[Array, float]:
+def common_point(lines: Sequence[ImageLine]) -> tuple[Array, float]:
     """Return the point nearest to all lines (column, row), and their RMS distance along the row [px]."""
     # u - slope v = u_mid - slope v_mid for every line, least squares.
     slopes = np.array([line.slope for line in lines])
