@@ -43,7 +43,8 @@ _CONTINUITY_REACH_PX = 1  # on either side: a direction off by 0.25 over four ro
 # JPEG-free cameras reach about 0.5.
 _MIN_NOISE_GREY = 0.5
 
-_PAPER_KERNEL = np.array([[-1.0, 0.0, 1.0]], dtype=np.float32)
+# Up to here a convolution is faster than running sums (0.14 against 0.28 ms on 640 x 480).
+_CONVOLVED_UP_TO_PX = 2
 
 # J. Immerkaer, "Fast noise variance estimation", CVIU 64 (1996): this mask has no
 # response to planes, and an L2 norm of 6.
@@ -104,9 +105,12 @@ def edge_response(image: Image, length_px: int) -> Response:
         (H, W) float32; columns closer than ``length_px`` to the border are 0.
     """
     width = image.shape[1]
-    if length_px == 1:
-        response = np.asarray(cv2.filter2D(image, cv2.CV_32F, _PAPER_KERNEL), dtype=np.float32)
-        response[:, [0, -1]] = 0.0
+    if length_px <= _CONVOLVED_UP_TO_PX:
+        half = np.full((1, length_px), 1.0 / length_px, dtype=np.float32)
+        kernel = np.concatenate([-half, np.zeros((1, 1), dtype=np.float32), half], axis=1)
+        response = np.asarray(cv2.filter2D(image, cv2.CV_32F, kernel), dtype=np.float32)
+        response[:, :length_px] = 0.0
+        response[:, -length_px:] = 0.0
         return response
     response = np.zeros(image.shape, dtype=np.float32)
     if width > 2 * length_px:
