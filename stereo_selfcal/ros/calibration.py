@@ -51,6 +51,10 @@ class FrameSource(Protocol):
         """Counts so far."""
 
     @property
+    def stopped(self) -> bool:
+        """Whether the node shuts down: no frames will come any more."""
+
+    @property
     def camera_infos(self) -> tuple[Any, Any]:
         """Last CameraInfo of both cameras, None where none came."""
 
@@ -114,6 +118,8 @@ class CalibrationCall:
                     return Outcome(estimate.message)
             if pair is None or remaining_s == 0.0:
                 break
+        if self._source.stopped:
+            return Outcome("interrupted: the node shuts down")
         return Outcome(self._reason(before, max(time.monotonic() - start_s, _CLOCK_STEP_S)))
 
     def _take(self, pair: StampedPair[Any]) -> None:

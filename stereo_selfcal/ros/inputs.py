@@ -81,6 +81,11 @@ class StereoInput:
             return InputState(self._pairer.counts, self._pairer.nearest_s)
 
     @property
+    def stopped(self) -> bool:
+        """Whether :meth:`stop` was called."""
+        return self._stopped
+
+    @property
     def camera_infos(self) -> tuple[Any, Any]:
         """The last CameraInfo of the left and of the right camera, None where none came."""
         with self._arrived:

@@ -97,14 +97,18 @@ class SelfcalNode:
         try:
             response.success, response.message = self._calibrate(self._parameters.config)
         except Exception as error:  # noqa: BLE001 - whatever it is, the caller gets an answer and the node lives
-            self.node.get_logger().error(traceback.format_exc())
+            if self.node.context.ok():  # after a shutdown everything fails, which is no news
+                self.node.get_logger().error(traceback.format_exc())
             response.success = False
             response.message = f"internal error, see the node's log: {type(error).__name__}: {error}"
         finally:
             self._last_success, self._last_answer = response.success, response.message
             self._calibrating.release()
-        log = self.node.get_logger().info if response.success else self.node.get_logger().warning
-        log(response.message)
+        # Two lines on purpose: rclpy refuses to log with another severity from the same line.
+        if response.success:
+            self.node.get_logger().info(response.message)
+        else:
+            self.node.get_logger().warning(response.message)
         return response
 
     def _calibrate(self, config: NodeConfig) -> tuple[bool, str]:

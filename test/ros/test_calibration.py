@@ -54,6 +54,7 @@ class Source:
         self.camera_infos = infos
         self.states = deque([InputState(ARRIVED, None), InputState(counts, nearest_s)])
         self.pairs = deque(pairs)
+        self.stopped = False
 
     @property
     def state(self):
@@ -275,3 +276,9 @@ def test_exception_of_the_estimator_is_not_swallowed(monkeypatch):
     monkeypatch.setattr(FakeCalibrator, "add", fail)
     with pytest.raises(ZeroDivisionError):
         CalibrationCall(Source(pair()), config()).run()
+
+
+def test_shutdown_ends_the_call():
+    source = Source()
+    source.stopped = True
+    assert CalibrationCall(source, config()).run().message == "interrupted: the node shuts down"

@@ -1,0 +1,248 @@
+"""``demo``: starts the real node, plays a recording to it, calls ``~/calibrate``, compares with the truth."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import rclpy
+import yaml
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from ..bags import StereoBag, StereoFrame
+from ..core.calibrator import Calibrator
+from ..core.config import CalibratorConfig
+from ..core.errors import OutputError, SelfcalError
+from ..core.extrinsics import Extrinsics
+from ..picture import draw_overview
+from ..result_file import NODE_NAME, SavedResult, load_result, write_atomically
+from .player import BagPlayer
+
+DEFAULT_BAG = Path("bags/straight_road")
+TRUTH_FILE = "truth.yaml"
+RESULT_FILE = "extrinsics.yaml"
+PICTURE_FILE = "overview.png"
+
+_EXIT_NOT_ACCEPTED = 1
+_EXIT_BAD_INPUT = 2
+_START_TIMEOUT_S = 60.0
+_CALL_TIMEOUT_S = 30.0  # how long the node waits for usable frames
+_ANSWER_TIMEOUT_S = 120.0
+_END_TIMEOUT_S = 20.0
+# Domains up to 101 collide with no port that Linux hands out to others.
+_HIGHEST_DOMAIN = 101
+
+
+class DemoError(SelfcalError):
+    """The demo cannot go on; the message says at which step."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What the service answered."""
+
+    success: bool
+    message: str
+
+
+def run_demo(bag: Path, output_dir: Path) -> int:
+    """Calibrate from a recording through the real node and report.
+
+    Args:
+        bag: A rosbag2 recording, its truth beside it when it is a synthetic one.
+        output_dir: Where the result file and the picture go; made if missing.
+
+    Returns:
+        Exit status: 0 calibrated, 1 refused.
+
+    Raises:
+        SelfcalError: The recording, the folder or the node failed.
+    """
+    result_path = output_dir / RESULT_FILE
+    try:
+        output_dir.mkdir(parents=True, exist_ok=True)
+        for old in (result_path, output_dir / PICTURE_FILE):
+            old.unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(f"{output_dir} cannot be written: {error.strerror}; choose --output-dir") from error
+    answer = _calibrate_live(bag, result_path)
+    _say(f"{'calibrated' if answer.success else 'refused'}: {answer.message}")
+    if not answer.success:
+        return _EXIT_NOT_ACCEPTED
+    saved = load_result(result_path)
+    _say(_table(saved, _read_truth(bag)))
+    frame = _frame_at(bag, float(saved.provenance["stamp"]))
+    if frame is not None:
+        _say(_write_picture(frame, saved, output_dir / PICTURE_FILE))
+    _say(f"result   {result_path}")
+    return 0
+
+
+def _calibrate_live(bag: Path, result_path: Path) -> Answer:
+    """Start the node, play the recording, call the service, end everything."""
+    # Nothing leaves this machine, and nothing on it is disturbed, unless the user chose a domain.
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % _HIGHEST_DOMAIN))
+    rclpy.init(args=[])
+    try:
+        node = Node(f"{NODE_NAME}_demo")
+        player = BagPlayer(node, bag)
+        with _node_process(player, result_path) as process:
+            player.start()
+            try:
+                _say(f"playing  {bag} over DDS to the node (process {process.pid})")
+                return _call(node, process)
+            finally:
+                player.stop()
+    finally:
+        rclpy.try_shutdown()
+
+
+@contextmanager
+def _node_process(player: BagPlayer, result_path: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Run the node as its own process, connected to the recorded topics; end it as Ctrl-C would."""
+    left, right = player.topics.left, player.topics.right
+    compressed = left.name != left.base
+    remappings = {
+        "left/image_rect": left.base,
+        "right/image_rect": right.base,
+        "left/camera_info": left.camera_info,
+        "right/camera_info": right.camera_info,
+    }
+    parameters = {
+        # Values of -p are YAML: a quoted word stays a word whatever is in it.
+        "output_path": "'" + str(result_path.absolute()).replace("'", "''") + "'",
+        "image_transport": "compressed" if compressed else "raw",
+        "timeout_s": str(_CALL_TIMEOUT_S),
+    }
+    arguments = [sys.executable, "-m", "stereo_selfcal", "node", "--ros-args", "--log-level", "warn"]
+    for name, topic in remappings.items():
+        arguments += ["-r", f"{name}:={topic}"]
+    for name, value in parameters.items():
+        arguments += ["-p", f"{name}:={value}"]
+    package_parent = str(Path(__file__).resolve().parents[2])
+    path = os.pathsep.join(filter(None, (package_parent, os.environ.get("PYTHONPATH"))))
+    # A session of its own: Ctrl-C here ends the demo, and the demo ends the node.
+    process = subprocess.Popen(arguments, env={**os.environ, "PYTHONPATH": path}, start_new_session=True)
+    try:
+        yield process
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(_END_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def _call(node: Node, process: subprocess.Popen[bytes]) -> Answer:
+    client = node.create_client(Trigger, f"/{NODE_NAME}/calibrate")
+    waited_s, step_s = 0.0, 0.5
+    while not client.wait_for_service(step_s):
+        waited_s += step_s
+        if process.poll() is not None:
+            raise DemoError(f"the node ended at its start with exit status {process.returncode}; see above")
+        if waited_s >= _START_TIMEOUT_S:
+            raise DemoError(f"the node did not offer ~/calibrate within {_START_TIMEOUT_S:.0f} s")
+    future = client.call_async(Trigger.Request())
+    rclpy.spin_until_future_complete(node, future, timeout_sec=_ANSWER_TIMEOUT_S)
+    if not future.done():
+        raise DemoError(f"the node did not answer within {_ANSWER_TIMEOUT_S:.0f} s")
+    response = future.result()
+    return Answer(bool(response.success), str(response.message))
+
+
+def _read_truth(bag: Path) -> Extrinsics | None:
+    """Return the truth of a synthetic recording, None for a real one."""
+    path = bag / TRUTH_FILE
+    if not path.is_file():
+        return None
+    try:
+        truth: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
+        return Extrinsics(float(truth["height_m"]), float(truth["pitch_rad"]), float(truth["roll_rad"]))
+    except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError) as error:
+        raise DemoError(f"{path} is no truth file: {error}") from error
+
+
+def _table(saved: SavedResult, truth: Extrinsics | None) -> str:
+    """Return the answer beside the truth, metres and degrees."""
+    lines = [f"{'':16}{'found':>10}{'std':>10}" + (f"{'truth':>10}{'error':>10}" if truth else "")]
+    for label, name, scale in (
+        ("height [m]", "height_m", 1.0),
+        ("pitch [deg]", "pitch_rad", math.degrees(1.0)),
+        ("roll [deg]", "roll_rad", math.degrees(1.0)),
+    ):
+        found, std = getattr(saved.extrinsics, name) * scale, getattr(saved.std, name) * scale
+        line = f"{label:16}{found:>+10.4f}{std:>10.4f}"
+        if truth is not None:
+            true = getattr(truth, name) * scale
+            line += f"{true:>+10.4f}{found - true:>+10.4f}"
+        lines.append(line)
+    return "\n".join(lines)
+
+
+def _frame_at(bag: Path, stamp_s: float) -> StereoFrame | None:
+    with StereoBag(bag) as recording:
+        return next((frame for frame in recording.frames() if frame.stamp_s == stamp_s), None)
+
+
+def _write_picture(frame: StereoFrame, saved: SavedResult, path: Path) -> str:
+    """Draw the frame the node used, calibrated once more in this process; say whether that agrees."""
+    config = CalibratorConfig.from_mapping({"seed": saved.provenance["seed"]})
+    result = Calibrator(saved.rig, config).add(frame.left, frame.right, frame.stamp_s)
+    agrees = result.extrinsics == saved.extrinsics
+    picture = draw_overview(frame.left, frame.right, saved.rig, result)
+    encoded, png = cv2.imencode(path.suffix, picture)
+    if not encoded:
+        raise OutputError(f"{path} cannot be written: the picture cannot be encoded")
+    write_atomically(path, png.tobytes())
+    verdict = "the same numbers" if agrees else "OTHER numbers"
+    return f"the Python API gives {verdict} for this frame\npicture  {path}"
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the demo.
+
+    Args:
+        argv: Arguments without the program name, None for those of the process.
+
+    Returns:
+        Exit status: 0 calibrated; 1 refused; 2 bad usage, unreadable input or a node that failed.
+    """
+    parser = argparse.ArgumentParser(prog="demo", description=__doc__.replace("``", ""))
+    parser.add_argument("--bag", type=Path, default=DEFAULT_BAG, help="rosbag2 folder (default: %(default)s)")
+    parser.add_argument(
+        "--output-dir",
+        type=Path,
+        default=Path("demo"),
+        help="for the result and the picture (default: %(default)s)",
+    )
+    arguments = parser.parse_args(argv)
+    try:
+        return run_demo(arguments.bag, arguments.output_dir)
+    except SelfcalError as error:
+        sys.stderr.write(f"demo: {error}\n")
+        return _EXIT_BAD_INPUT
+    except KeyboardInterrupt:
+        sys.stderr.write("demo: interrupted\n")
+        return 128 + signal.SIGINT
+
+
+if __name__ == "__main__":
+    sys.exit(main())
