@@ -158,7 +158,7 @@ def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 def _checked(name: str, value: Any, default: int | float, setting: Setting) -> int | float:
     """Return ``value`` in the type of the default, or say what is wrong with it."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or (isinstance(default, int) and value != int(value)):
+    if not number or (isinstance(default, int) and not float(value).is_integer()):
         kind = "a whole number" if isinstance(default, int) else "a number"
         raise ConfigError(f"{name} is {value!r}: {kind} is needed")
     if not setting.low <= value <= setting.high:
