@@ -154,8 +154,9 @@ class StereoRig:
         Returns:
             A rig with the principal point in the middle of the image.
         """
-        for name, value in (("focal_mm", focal_mm), ("ccd_width_mm", ccd_width_mm)):
-            if not value > 0:
+        lengths = (("focal_mm", focal_mm), ("ccd_width_mm", ccd_width_mm), ("ccd_height_mm", ccd_height_mm))
+        for name, value in lengths:
+            if value is not None and not value > 0:
                 raise RigError(f"{name} is {value}, it must be greater than zero")
         fx = focal_mm / ccd_width_mm * width
         fy = fx if ccd_height_mm is None else focal_mm / ccd_height_mm * height
