@@ -31,7 +31,7 @@ _FIND_LINES = "drive on a straight road with painted lines on both sides of the 
 def check_images(left: Any, right: Any, rig: StereoRig) -> Rejection | None:
     """Refuse what is no pair of grey images of the rig's size."""
     for side, image in (("left", left), ("right", right)):
-        if image is None or np.size(image) == 0:
+        if image is None or (isinstance(image, np.ndarray) and image.size == 0):
             return Rejection(
                 RejectReason.IMAGE_EMPTY, f"pixels of the {side} image", 0, 1, "px", "check the camera driver"
             )
@@ -40,7 +40,7 @@ def check_images(left: Any, right: Any, rig: StereoRig) -> Rejection | None:
             return Rejection(
                 RejectReason.IMAGE_TYPE,
                 f"the {side} image is {found}, not 2-D uint8; its dimensions",
-                np.ndim(image),
+                np.ndim(image) if isinstance(image, np.ndarray) else 0,
                 2,
                 "",
                 "convert it to 8-bit grey first",
