@@ -34,6 +34,8 @@ def fuse(estimates: Array, covariances: Array) -> tuple[Array, Array, npt.NDArra
         formal = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
         scale = np.maximum(_SIGMA_OVER_MAD * np.median(deviation, axis=0), np.median(formal, axis=0))
         used = np.all(deviation <= _OUTLIER_SIGMAS * scale, axis=1)
+        if not used.any():  # each frame is off in another value: none can be told from the rest
+            used[:] = True
     information = np.linalg.inv(covariances[used])
     covariance = np.linalg.inv(information.sum(axis=0))
     mean = covariance @ np.einsum("nij,nj->i", information, estimates[used])
