@@ -1,1 +1,38 @@
 """This file makes the helper modules beside it importable from every folder of tests."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from stereo_selfcal import calibrate
+from stereo_selfcal.synth.renderer import render
+from stereo_selfcal.synth.scenes import random_scene
+
+
+@cache
+def _rendered(pose_seed, noise_fraction):
+    scene = random_scene(np.random.default_rng(pose_seed), noise_fraction)
+    # Another seed for the noise than for the pose, and a fixed one: the same picture in every run.
+    images = render(scene, np.random.default_rng(1000 + pose_seed))
+    for image in images:
+        image.flags.writeable = False
+    return scene, *images
+
+
+@cache
+def _calibrated(pose_seed, noise_fraction):
+    scene, left, right = _rendered(pose_seed, noise_fraction)
+    return scene, calibrate(left, right, scene.rig)
+
+
+@pytest.fixture(scope="session")
+def rendered():
+    """Return a function (pose seed, noise) -> (scene, left, right); frames are rendered once."""
+    return _rendered
+
+
+@pytest.fixture(scope="session")
+def calibrated():
+    """Return a function (pose seed, noise) -> (scene, result of calibrate())."""
+    return _calibrated

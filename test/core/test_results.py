@@ -1,0 +1,80 @@
+"""Results and rejections: stable words, sentences with value, threshold and remedy."""
+
+import math
+
+import numpy as np
+import pytest
+
+from stereo_selfcal import CalibrationResult, Extrinsics, Rejection, RejectReason
+from stereo_selfcal.core.results import describe, rejected
+
+REJECTION = Rejection(RejectReason.NO_LINES_FOUND, "rows of the line", 12.0, 40, "px", "clean the lens")
+
+# Other people's scripts compare these words: a change here breaks them.
+WORDS = {
+    "image_empty",
+    "image_type",
+    "image_sizes_differ",
+    "rig_size_mismatch",
+    "no_lines_found",
+    "lines_not_matched",
+    "lines_not_straight",
+    "lines_not_converging",
+    "fitness_too_low",
+    "search_space_edge",
+    "no_frames",
+}
+
+
+def test_reasons_are_stable_words():
+    # Names may be added, none may go.
+    assert {str(reason) for reason in RejectReason} >= WORDS
+    assert all(str(reason) == reason.name.lower() for reason in RejectReason)
+    assert f"{RejectReason.NO_FRAMES}" == "no_frames"
+
+
+def test_message_has_what_value_threshold_unit_and_remedy():
+    assert REJECTION.message == "rows of the line: 12 px, limit 40 px; clean the lens"
+
+
+def test_message_without_a_unit():
+    rejection = Rejection(RejectReason.FITNESS_TOO_LOW, "fitness", 0.123456, 0.9999, "", "drive on")
+    assert rejection.message == "fitness: 0.1235, limit 0.9999; drive on"
+
+
+def test_rejected_result():
+    result = rejected(REJECTION, 3.5, stages={"genetic": Extrinsics(1, 2, 3)})
+    assert not result.accepted
+    assert result.reason is RejectReason.NO_LINES_FOUND
+    assert result.message == REJECTION.message
+    assert result.stamp_s == 3.5
+    assert (result.extrinsics, result.covariance, result.std, result.lane_yaw_rad) == (None,) * 4
+    assert result.stages == {"genetic": Extrinsics(1, 2, 3)}
+    assert result.n_frames == 0
+
+
+def test_accepted_result():
+    covariance = np.diag([4e-6, 9e-8, 16e-10])
+    result = CalibrationResult("fine", extrinsics=Extrinsics(1.4, 0.05, 0.01), covariance=covariance)
+    assert result.accepted
+    assert result.reason is None
+    np.testing.assert_allclose(result.std.as_array(), [2e-3, 3e-4, 4e-5])
+
+
+def test_results_do_not_share_their_stages():
+    first, second = CalibrationResult("a"), CalibrationResult("b")
+    first.stages["genetic"] = Extrinsics(1, 2, 3)
+    assert second.stages == {}
+
+
+def test_describe_speaks_metres_millimetres_and_degrees():
+    pose = Extrinsics(1.4, math.radians(3), math.radians(-0.8))
+    std = Extrinsics(0.0012, math.radians(0.005), math.radians(0.05))
+    assert describe(pose, std) == (
+        "height 1.4000 m (std 1.2 mm), pitch +3.0000 deg (std 0.0050), roll -0.8000 deg (std 0.0500)"
+    )
+
+
+@pytest.mark.parametrize("reason", RejectReason)
+def test_every_reason_can_be_looked_up_by_its_word(reason):
+    assert RejectReason(str(reason)) is reason
