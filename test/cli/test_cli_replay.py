@@ -89,7 +89,7 @@ def test_table(bag, calibrator, monkeypatch, capsys):
     assert "mean                                          1.4100" in text
     assert "standard deviation over the frames           0.01000       0.0000      0.0000" in text
     assert "fused estimate                                1.4100" in text
-    assert text.endswith("roll -0.573 deg (std 0.006)")
+    assert text.endswith("roll -0.5730 deg (std 0.0057)")
 
 
 def test_json_is_one_object_with_all_digits(bag, calibrator, monkeypatch, capsys):
