@@ -9,7 +9,7 @@ from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
@@ -19,6 +19,8 @@ from .calibration import InputState, Topics
 from .config import NodeConfig
 
 SIDES = ("left", "right")
+
+_QUEUE = 5  # the depth of rmw's profile for sensor data (REP 2003), as is the best effort
 
 
 class StereoInput:
@@ -56,11 +58,13 @@ class StereoInput:
             )
 
     def _subscribe(self, kind: type, topic: str, callback: Any, group: Any) -> Subscription:
+        # One profile each: rclpy writes the overrides of a topic into the profile it is given.
+        profile = QoSProfile(depth=_QUEUE, reliability=QoSReliabilityPolicy.BEST_EFFORT)
         return self._node.create_subscription(
             kind,
             topic,
             callback,
-            qos_profile_sensor_data,
+            profile,
             callback_group=group,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )

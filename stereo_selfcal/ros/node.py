@@ -219,6 +219,19 @@ def _default_output_path() -> Path:
     return Path(str(default)).expanduser()
 
 
+class _Executor(MultiThreadedExecutor):  # type: ignore[misc]
+    """Executor that can be waited for."""
+
+    def finish(self) -> None:
+        """Wait for the callbacks in flight, before the node is taken from under them.
+
+        ``shutdown()`` of rclpy 7 is meant to wait and does not.
+        """
+        pool = getattr(self, "_executor", None)
+        if pool is not None:
+            pool.shutdown(wait=True)
+
+
 def _spin(executor: MultiThreadedExecutor) -> None:
     """Run callbacks until the context is shut down (Ctrl-C, SIGTERM)."""
     while executor.context.ok():
@@ -235,12 +248,13 @@ def _spin(executor: MultiThreadedExecutor) -> None:
 def _run(arguments: list[str]) -> None:
     rclpy.init(args=arguments)
     selfcal = SelfcalNode()
-    executor = MultiThreadedExecutor(_THREADS)
+    executor = _Executor(_THREADS)
     executor.add_node(selfcal.node)
     try:
         _spin(executor)
     finally:
         selfcal.stop()
+        executor.finish()
         executor.shutdown()
         selfcal.node.destroy_node()
 

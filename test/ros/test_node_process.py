@@ -44,7 +44,7 @@ def start(tmp_path):
     for process in processes:
         if process.process.poll() is None:
             assert process.end() == 0, process.output
-        assert "Traceback" not in process.output
+        assert "Traceback" not in process.output and "xception" not in process.output, process.output
 
 
 def assert_near_truth(extrinsics):
@@ -295,6 +295,16 @@ def test_signal_ends_it_cleanly(graph, start, how, calling):
         graph.wait_for_diagnostics(lambda values, _: values["state"] == "calibrating")
     assert process.end(how) == 0
     assert "Traceback" not in process.output and "rror" not in process.output, process.output
+
+
+def test_signal_while_images_stream_ends_it_cleanly(graph, start):
+    """Callbacks in flight must end before the node is taken apart."""
+    process = start({"timeout_s": 3000.0})
+    with Camera(graph, [blank()]):
+        graph.start_calibrate()
+        graph.wait_for_diagnostics(lambda values, _: int(values["pairs"]) > 5)
+        assert process.end() == 0
+    assert "xception" not in process.output, process.output
 
 
 @pytest.mark.parametrize(
