@@ -72,7 +72,7 @@ def _node(context: LaunchContext) -> list[Node]:
         remappings.append((topic, target if target.startswith("/") or not camera else f"{camera}/{target}"))
     parameters = [given("params_file")]
     parameters += [
-        {name: ParameterValue(given(name), value_type=kind)}
+        {name: ParameterValue(LaunchConfiguration(name), value_type=kind)}
         for name, (kind, _) in PARAMETERS.items()
         if given(name)
     ]
