@@ -1,0 +1,429 @@
+"""The calibrator as a whole: accuracy over random roads, the same bytes again, fusion, and every refusal."""
+
+import math
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+
+from stereo_selfcal import (
+    CalibrationResult,
+    Calibrator,
+    CalibratorConfig,
+    Extrinsics,
+    RejectReason,
+    StereoRig,
+    calibrate,
+)
+from stereo_selfcal.core.calibrator import Refused
+from stereo_selfcal.core.pattern import LanePattern
+from stereo_selfcal.synth.renderer import render
+from stereo_selfcal.synth.scenes import NAMED_SCENES
+from stereo_selfcal.synth.world import LaneLine, Road
+
+SMALL_RIG = StereoRig(96, 80, 80.0, 80.0, 47.5, 39.5, 0.15)
+GREY = np.full((480, 640), 90, np.uint8)
+
+# Largest error of one frame: height [m], pitch [rad], roll [rad]. Four times what issue 2 asks for the RMS
+# at 0, 5 and 10 %, and twice the 10 % figures at 20 %: here what is broken is to be found, and what has
+# become worse in the benchmarks.
+LIMITS = {
+    0.0: (0.012, math.radians(0.04), math.radians(0.4)),
+    0.05: (0.020, math.radians(0.08), math.radians(0.8)),
+    0.10: (0.040, math.radians(0.12), math.radians(1.6)),
+    0.20: (0.080, math.radians(0.24), math.radians(3.2)),
+}
+
+
+def rendered_as(scene, **changes):
+    return render(replace(scene, **changes), np.random.default_rng(0))
+
+
+def configured(**settings_):
+    return CalibratorConfig.from_mapping({name.replace("__", "."): v for name, v in settings_.items()})
+
+
+def assert_refused(result, reason, *words):
+    """Check the whole of a refusal: its enum, and a sentence with value, threshold, unit and remedy."""
+    assert not result.accepted
+    assert result.reason is reason, result.message
+    assert (result.extrinsics, result.covariance, result.std, result.lane_yaw_rad) == (None,) * 4
+    assert result.n_frames == 0
+    rejection = result.rejection
+    assert f"{rejection.value:.4g}" in result.message
+    assert f"limit {rejection.threshold:.4g}" in result.message
+    assert result.message.endswith(rejection.remedy)
+    for word in words:
+        assert word in result.message, result.message
+
+
+def same_bytes(first, second):
+    """Whether two accepted results are the same to the last bit."""
+    numbers = [
+        np.concatenate([r.extrinsics.as_array(), r.covariance.ravel(), [r.lane_yaw_rad]]).tobytes()
+        for r in (first, second)
+    ]
+    return numbers[0] == numbers[1] and first.message == second.message
+
+
+@pytest.mark.parametrize("noise", LIMITS)
+@pytest.mark.parametrize("seed", range(4))
+def test_random_roads(calibrated, seed, noise):
+    scene, result = calibrated(seed, noise)
+    assert result.accepted, result.message
+    error = np.abs(result.extrinsics.as_array() - scene.extrinsics.as_array())
+    np.testing.assert_array_less(error, LIMITS[noise])
+    # 0.2 degrees: the yaw of the lane is known about as well as the pitch.
+    assert result.lane_yaw_rad == pytest.approx(scene.lane_yaw_rad, abs=math.radians(0.2))
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.10, 0.20])
+def test_error_is_what_the_standard_deviation_says(calibrated, noise):
+    """RMS of error over standard deviation: 1 if the claim is right; 12 values give it to 20 %."""
+    ratios = []
+    for seed in range(4):
+        scene, result = calibrated(seed, noise)
+        ratios.append((result.extrinsics.as_array() - scene.extrinsics.as_array()) / result.std.as_array())
+    # Two of these 20 % on the claim, and as much again as the claim itself may be off (test_uncertainty).
+    assert 0.4 < np.sqrt(np.mean(np.square(ratios))) < 2.0
+
+
+def test_accepted_result_is_complete(calibrated):
+    _, result = calibrated(0, 0.05)
+    assert result.reason is None
+    assert result.rejection is None
+    assert result.n_frames == 1
+    assert result.stages == {"genetic": result.extrinsics}
+    np.testing.assert_array_equal(result.covariance, result.covariance.T)
+    assert np.all(np.linalg.eigvalsh(result.covariance) > 0)
+    assert isinstance(result.pattern, LanePattern)
+    assert result.genetic.converged
+    np.testing.assert_array_equal(result.genetic.best, result.extrinsics.as_array())
+    assert result.message.startswith(
+        f"calibrated from 1 frame: height {result.extrinsics.height_m:.4f} m (std "
+    )
+
+
+@pytest.mark.parametrize("name", [scene.name for scene in NAMED_SCENES])
+def test_scenes_of_the_bags_give_what_they_are_made_for(name):
+    named = next(scene for scene in NAMED_SCENES if scene.name == name)
+    _, left, right = named.frame(0)
+    result = calibrate(left, right, named.scene.rig)
+    assert ("calibrated" if result.accepted else str(result.reason)) == named.expected
+
+
+def test_same_input_and_seed_same_bytes(rendered, calibrated):
+    scene, left, right = rendered(1, 0.05)
+    assert same_bytes(calibrate(left.copy(), right.copy(), scene.rig), calibrated(1, 0.05)[1])
+
+
+def test_result_of_a_frame_does_not_depend_on_what_came_before(rendered, calibrated):
+    scene, left, right = rendered(1, 0.05)
+    calibrator = Calibrator(scene.rig)
+    calibrator.add(*rendered(2, 0.05)[1:])
+    calibrator.add(None, None)
+    assert same_bytes(calibrator.add(left, right), calibrated(1, 0.05)[1])
+
+
+def test_seed_of_the_call_replaces_that_of_the_settings(rendered, calibrated):
+    scene, left, right = rendered(1, 0.05)
+    config = configured(seed=7)
+    assert same_bytes(calibrate(left, right, scene.rig, config=config), calibrated(1, 0.05)[1])
+    other, by_config = (
+        calibrate(left, right, scene.rig, seed=7),
+        Calibrator(scene.rig, config).add(left, right),
+    )
+    assert same_bytes(other, by_config)
+    assert other.genetic.history.tobytes() != calibrated(1, 0.05)[1].genetic.history.tobytes()
+
+
+def poses_of_ten_seeds(scene, left, right):
+    return [calibrate(left, right, scene.rig, seed=seed).extrinsics.as_array() for seed in range(10)]
+
+
+@pytest.mark.parametrize("frame", [0, 2, 3])
+def test_seeds_agree_within_the_papers_variance(rendered, frame):
+    """Ten runs on one frame: 1e-2 mm^2, 1e-8 rad^2, 1e-10 rad^2."""
+    poses = poses_of_ten_seeds(*rendered(frame, 0.05))
+    np.testing.assert_array_less(np.var(poses, axis=0, ddof=1), [1e-8, 1e-8, 1e-10])
+
+
+@pytest.mark.xfail(
+    strict=False, reason="seed 9 ends in the lesser optimum: 0.45 mm and 0.007 deg of pitch away"
+)
+def test_seeds_agree_within_the_noise_where_both_cameras_tempt(rendered, calibrated):
+    """E2 is the smaller of two angles, so each camera has its own optimum: two nearly as good."""
+    poses = poses_of_ten_seeds(*rendered(1, 0.05))
+    np.testing.assert_array_less(np.ptp(poses, axis=0), calibrated(1, 0.05)[1].std.as_array() / 2)
+
+
+def test_images_are_not_changed_and_any_layout_will_do(rendered, calibrated):
+    scene, left, right = rendered(1, 0.05)  # read-only
+    wide = [np.repeat(image, 2, axis=1)[:, ::2] for image in (left, right)]
+    turned = [np.asfortranarray(image) for image in (left, right)]
+    upside_down = [image[::-1].copy()[::-1] for image in (left, right)]
+    for images in (wide, turned, upside_down):
+        assert same_bytes(calibrate(*images, scene.rig), calibrated(1, 0.05)[1])
+
+
+def drive(scene, n_frames, noise=0.05):
+    scene = scene.with_noise(noise)
+    for index in range(n_frames):
+        yield render(replace(scene, travelled_m=1.4 * index), np.random.default_rng([5, index]))
+
+
+def test_estimate_before_any_frame():
+    estimate = Calibrator(SMALL_RIG).estimate
+    assert_refused(estimate, RejectReason.NO_FRAMES, "frames: 0, limit 1", "add a stereo frame first")
+
+
+def test_estimate_is_the_last_refusal_until_a_frame_is_accepted(rendered):
+    scene, left, right = rendered(1, 0.05)
+    calibrator = Calibrator(scene.rig)
+    refused = calibrator.add(GREY, GREY, 1.0)
+    assert calibrator.estimate is refused
+    accepted = calibrator.add(left, right, 2.0)
+    assert same_bytes(calibrator.estimate, accepted)
+    assert not calibrator.add(GREY, GREY, 3.0).accepted
+    assert same_bytes(calibrator.estimate, accepted)
+    assert calibrator.estimate.stamp_s == 2.0
+
+
+def test_estimate_is_fused_over_the_accepted_frames(rendered):
+    scene = rendered(1, 0.05)[0]
+    calibrator, n = Calibrator(scene.rig), 6
+    results = [calibrator.add(*frame, 100.0 + i) for i, frame in enumerate(drive(scene, n))]
+    calibrator.add(GREY, GREY, 200.0)
+    fused = calibrator.estimate
+    assert [result.stamp_s for result in results] == [100.0 + i for i in range(n)]
+    assert fused.accepted
+    assert fused.n_frames == n
+    assert fused.stamp_s == 105.0
+    assert fused.message.startswith(f"calibrated from {n} frames: height ")
+    poses = np.array([result.extrinsics.as_array() for result in results])
+    assert np.all(fused.extrinsics.as_array() > poses.min(axis=0))
+    assert np.all(fused.extrinsics.as_array() < poses.max(axis=0))
+    stds = np.array([result.std.as_array() for result in results])
+    # By the root of 6 at best; scatter beyond the promise enlarges it, but not to that of one frame here.
+    assert np.all(fused.std.as_array() < stds.min(axis=0))
+    assert fused.lane_yaw_rad == pytest.approx(np.mean([result.lane_yaw_rad for result in results]))
+    np.testing.assert_allclose(fused.stages["genetic"].as_array(), poses.mean(axis=0))
+
+
+def test_a_frame_that_does_not_fit_the_others_is_set_aside(rendered):
+    scene = rendered(1, 0.05)[0]
+    calibrator = Calibrator(scene.rig)
+    for frame in drive(scene, 5):
+        calibrator.add(*frame)
+    other = replace(scene, extrinsics=replace(scene.extrinsics, pitch_rad=scene.extrinsics.pitch_rad + 0.03))
+    assert calibrator.add(*next(drive(other, 1))).accepted
+    fused = calibrator.estimate
+    assert fused.n_frames == 5
+    assert "calibrated from 5 frames (1 more set aside as outliers): " in fused.message
+    assert fused.extrinsics.pitch_rad == pytest.approx(scene.extrinsics.pitch_rad, abs=math.radians(0.02))
+
+
+def test_memory_does_not_grow_by_patterns(rendered):
+    """What is remembered of a frame is a few numbers, not the points and lines it was made from."""
+    scene, left, right = rendered(1, 0.05)
+    calibrator = Calibrator(scene.rig)
+    result = calibrator.add(left, right)
+    assert result.pattern is not None
+    assert calibrator.estimate.pattern is None
+    assert calibrator.estimate.genetic is None
+    # One frame as it is kept: 16 numbers and a sentence; the last full result comes on top once.
+    first = len(pickle.dumps(calibrator))
+    for _ in range(4):
+        calibrator.add(left, right)
+    assert len(pickle.dumps(calibrator)) - first < 4 * 2000
+
+
+# --- every refusal -----------------------------------------------------------------------------------
+
+
+def test_refuses_empty_images():
+    for pair in ((None, GREY), (GREY, None), (GREY, np.empty((0, 0), np.uint8))):
+        result = Calibrator(StereoRig(640, 480, 500, 500, 320, 240, 0.15)).add(*pair, 7.0)
+        assert_refused(result, RejectReason.IMAGE_EMPTY, "px")
+        assert result.stamp_s == 7.0
+
+
+def test_refuses_images_of_another_type(rendered):
+    scene, left, right = rendered(1, 0.05)
+    for image in (right.astype(np.float32), np.dstack([right] * 3), right.tolist()):
+        assert_refused(calibrate(left, image, scene.rig), RejectReason.IMAGE_TYPE, "right", "grey")
+
+
+def test_refuses_images_of_two_sizes(rendered):
+    scene, left, right = rendered(1, 0.05)
+    result = calibrate(left, right[:, :-1], scene.rig)
+    assert_refused(result, RejectReason.IMAGE_SIZES_DIFFER, "640 x 480", "639 x 480")
+
+
+def test_refuses_images_of_another_size_than_the_rigs(rendered):
+    scene, left, right = rendered(1, 0.05)
+    result = calibrate(left[::2, ::2], right[::2, ::2], scene.rig)
+    assert_refused(result, RejectReason.RIG_SIZE_MISMATCH, "320 x 240", "640 x 480")
+
+
+@pytest.mark.parametrize("offsets", [(), (1.75,), (-1.75,)])
+def test_refuses_a_road_without_two_lines(rendered, offsets):
+    scene = rendered(2, 0.01)[0]
+    road = Road(lines=tuple(LaneLine(offset) for offset in offsets))
+    missing = "right" if offsets == (1.75,) else "left"
+    result = calibrate(*rendered_as(scene, road=road), scene.rig)
+    assert_refused(result, RejectReason.NO_LINES_FOUND, f"{missing} lane boundary", "limit 40 px")
+
+
+def test_refuses_one_camera_that_sees_no_lines(rendered):
+    scene, left, right = rendered(2, 0.01)
+    for pair, camera in (((GREY, right), "left"), ((left, GREY), "right")):
+        result = calibrate(*pair, scene.rig)
+        assert_refused(result, RejectReason.NO_LINES_FOUND, f"boundary in the {camera} image")
+
+
+def test_refuses_a_single_short_dash(rendered):
+    scene = rendered(2, 0.01)[0]
+    dashes = tuple(LaneLine(y, dash_m=2.0, gap_m=40.0, phase_m=7.0) for y in (1.75, -1.75))
+    result = calibrate(*rendered_as(scene, road=Road(lines=dashes)), scene.rig)
+    assert_refused(result, RejectReason.NO_LINES_FOUND)
+    assert 0 < result.rejection.value < 40
+
+
+def test_refuses_swapped_and_equal_images(rendered):
+    scene, left, right = rendered(2, 0.01)
+    for pair in ((right, left), (left, left)):
+        assert_refused(calibrate(*pair, scene.rig), RejectReason.LINES_NOT_MATCHED, "not swapped")
+
+
+def test_refuses_lines_on_a_road_rolled_too_far(rendered):
+    scene, left, right = rendered(2, 0.01)
+    config = configured(search__roll_max_rad=abs(scene.extrinsics.roll_rad) / 2)
+    result = calibrate(left, right, scene.rig, config=config)
+    assert_refused(result, RejectReason.LINES_NOT_MATCHED, "rolled")
+
+
+def test_refuses_a_horizon_above_the_image(rendered):
+    scene = rendered(2, 0.01)[0]
+    images = rendered_as(scene, extrinsics=Extrinsics(1.4, math.radians(27), 0.0))
+    result = calibrate(*images, scene.rig)
+    assert_refused(result, RejectReason.LINES_NOT_CONVERGING, "the horizon must be in view", "limit 0 px")
+    # 516.6 tan(27 deg) = 263 px above row 239.5.
+    assert result.rejection.value == pytest.approx(-23.7, abs=1.0)
+    assert result.pattern is not None  # for a picture
+
+
+@pytest.mark.parametrize(("curvature_per_m", "side"), [(1 / 150, "left"), (-1 / 400, "right")])
+def test_refuses_a_bend(rendered, curvature_per_m, side):
+    scene = rendered(2, 0.01)[0]
+    result = calibrate(*rendered_as(scene, road=Road(curvature_per_m=curvature_per_m)), scene.rig)
+    assert_refused(result, RejectReason.LINES_NOT_STRAIGHT, f"to the {side}", "limit 1000 m", "straight road")
+    assert result.rejection.value == pytest.approx(abs(1 / curvature_per_m), rel=0.15)
+    assert result.stages.keys() == {"genetic"}
+
+
+@pytest.mark.parametrize("rows", [3, 5])
+def test_refuses_images_that_are_not_rectified(rendered, rows):
+    """The right image is shifted down: its lines meet elsewhere, and no plane explains them."""
+    scene, left, right = rendered(2, 0.01)
+    result = calibrate(left, np.roll(right, rows, axis=0), scene.rig)
+    assert_refused(result, RejectReason.FITNESS_TOO_LOW, "miss every road plane by", "limit 1 px", "parallel")
+    assert result.rejection.threshold == pytest.approx(1 / (1 + 1e-4))
+    assert result.rejection.value < result.rejection.threshold
+    assert result.stages.keys() == {"genetic"}
+
+
+EDGES = [
+    ("height", {"search__height_max_m": 1.2}, 1.2),  # the truth is 1.257 m
+    ("height", {"search__height_min_m": 1.3}, 1.3),
+    ("pitch", {"search__pitch_max_rad": 0.04}, math.degrees(0.04)),  # the truth is 0.0435
+]
+
+
+@pytest.mark.parametrize(("name", "box", "limit"), EDGES, ids=[f"{n} {b}" for n, b, _ in EDGES])
+def test_refuses_an_estimate_at_the_edge_of_the_search_space(rendered, name, box, limit):
+    scene, left, right = rendered(2, 0.01)
+    result = calibrate(left, right, scene.rig, config=configured(**box))
+    assert_refused(result, RejectReason.SEARCH_SPACE_EDGE, f"best {name} is at the edge", "widen search.*")
+    assert result.rejection.threshold == pytest.approx(limit)
+    assert result.stages.keys() == {"genetic"}
+
+
+def test_extract_returns_the_pattern_or_the_refusal(rendered):
+    scene, left, right = rendered(2, 0.01)
+    calibrator = Calibrator(scene.rig)
+    assert isinstance(calibrator.extract(left, right), LanePattern)
+    refused = calibrator.extract(GREY, GREY)
+    assert isinstance(refused, Refused)
+    assert refused.rejection.reason is RejectReason.NO_LINES_FOUND
+    # Looking is not adding.
+    assert calibrator.estimate.reason is RejectReason.NO_FRAMES
+
+
+# --- whatever comes -----------------------------------------------------------------------------------
+
+shapes = st.one_of(
+    st.just((80, 96)),
+    st.tuples(st.integers(0, 100), st.integers(0, 100)),
+    npst.array_shapes(min_dims=0, max_dims=4, max_side=6),
+)
+dtypes = st.one_of(
+    st.just(np.dtype(np.uint8)), npst.scalar_dtypes(), st.just(np.dtype(object)), st.just(np.dtype("U3"))
+)
+
+
+@st.composite
+def anything(draw):
+    """Draw an image of the rig's size filled in some way, any other array, or no array at all."""
+    kind = draw(st.sampled_from(["random", "blocks", "flat", "array", "nan", "other"]))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    if kind == "random":
+        return rng.integers(0, 256, (80, 96), dtype=np.uint8)
+    if kind == "blocks":
+        size = draw(st.sampled_from([2, 4, 8, 16]))
+        blocks = rng.integers(0, 256, (80 // size, 96 // size), dtype=np.uint8)
+        return np.kron(blocks, np.ones((size, size), np.uint8))
+    if kind == "flat":
+        return np.full((80, 96), draw(st.integers(0, 255)), np.uint8)
+    if kind == "array":
+        return np.zeros(draw(shapes), draw(dtypes))
+    if kind == "nan":
+        return np.full((80, 96), draw(st.sampled_from([np.nan, np.inf, -np.inf])))
+    return draw(st.one_of(st.none(), st.integers(), st.text(max_size=5), st.lists(st.lists(st.integers()))))
+
+
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(left=anything(), right=anything())
+def test_whatever_comes_is_a_result(left, right):
+    result = calibrate(left, right, SMALL_RIG)
+    assert isinstance(result, CalibrationResult)
+    assert not result.accepted
+    assert isinstance(result.reason, RejectReason)
+    assert result.message.endswith(result.rejection.remedy)
+    assert math.isfinite(result.rejection.value)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    rows=st.lists(st.integers(0, 479), max_size=40),
+    grey=st.integers(0, 255),
+    shift=st.integers(-40, 40),
+    data=st.data(),
+)
+def test_damaged_roads_are_results_and_finite(rendered, rows, grey, shift, data):
+    """Real lines, with rows lost, blocks covered and the right image moved: a pose or a reason, never NaN."""
+    scene, left, right = rendered(2, 0.01)
+    left, right = left.copy(), np.roll(right, shift, axis=1)
+    left[rows] = grey
+    v, u = data.draw(st.tuples(st.integers(0, 400), st.integers(0, 560)))
+    right[v : v + 80, u : u + 80] = grey
+    result = calibrate(left, right, scene.rig)
+    assert result.accepted is (result.extrinsics is not None)
+    if result.accepted:
+        assert np.all(np.isfinite(result.extrinsics.as_array()))
+        assert np.all(np.linalg.eigvalsh(result.covariance) > 0)
+        assert math.isfinite(result.lane_yaw_rad)

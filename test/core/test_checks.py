@@ -1,0 +1,202 @@
+"""Every reason to refuse a frame, from both sides of its limit, with value, threshold and remedy."""
+
+import math
+
+import numpy as np
+import pytest
+from independent_camera import ideal_pattern
+
+from stereo_selfcal import CalibratorConfig, Extrinsics, RejectReason, StereoRig
+from stereo_selfcal.core import checks
+from stereo_selfcal.core.matching import Candidate, MatchedLines
+from stereo_selfcal.core.uncertainty import LineFit
+from stereo_selfcal.synth.scenes import PAPER_RIG
+
+CONFIG = CalibratorConfig()
+GREY = np.zeros((480, 640), np.uint8)
+
+
+def assert_refuses(rejection, reason, value, threshold, *words):
+    assert rejection.reason is reason
+    assert rejection.value == pytest.approx(value)
+    assert rejection.threshold == pytest.approx(threshold)
+    assert rejection.remedy
+    message = rejection.message
+    for word in (f"{rejection.value:.4g}", f"limit {rejection.threshold:.4g}", rejection.remedy, *words):
+        assert word in message, message
+    assert "\n" not in message
+
+
+def test_a_pair_of_grey_images_of_the_rigs_size_is_taken():
+    assert checks.check_images(GREY, GREY, PAPER_RIG) is None
+    read_only = GREY.copy()
+    read_only.flags.writeable = False
+    assert checks.check_images(read_only, np.zeros((960, 1280), np.uint8)[::2, ::2], PAPER_RIG) is None
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+class TestOneImage:
+    def check(self, side, image):
+        pair = {"left": GREY, "right": GREY, side: image}
+        return checks.check_images(pair["left"], pair["right"], PAPER_RIG)
+
+    @pytest.mark.parametrize("image", [None, np.empty((0, 640), np.uint8), np.empty((480, 0), np.uint8)])
+    def test_empty(self, side, image):
+        reason = RejectReason.IMAGE_EMPTY
+        assert_refuses(self.check(side, image), reason, 0, 1, f"pixels of the {side} image: 0 px", "driver")
+
+    @pytest.mark.parametrize(
+        ("image", "what", "dimensions"),
+        [
+            (np.zeros((480, 640, 3), np.uint8), "uint8 of shape (480, 640, 3)", 3),
+            (np.zeros(480, np.uint8), "uint8 of shape (480,)", 1),
+            (np.uint8(3), "<class 'numpy.uint8'>", 0),
+            (np.zeros((480, 640), np.float64), "float64 of shape (480, 640)", 2),
+            (np.zeros((480, 640), np.uint16), "uint16 of shape (480, 640)", 2),
+            (np.zeros((480, 640), bool), "bool of shape (480, 640)", 2),
+            (np.zeros((480, 640), object), "object of shape (480, 640)", 2),
+            ([[1, 2], [3, 4]], "<class 'list'>", 0),
+            ([[1], [2, 3]], "<class 'list'>", 0),
+            ([], "<class 'list'>", 0),
+            ("image.png", "<class 'str'>", 0),
+            (b"", "<class 'bytes'>", 0),
+            (object(), "<class 'object'>", 0),
+        ],
+        ids=str,
+    )
+    def test_of_another_type(self, side, image, what, dimensions):
+        rejection = self.check(side, image)
+        words = f"the {side} image is {what}, not 2-D uint8", "convert it to 8-bit grey"
+        assert_refuses(rejection, RejectReason.IMAGE_TYPE, dimensions, 2, *words)
+
+
+@pytest.mark.parametrize("size", [(480, 641), (481, 640), (640, 480)])
+def test_images_of_two_sizes(size):
+    other = np.zeros(size, np.uint8)
+    difference = max(abs(size[0] - 480), abs(size[1] - 640))
+    words = "left image is 640 x 480", f"right image is {size[1]} x {size[0]}", "set both cameras to one size"
+    rejection = checks.check_images(GREY, other, PAPER_RIG)
+    assert_refuses(rejection, RejectReason.IMAGE_SIZES_DIFFER, difference, 0, *words)
+
+
+def test_images_of_another_size_than_the_rigs():
+    small = np.zeros((240, 320), np.uint8)
+    words = "images are 320 x 240, the rig is 640 x 480", "CameraInfo"
+    rejection = checks.check_images(small, small, PAPER_RIG)
+    assert_refuses(rejection, RejectReason.RIG_SIZE_MISMATCH, 320, 0, *words)
+
+
+@pytest.mark.parametrize(("side_px", "refused"), [(63, True), (64, False)])
+def test_least_size(side_px, refused):
+    image = np.zeros((side_px, 200), np.uint8)
+    rejection = checks.check_images(image, image, StereoRig(200, side_px, 100, 100, 99.5, 30, 0.1))
+    assert (rejection is not None) is refused
+    if rejection:
+        assert_refuses(rejection, RejectReason.IMAGE_EMPTY, 63, 64, "use larger images")
+
+
+def lines(n_rows):
+    """Return one line, as a candidate, that is seen in so many rows."""
+    line = ideal_pattern(PAPER_RIG, Extrinsics(1.4, 0.05, 0.0)).left[0]
+    object.__setattr__(line, "n_rows", n_rows)
+    return [Candidate(line, 10.0)]
+
+
+@pytest.mark.parametrize("camera", [0, 1])
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("n_rows", [None, 39, 40])
+def test_every_camera_sees_a_line_of_forty_rows_on_either_side(camera, side, n_rows):
+    candidates = [[lines(100), lines(100)], [lines(100), lines(100)]]
+    candidates[camera][side] = [] if n_rows is None else lines(n_rows)
+    rejection = checks.check_lines_found(candidates, CONFIG)
+    if n_rows == 40:
+        assert rejection is None
+        return
+    words = (
+        f"longest {('left', 'right')[side]} lane boundary in the {('left', 'right')[camera]} image",
+        "lens clean",
+    )
+    assert_refuses(rejection, RejectReason.NO_LINES_FOUND, n_rows or 0, 40, *words)
+
+
+@pytest.mark.parametrize(("n_matched", "value"), [((0, 0), 0), ((0, 3), 1), ((2, 0), 1)])
+def test_boundaries_that_both_cameras_see_are_counted(n_matched, value):
+    rejection = checks.lines_not_matched(n_matched)
+    assert_refuses(
+        rejection, RejectReason.LINES_NOT_MATCHED, value, 2, "both cameras see", "swapped", "rectified"
+    )
+
+
+def test_boundaries_that_bound_no_lane():
+    rejection = checks.lines_not_matched((1, 2))
+    assert_refuses(rejection, RejectReason.LINES_NOT_MATCHED, 0, 2, "bound one lane", "search.*")
+
+
+def test_too_short_lines():
+    rejection = checks.lines_too_short(CONFIG)
+    assert_refuses(rejection, RejectReason.NO_LINES_FOUND, 0, 40, "below the horizon in too few rows")
+
+
+@pytest.mark.parametrize(("pitch_deg", "converging"), [(24.5, True), (25.5, False)])
+def test_lines_meet_below_the_top_of_the_image(pitch_deg, converging):
+    """Nose down by atan(239.5 / 516.6) = 24.9 degrees, the horizon leaves the image."""
+    pattern = ideal_pattern(PAPER_RIG, Extrinsics(1.4, math.radians(pitch_deg), 0.0))
+    rejection = checks.check_converging(MatchedLines.of([*pattern.left, *pattern.right], 1.0))
+    assert (rejection is None) is converging
+    if rejection:
+        row = pattern.vanishing_point[1]
+        assert row < 0
+        words = "counted from the top of the image", "pitch the camera up"
+        assert_refuses(rejection, RejectReason.LINES_NOT_CONVERGING, row, 0, *words)
+
+
+BOX = CONFIG.search
+EDGES = [
+    (0, BOX.height_min_m, 3.7, "height", 1.0),
+    (0, BOX.height_max_m, -3.7, "height", 1.0),
+    (1, -BOX.pitch_max_rad, math.radians(40), "pitch", math.degrees(1)),
+    (1, BOX.pitch_max_rad, -math.radians(40), "pitch", math.degrees(1)),
+    (2, -BOX.roll_max_rad, math.radians(30), "roll", math.degrees(1)),
+    (2, BOX.roll_max_rad, -math.radians(30), "roll", math.degrees(1)),
+]
+
+
+@pytest.mark.parametrize(("axis", "edge", "inwards", "name", "readable"), EDGES)
+def test_edge_of_the_search_space(axis, edge, inwards, name, readable):
+    """A thousandth of the box counts as its edge."""
+    pose = np.array([1.4, 0.05, 0.01])
+    pose[axis] = edge + 0.0009 * inwards
+    rejection = checks.check_inside(Extrinsics.from_array(pose), CONFIG)
+    value, limit = pose[axis] * readable, edge * readable
+    assert_refuses(rejection, RejectReason.SEARCH_SPACE_EDGE, value, limit, f"best {name}", "widen search.*")
+    pose[axis] = edge + 0.0011 * inwards
+    assert checks.check_inside(Extrinsics.from_array(pose), CONFIG) is None
+
+
+def test_fitness_is_compared_with_that_of_the_greatest_misfit():
+    config = CalibratorConfig.from_mapping({"fitness.max_misfit_px": 2.0})
+    threshold = 1 / (4.0 + 1e-4)
+    assert checks.check_fitness(threshold, 2.0, config) is None
+    rejection = checks.check_fitness(0.999 * threshold, 2.001, config)
+    words = "miss every road plane by 2.00 px", "limit 2 px", "may not be parallel"
+    assert_refuses(rejection, RejectReason.FITNESS_TOO_LOW, 0.999 * threshold, threshold, *words)
+
+
+@pytest.mark.parametrize(("sign", "side"), [(1, "left"), (-1, "right")])
+def test_bend_tighter_than_a_thousand_metres(sign, side):
+    assert checks.check_straight(sign / 1001, 1e-6, CONFIG) is None
+    rejection = checks.check_straight(sign / 999, 1e-6, CONFIG)
+    words = f"bend to the {side}, radius: 999 m", "limit 1000 m", "on a straight road"
+    assert_refuses(rejection, RejectReason.LINES_NOT_STRAIGHT, 999, 1000, *words)
+
+
+def test_bend_that_noise_may_have_made_is_let_pass():
+    """Four standard deviations: 1 / 500 with 1 / 1990 passes, with 1 / 2010 it does not."""
+    assert checks.check_straight(1 / 500, 1 / 1990, CONFIG) is None
+    assert checks.check_straight(1 / 500, 1 / 2010, CONFIG) is not None
+
+
+def test_undetermined_pose():
+    assert checks.check_determined(LineFit(np.eye(3), 0.0, 2.0)) is None
+    rejection = checks.check_determined(None)
+    assert_refuses(rejection, RejectReason.LINES_NOT_MATCHED, 1, 2, "undetermined")
