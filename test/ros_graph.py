@@ -34,7 +34,7 @@ SIDES = ("left", "right")
 RIG = PAPER_RIG
 
 # For a machine that does much else at the time; nothing here is asserted to be quick.
-PATIENCE_S = 60.0
+PATIENCE_S = 90.0
 PERIOD_S = 0.1
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -44,7 +44,7 @@ class NodeProcess:
 
     def __init__(self, tmp_path, parameters=None, arguments=()):
         command = [sys.executable, "-m", "stereo_selfcal", "node", "--ros-args", *arguments]
-        for name, value in {"output_path": "''", **(parameters or {})}.items():
+        for name, value in {"output_path": "''", "timeout_s": PATIENCE_S, **(parameters or {})}.items():
             command += ["-p", f"{name}:={value}"]
         self.log = Path(tmp_path, "node.log")
         with self.log.open("wb") as log:

@@ -40,7 +40,7 @@ def message_stamp_ns(message: Any) -> int:
     return int(stamp.sec) * _NS_PER_S + int(stamp.nanosec)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)  # no slots: generic, frozen and slotted at once breaks in Python 3.10 and 3.12.1
 class StampedPair(Generic[T]):
     """Two images that belong together.
 
@@ -87,7 +87,7 @@ class PairCounts:
         return PairCounts(*(getattr(self, f.name) - getattr(earlier, f.name) for f in fields(self)))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class _Entry(Generic[T]):
     stamp_ns: int
     arrival: int

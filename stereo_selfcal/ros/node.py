@@ -274,8 +274,8 @@ def main(args: Sequence[str] | None = None) -> int:
         description="Calibrate a stereo camera on request: subscribes to left and right image_rect and "
         "their camera_info, answers ~/calibrate. Parameters, remappings: --ros-args -p NAME:=VALUE -r A:=B.",
     )
+    parser.parse_args(remove_ros_args(arguments))
     try:
-        parser.parse_args(remove_ros_args(arguments))
         _run(arguments)
     except KeyboardInterrupt:
         pass

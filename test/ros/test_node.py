@@ -1,0 +1,145 @@
+"""What the node makes of outcomes that no real frame gives: in this process, with scripted calls."""
+
+import dataclasses
+import math
+import threading
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+import ros_graph
+from rclpy.executors import MultiThreadedExecutor
+from ros_graph import Graph, wait_for
+
+from stereo_selfcal import CalibrationResult, Extrinsics
+from stereo_selfcal.result_file import RESULT_NAMES, load_result
+from stereo_selfcal.ros import node as node_module
+from stereo_selfcal.ros.calibration import Outcome
+from stereo_selfcal.ros.node import SelfcalNode
+
+RESULTS = [f"extrinsics.{name}" for name in RESULT_NAMES]
+RESULT = CalibrationResult(
+    "calibrated", extrinsics=Extrinsics(1.5, 0.05, -0.01), covariance=np.diag([1e-4, 1e-6, 4e-6]), n_frames=1
+)
+GOOD = Outcome("calibrated", RESULT, ros_graph.RIG, 5)
+VALUES = [1.5, 0.05, -0.01, 0.01, 0.001, 0.002]
+
+
+@pytest.fixture(scope="module")
+def graph():
+    graph = Graph()
+    yield graph
+    graph.close()
+
+
+@pytest.fixture
+def script(graph, monkeypatch):
+    """Start the node; the outcomes put into the list that is returned are those of its calls, in order."""
+    outcomes = []
+
+    class ScriptedCall:
+        def __init__(self, source, config):
+            pass
+
+        def run(self):
+            outcome = outcomes.pop(0)
+            if isinstance(outcome, Exception):
+                raise outcome
+            return outcome
+
+    monkeypatch.setattr(node_module, "CalibrationCall", ScriptedCall)
+    selfcal = SelfcalNode()
+    executor = MultiThreadedExecutor(4)
+    executor.add_node(selfcal.node)
+    thread = threading.Thread(target=executor.spin, daemon=True)
+    thread.start()
+    yield outcomes
+    selfcal.stop()
+    executor.shutdown()
+    thread.join()
+    selfcal.node.destroy_node()
+
+
+def set_output(graph, path):
+    assert graph.set_parameter("output_path", str(path)).successful
+
+
+def test_exception_is_answered_and_the_next_call_works(graph, script, tmp_path):
+    set_output(graph, tmp_path / "out.yaml")
+    script += [ZeroDivisionError("division by zero"), GOOD]
+    answer = graph.calibrate()
+    assert not answer.success
+    assert answer.message == "internal error, see the node's log: ZeroDivisionError: division by zero"
+    assert graph.parameters(*RESULTS) == [None] * 6
+    assert graph.calibrate().success
+    assert graph.parameters(*RESULTS) == VALUES
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"extrinsics": Extrinsics(math.nan, 0.0, 0.0)},
+        {"covariance": np.diag([math.inf, 1.0, 1.0])},
+        {"covariance": None},
+        {"extrinsics": None},
+    ],
+)
+def test_what_is_not_finite_is_neither_set_nor_saved(graph, script, tmp_path, changes):
+    set_output(graph, tmp_path / "out.yaml")
+    script += [GOOD, dataclasses.replace(GOOD, result=dataclasses.replace(RESULT, **changes))]
+    assert graph.calibrate().success
+    assert not graph.calibrate().success
+    assert graph.parameters(*RESULTS) == VALUES
+    assert load_result(tmp_path / "out.yaml").extrinsics == RESULT.extrinsics
+
+
+def test_default_file_is_saved_though_its_folder_is_missing(graph, script, tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    set_output(graph, "~/.ros/stereo_selfcal.yaml")
+    script.append(GOOD)
+    answer = graph.calibrate()
+    assert answer.success
+    assert answer.message == f"calibrated; saved to {tmp_path}/home/.ros/stereo_selfcal.yaml"
+    assert load_result(tmp_path / "home" / ".ros" / "stereo_selfcal.yaml").extrinsics == RESULT.extrinsics
+
+
+def test_default_folder_that_cannot_be_made_is_named(graph, script, tmp_path, monkeypatch):
+    (tmp_path / "home").write_text("a file")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    set_output(graph, "~/.ros/stereo_selfcal.yaml")
+    script.append(GOOD)
+    answer = graph.calibrate()
+    assert answer.success
+    assert f"in effect, but not saved: {tmp_path}/home/.ros cannot be made" in answer.message
+
+
+def test_no_file_without_a_path(graph, script):
+    set_output(graph, "")
+    script.append(GOOD)
+    answer = graph.calibrate()
+    assert (answer.success, answer.message) == (True, "calibrated; not saved, as output_path is empty")
+
+
+def test_severities_of_the_log_may_alternate(graph, script):
+    """rclpy raises when one line of code logs with changing severity."""
+    set_output(graph, "")
+    script += [GOOD, Outcome("no frame accepted"), GOOD, Outcome("no frame accepted")]
+    assert [graph.calibrate().success for _ in range(4)] == [True, False, True, False]
+
+
+def test_many_calls_at_once_get_an_answer_each(graph, script):
+    set_output(graph, "")
+    script += [GOOD] * 10
+    answers = [wait_for(future) for future in [graph.start_calibrate() for _ in range(10)]]
+    assert all(answer.success or answer.message.startswith("busy: ") for answer in answers)
+    assert any(answer.success for answer in answers)
+
+
+def test_help_and_wrong_arguments(capsys):
+    for arguments, status in ((["--help"], 0), (["surplus"], 2)):
+        with pytest.raises(SystemExit) as end:
+            node_module.main(arguments)
+        assert end.value.code == status
+    assert "~/calibrate" in capsys.readouterr().out
