@@ -17,14 +17,13 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.utilities import remove_ros_args
 from std_srvs.srv import Trigger
 
-from ..core.errors import OutputError, SelfcalError
+from ..core.errors import ConfigError, OutputError, SelfcalError
 from ..node_settings import NODE_SETTINGS
 from ..result_file import NODE_NAME, result_parameters, write_result
 from .calibration import CalibrationCall, Outcome
@@ -246,17 +245,35 @@ def _spin(executor: MultiThreadedExecutor) -> None:
 
 
 def _run(arguments: list[str]) -> None:
-    rclpy.init(args=arguments)
-    selfcal = SelfcalNode()
-    executor = _Executor(_THREADS)
-    executor.add_node(selfcal.node)
+    """Start ROS and run the node until it is told to end."""
     try:
-        _spin(executor)
+        rclpy.init(args=arguments)
+    except RuntimeError as error:
+        raise ConfigError(f"ROS does not start: {_one_line(error)}") from error
+    try:
+        selfcal = SelfcalNode()
+        executor = _Executor(_THREADS)
+        executor.add_node(selfcal.node)
+        try:
+            _spin(executor)
+        finally:
+            selfcal.stop()
+            executor.finish()
+            executor.shutdown()
+            selfcal.node.destroy_node()
     finally:
-        selfcal.stop()
-        executor.finish()
-        executor.shutdown()
-        selfcal.node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def _without_ros_arguments(arguments: list[str]) -> list[str]:
+    try:
+        return list(remove_ros_args(arguments))
+    except RuntimeError as error:  # rcl has several, all of them this
+        raise ConfigError(f"wrong ROS arguments: {_one_line(error)}") from error
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -274,21 +291,14 @@ def main(args: Sequence[str] | None = None) -> int:
         description="Calibrate a stereo camera on request: subscribes to left and right image_rect and "
         "their camera_info, answers ~/calibrate. Parameters, remappings: --ros-args -p NAME:=VALUE -r A:=B.",
     )
-    parser.parse_args(remove_ros_args(arguments))
     try:
+        parser.parse_args(_without_ros_arguments(arguments))
         _run(arguments)
     except KeyboardInterrupt:
         pass
     except SelfcalError as error:
         sys.stderr.write(f"{NODE_NAME}: {error}\n")
         return _EXIT_BAD_USAGE
-    except (RuntimeError, InvalidHandle) as error:  # how rcl reports a wrong --ros-args
-        if rclpy.ok():
-            raise
-        sys.stderr.write(f"{NODE_NAME}: wrong ROS arguments: {' '.join(str(error).split())}\n")
-        return _EXIT_BAD_USAGE
-    finally:
-        rclpy.try_shutdown()
     return 0
 
 

@@ -333,6 +333,21 @@ def test_wrong_parameter_at_the_start_is_one_line(start, parameters, words):
     assert words in line
 
 
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--params-file", "/nowhere.yaml"], "Couldn't parse params file: '--params-file /nowhere.yaml'"),
+        (["-r", "left"], "Couldn't parse remap rule: '-r left'"),
+        (["--no-such-flag"], "--no-such-flag"),
+    ],
+)
+def test_wrong_ros_arguments_are_one_line(start, arguments, words):
+    process = start(arguments=arguments)
+    assert process.wait() == 2
+    (line,) = [line for line in process.output.splitlines() if line.startswith("stereo_selfcal: ")]
+    assert "wrong ROS arguments: " in line and words in line
+
+
 def test_whole_numbers_are_taken_for_floats(graph, start):
     start({"timeout_s": 7})
     assert graph.parameters("timeout_s") == [7.0]
