@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from .extrinsics import Extrinsics
 from .fitness import PatternFitness
 from .fusion import fuse
 from .genetic import GeneticResult, maximise
+from .geometry import SIDES
 from .lines import fit_line, hough_peaks, refit_line
 from .matching import (
     Candidate,
@@ -186,7 +188,11 @@ class Calibrator:
             return rejected(refusal, stamp_s, **evidence)
         curvature = lane_curvature(pattern, self.rig, extrinsics.height_m)
         fit = propagate(pattern, self.rig, extrinsics, self.config.fitness)
-        refusal = checks.check_straight(*curvature, self.config) or checks.check_determined(fit)
+        refusal = (
+            checks.check_straight(*curvature, self.config)
+            or checks.check_determined(fit)
+            or checks.check_consistent(fit)
+        )
         if refusal or fit is None:
             return rejected(refusal, stamp_s, **evidence)  # type: ignore[arg-type]
         result = CalibrationResult(
@@ -201,15 +207,21 @@ class Calibrator:
         return replace(result, message=_announce(result))
 
     def _search(self, fitness: PatternFitness) -> GeneticResult:
-        """Run the genetic algorithm over the whole search box."""
+        """Run the genetic algorithm over the whole search box, once for each camera's parallelism."""
         box = self.config.search
-        return maximise(
-            fitness,
-            lower=(box.height_min_m, -box.pitch_max_rad, -box.roll_max_rad),
-            upper=(box.height_max_m, box.pitch_max_rad, box.roll_max_rad),
-            config=self.config.genetic,
-            rng=np.random.default_rng(self.config.seed),
-        )
+        rng = np.random.default_rng(self.config.seed)
+        runs = [
+            maximise(
+                partial(fitness.seen_by, camera),
+                lower=(box.height_min_m, -box.pitch_max_rad, -box.roll_max_rad),
+                upper=(box.height_max_m, box.pitch_max_rad, box.roll_max_rad),
+                config=self.config.genetic,
+                rng=rng,
+            )
+            for camera in range(len(SIDES))
+        ]
+        best = max(runs, key=lambda run: run.fitness)
+        return replace(best, evaluations=sum(run.evaluations for run in runs))
 
 
 def calibrate(

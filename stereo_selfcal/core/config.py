@@ -7,6 +7,7 @@ into them, and the README's table is compared with them by a test: one list for 
 from __future__ import annotations
 
 import math
+import numbers
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
@@ -23,16 +24,20 @@ class Setting:
         unit: Unit, "" for counts and fractions.
         low: Smallest allowed value.
         high: Largest allowed value.
+        whole: Whether it is a whole number.
     """
 
     description: str
     unit: str
     low: float
     high: float
+    whole: bool
 
 
 def _setting(default: Any, description: str, unit: str, low: float, high: float) -> Any:
-    return field(default=default, metadata={"setting": Setting(description, unit, low, high)})
+    return field(
+        default=default, metadata={"setting": Setting(description, unit, low, high, isinstance(default, int))}
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,13 +101,26 @@ class GeneticConfig:
 
 @dataclass(frozen=True, slots=True)
 class CalibratorConfig:
-    """All settings of a :class:`~stereo_selfcal.core.calibrator.Calibrator`."""
+    """All settings of a :class:`~stereo_selfcal.core.calibrator.Calibrator`.
+
+    Raises:
+        ConfigError: A value has the wrong type or is outside its range.
+    """
 
     seed: int = _setting(0, "Seed of the random numbers: same input and seed, same result", "", 0, 2**31 - 1)
     search: SearchConfig = field(default_factory=SearchConfig)
     extraction: ExtractionConfig = field(default_factory=ExtractionConfig)
     fitness: FitnessConfig = field(default_factory=FitnessConfig)
     genetic: GeneticConfig = field(default_factory=GeneticConfig)
+
+    def __post_init__(self) -> None:
+        for name, value, setting in self.settings():
+            _checked(name, value, setting)
+        if not self.search.height_min_m < self.search.height_max_m:
+            raise ConfigError(
+                f"search.height_min_m is {self.search.height_min_m}, search.height_max_m is "
+                f"{self.search.height_max_m}: the first must be the smaller"
+            )
 
     def settings(self) -> Iterator[tuple[str, int | float, Setting]]:
         """Yield (dotted name, value, description) of every setting, in declaration order."""
@@ -124,24 +142,18 @@ class CalibratorConfig:
         Raises:
             ConfigError: A name is unknown, a value has the wrong type or is outside its range.
         """
-        config = cls()
-        known = {name: (default, setting) for name, default, setting in config.settings()}
+        defaults = cls()
+        known = {name: setting for name, _, setting in defaults.settings()}
+        sections: dict[str, dict[str, Any]] = {}
         for name, value in flatten(values).items():
             if name not in known:
                 raise ConfigError(f"unknown setting {name!r}: the settings are {', '.join(known)}")
-            checked = _checked(name, value, *known[name])
             section, _, leaf = name.rpartition(".")
-            if section:
-                changes: dict[str, Any] = {section: replace(getattr(config, section), **{leaf: checked})}
-            else:
-                changes = {leaf: checked}
-            config = replace(config, **changes)
-        if not config.search.height_min_m < config.search.height_max_m:
-            raise ConfigError(
-                f"search.height_min_m is {config.search.height_min_m}, search.height_max_m is "
-                f"{config.search.height_max_m}: the first must be the smaller"
-            )
-        return config
+            sections.setdefault(section, {})[leaf] = _checked(name, value, known[name])
+        changes = sections.pop("", {})
+        for section, leaves in sections.items():
+            changes[section] = replace(getattr(defaults, section), **leaves)
+        return replace(defaults, **changes)
 
 
 def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -155,14 +167,15 @@ def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
-def _checked(name: str, value: Any, default: int | float, setting: Setting) -> int | float:
-    """Return ``value`` in the type of the default, or say what is wrong with it."""
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or (isinstance(default, int) and not float(value).is_integer()):
-        kind = "a whole number" if isinstance(default, int) else "a number"
+def _checked(name: str, value: Any, setting: Setting) -> int | float:
+    """Return ``value`` as the plain number the setting is, or say what is wrong with it."""
+    # numbers.Real takes NumPy's scalars as well.
+    number = isinstance(value, numbers.Real) and not isinstance(value, bool)
+    if not number or (setting.whole and not float(value).is_integer()):
+        kind = "a whole number" if setting.whole else "a number"
         raise ConfigError(f"{name} is {value!r}: {kind} is needed")
     if not setting.low <= value <= setting.high:
         raise ConfigError(
             f"{name} is {value}: it must lie in {setting.low} ... {setting.high} {setting.unit}".rstrip()
         )
-    return type(default)(value)
+    return int(value) if setting.whole else float(value)

@@ -105,15 +105,14 @@ def edge_response(image: Image, length_px: int) -> Response:
         (H, W) float32; columns closer than ``length_px`` to the border are 0.
     """
     width = image.shape[1]
+    if width <= 2 * length_px:
+        return np.zeros(image.shape, dtype=np.float32)
     if length_px <= _CONVOLVED_UP_TO_PX:
         half = np.full((1, length_px), 1.0 / length_px, dtype=np.float32)
         kernel = np.concatenate([-half, np.zeros((1, 1), dtype=np.float32), half], axis=1)
         response = np.asarray(cv2.filter2D(image, cv2.CV_32F, kernel), dtype=np.float32)
-        response[:, :length_px] = 0.0
-        response[:, -length_px:] = 0.0
-        return response
-    response = np.zeros(image.shape, dtype=np.float32)
-    if width > 2 * length_px:
+    else:
+        response = np.empty(image.shape, dtype=np.float32)
         # means[u] covers u ... u + length - 1: a running sum, whose cost does not grow with its length.
         means = cv2.boxFilter(
             image, cv2.CV_32F, (length_px, 1), anchor=(0, 0), borderType=cv2.BORDER_REPLICATE
@@ -123,6 +122,8 @@ def edge_response(image: Image, length_px: int) -> Response:
             means[:, : width - 2 * length_px],
             dst=response[:, length_px : width - length_px],
         )
+    response[:, :length_px] = 0.0
+    response[:, -length_px:] = 0.0
     return response
 
 

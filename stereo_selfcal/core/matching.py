@@ -2,7 +2,8 @@
 
 All lines of one direction on the road meet in one image point, and as that point is infinitely
 far away, it has no disparity: the left and right lane boundary in both rectified images are four
-lines through ONE point. Kerbs, poles, shadows and the wrong partner in the other image miss it.
+lines through ONE point. Poles, shadows across the road and lines of another direction miss it; what
+runs parallel (a kerb) goes through it too and is told apart by what lies across it.
 The disparity of a road point grows in proportion to the rows below that point, by the
 baseline over the height: this bounds what can be a line on the road at all.
 """

@@ -25,6 +25,7 @@ class RejectReason(Enum):
     LINES_NOT_MATCHED = "lines_not_matched"
     LINES_NOT_STRAIGHT = "lines_not_straight"
     LINES_NOT_CONVERGING = "lines_not_converging"
+    LINES_INCONSISTENT = "lines_inconsistent"
     FITNESS_TOO_LOW = "fitness_too_low"
     SEARCH_SPACE_EDGE = "search_space_edge"
     NO_FRAMES = "no_frames"

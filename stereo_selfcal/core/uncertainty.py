@@ -39,11 +39,17 @@ class LineFit:
         covariance: (3, 3) of (height_m, pitch_rad, roll_rad).
         lane_yaw_rad: Yaw of the camera against the lane, > 0: it points left.
         chi2: Weighted sum of squares of the two numbers left over; 2 is expected.
+        misfit_sigmas: The same as a multiple of their standard deviations; 1 is expected.
     """
 
     covariance: Array
     lane_yaw_rad: float
     chi2: float
+
+    @property
+    def misfit_sigmas(self) -> float:
+        """Root mean square of the two numbers left over, in standard deviations."""
+        return float(np.sqrt(self.chi2 / _DEGREES_OF_FREEDOM))
 
 
 def propagate(

@@ -152,13 +152,10 @@ def test_seeds_agree_within_the_papers_variance(rendered, frame):
     np.testing.assert_array_less(np.var(poses, axis=0, ddof=1), [1e-8, 1e-8, 1e-10])
 
 
-@pytest.mark.xfail(
-    strict=False, reason="seed 9 ends in the lesser optimum: 0.45 mm and 0.007 deg of pitch away"
-)
-def test_seeds_agree_within_the_noise_where_both_cameras_tempt(rendered, calibrated):
-    """E2 is the smaller of two angles, so each camera has its own optimum: two nearly as good."""
+def test_seeds_agree_where_both_cameras_tempt(rendered):
+    """E2 is the smaller of two angles, so each camera has its own optimum: here two nearly as good."""
     poses = poses_of_ten_seeds(*rendered(1, 0.05))
-    np.testing.assert_array_less(np.ptp(poses, axis=0), calibrated(1, 0.05)[1].std.as_array() / 2)
+    np.testing.assert_array_less(np.var(poses, axis=0, ddof=1), [1e-8, 1e-8, 1e-10])
 
 
 def test_images_are_not_changed_and_any_layout_will_do(rendered, calibrated):
@@ -326,7 +323,15 @@ def test_refuses_a_bend(rendered, curvature_per_m, side):
     assert result.stages.keys() == {"genetic"}
 
 
-@pytest.mark.parametrize("rows", [3, 5])
+def test_refuses_images_that_are_a_row_off(rendered):
+    """The lines still fit a plane, to 0.6 px, but not as well as they were measured."""
+    scene, left, right = rendered(2, 0.01)
+    result = calibrate(left, np.roll(right, 1, axis=0), scene.rig)
+    assert_refused(result, RejectReason.LINES_INCONSISTENT, "contradict each other", "rectified")
+    assert result.rejection.value > 10
+
+
+@pytest.mark.parametrize("rows", [3, 4])
 def test_refuses_images_that_are_not_rectified(rendered, rows):
     """The right image is shifted down: its lines meet elsewhere, and no plane explains them."""
     scene, left, right = rendered(2, 0.01)

@@ -46,28 +46,28 @@ class TestOneImage:
         assert_refuses(self.check(side, image), reason, 0, 1, f"pixels of the {side} image: 0 px", "driver")
 
     @pytest.mark.parametrize(
-        ("image", "what", "dimensions"),
+        ("image", "what", "value", "limit"),
         [
-            (np.zeros((480, 640, 3), np.uint8), "uint8 of shape (480, 640, 3)", 3),
-            (np.zeros(480, np.uint8), "uint8 of shape (480,)", 1),
-            (np.uint8(3), "<class 'numpy.uint8'>", 0),
-            (np.zeros((480, 640), np.float64), "float64 of shape (480, 640)", 2),
-            (np.zeros((480, 640), np.uint16), "uint16 of shape (480, 640)", 2),
-            (np.zeros((480, 640), bool), "bool of shape (480, 640)", 2),
-            (np.zeros((480, 640), object), "object of shape (480, 640)", 2),
-            ([[1, 2], [3, 4]], "<class 'list'>", 0),
-            ([[1], [2, 3]], "<class 'list'>", 0),
-            ([], "<class 'list'>", 0),
-            ("image.png", "<class 'str'>", 0),
-            (b"", "<class 'bytes'>", 0),
-            (object(), "<class 'object'>", 0),
+            (np.zeros((480, 640, 3), np.uint8), "uint8 of shape (480, 640, 3)", 3, 2),
+            (np.zeros(480, np.uint8), "uint8 of shape (480,)", 1, 2),
+            (np.uint8(3), "<class 'numpy.uint8'>", 0, 2),
+            (np.zeros((480, 640), np.float64), "float64 of shape (480, 640)", 64, 8),
+            (np.zeros((480, 640), np.uint16), "uint16 of shape (480, 640)", 16, 8),
+            (np.zeros((480, 640), bool), "bool of shape (480, 640)", 8, 8),
+            (np.zeros((480, 640), object), "object of shape (480, 640)", 64, 8),
+            ([[1, 2], [3, 4]], "<class 'list'>", 0, 2),
+            ([[1], [2, 3]], "<class 'list'>", 0, 2),
+            ([], "<class 'list'>", 0, 2),
+            ("image.png", "<class 'str'>", 0, 2),
+            (b"", "<class 'bytes'>", 0, 2),
+            (object(), "<class 'object'>", 0, 2),
         ],
-        ids=str,
+        ids=lambda value: type(value).__name__,
     )
-    def test_of_another_type(self, side, image, what, dimensions):
+    def test_of_another_type(self, side, image, what, value, limit):
         rejection = self.check(side, image)
         words = f"the {side} image is {what}, not 2-D uint8", "convert it to 8-bit grey"
-        assert_refuses(rejection, RejectReason.IMAGE_TYPE, dimensions, 2, *words)
+        assert_refuses(rejection, RejectReason.IMAGE_TYPE, value, limit, *words)
 
 
 @pytest.mark.parametrize("size", [(480, 641), (481, 640), (640, 480)])
@@ -194,6 +194,15 @@ def test_bend_that_noise_may_have_made_is_let_pass():
     """Four standard deviations: 1 / 500 with 1 / 1990 passes, with 1 / 2010 it does not."""
     assert checks.check_straight(1 / 500, 1 / 1990, CONFIG) is None
     assert checks.check_straight(1 / 500, 1 / 2010, CONFIG) is not None
+
+
+def test_cameras_that_contradict_each_other():
+    """Ten standard deviations of two numbers: a chi2 of 200."""
+    assert checks.check_consistent(None) is None
+    assert checks.check_consistent(LineFit(np.eye(3), 0.0, 199.0)) is None
+    rejection = checks.check_consistent(LineFit(np.eye(3), 0.0, 204.0))
+    words = "contradict each other", "images are rectified"
+    assert_refuses(rejection, RejectReason.LINES_INCONSISTENT, 102.0**0.5, 10, *words)
 
 
 def test_undetermined_pose():

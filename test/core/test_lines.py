@@ -118,11 +118,11 @@ def test_a_fifth_of_displaced_rows_does_not_move_the_line(clean, places):
     line, reference = (fit_line(edge_response(i, 1), peak, LEAST_NOISE) for i in (bad, image))
     rows = np.arange(first, last)
     moved = line.column_at(rows) - reference.column_at(rows)
-    # An average moves by a fifth of 3 px. Blocks that are displaced in part are left with a small weight,
-    # and reweighting ends after eight rounds: a third of that is what may remain.
-    assert np.abs(moved).max() < 0.2
-    # What remains is claimed: the standard deviations grow with it.
-    assert line.covariance[0, 0] > 4 * reference.covariance[0, 0]
+    # An average moves by a fifth of 3 px. Blocks of rows that are displaced in part cannot be told from
+    # others at once: a third of that is what may remain; whole blocks are left out for good.
+    assert np.abs(moved).max() < (0.05 if places == "together" else 0.2)
+    # The displaced rows do not count, so less is known.
+    assert line.covariance[0, 0] > 1.25 * reference.covariance[0, 0]
 
 
 def test_refit_leaves_out_what_lies_above(clean):
