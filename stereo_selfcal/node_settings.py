@@ -89,9 +89,7 @@ NODE_SETTINGS = (
     NodeSetting(
         "camera_frame", "stereo_camera", "Frame of the camera body: x forward, y left, z up, mid-baseline"
     ),
-    NodeSetting(
-        "rig.width", 0, "Image width; 0: from CameraInfo", "px", 0, _GREATEST_PIXELS
-    ),
+    NodeSetting("rig.width", 0, "Image width; 0: from CameraInfo", "px", 0, _GREATEST_PIXELS),
     NodeSetting("rig.height", 0, "Image height; 0: from CameraInfo", "px", 0, _GREATEST_PIXELS),
     NodeSetting(
         "rig.fx", 0.0, "Horizontal focal length; 0: from CameraInfo", "px", 0.0, float(_GREATEST_PIXELS)
