@@ -24,8 +24,8 @@ Response = npt.NDArray[np.float32]
 # Half widths of the edge filters [px]; filter k finds stripes of 2k ... 4k + 1 pixels, so together
 # they cover 2 ... 65 px: a 15 cm line from 0.7 m under a 500 px camera to 40 m ahead.
 _FILTER_LENGTHS_PX = (1, 2, 4, 8, 16)
-# Wide stripes are near and long, so every second row will do.
-_ROW_STEPS = (1, 1, 2, 2, 2)
+# Stripes of four pixels and more are near and long, so every second row will do.
+_ROW_STEPS = (1, 2, 2, 2, 2)
 
 # The weaker edge of a stripe has at least this share of the stronger one: paint lies on asphalt, so
 # that both sides are darker by about the same; a step (a shadow, a kerb, a verge) is no stripe.
