@@ -77,7 +77,7 @@ def run_demo(bag: Path, output_dir: Path) -> int:
     except OSError as error:
         raise OutputError(f"{output_dir} cannot be written: {error.strerror}; choose --output-dir") from error
     answer = _calibrate_live(bag, result_path)
-    _say(f"{'calibrated' if answer.success else 'refused'}: {answer.message}")
+    _say(f"answer   {answer.message}" if answer.success else f"refused  {answer.message}")
     if not answer.success:
         return _EXIT_NOT_ACCEPTED
     saved = load_result(result_path)
