@@ -44,6 +44,7 @@ setup(
             f"node = {NAME}.ros.node:main",
             f"replay = {NAME}.cli.replay:main",
             f"synth = {NAME}.cli.synth:main",
+            f"limits = {NAME}.cli.limits:main",
         ],
     },
 )

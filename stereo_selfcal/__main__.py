@@ -12,6 +12,10 @@ COMMANDS = {
     "node": ("stereo_selfcal.ros.node", "calibrate a running stereo camera (needs ROS 2)"),
     "replay": ("stereo_selfcal.cli.replay", "calibrate from a recording, without ROS"),
     "synth": ("stereo_selfcal.cli.synth", "write a synthetic recording with its truth, without ROS"),
+    "limits": (
+        "stereo_selfcal.cli.limits",
+        "how accurate a rig can be at all, to choose a baseline and a mounting",
+    ),
     "demo": ("stereo_selfcal.ros.demo", "play a synthetic recording to the node and call it (needs ROS 2)"),
 }
 

@@ -25,6 +25,7 @@ WITHOUT_ROS = (
     "stereo_selfcal.__main__",
     "stereo_selfcal.cli.replay",
     "stereo_selfcal.cli.synth",
+    "stereo_selfcal.cli.limits",
 )
 
 COMPUTED = "an import of a computed name"
