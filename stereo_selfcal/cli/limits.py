@@ -154,8 +154,8 @@ def as_table(setup: Setup, covariance: Array) -> str:
         f"{setup.contrast:g} grey levels",
         f"images   noise {setup.noise_fraction * 100:g} % of 255, blur {setup.psf_px:g} px, {frames}",
         "",
-        f"{'':<21}{'standard deviation':>19}",
-        "-" * 40,
+        f"{'':<20}{'standard deviation':>18}{'of distance':>14}",
+        "-" * 52,
         f"{'height':<21}{_digits(height_m * 1e3):>13} mm",
         f"{'pitch':<21}{_digits(math.degrees(pitch_rad)):>13} deg",
         f"{'roll':<21}{_digits(math.degrees(roll_rad)):>13} deg",
@@ -163,7 +163,7 @@ def as_table(setup: Setup, covariance: Array) -> str:
     for distance_m in LOCATION_DISTANCES_M:
         std_m = setup.location_std_m(covariance, distance_m)
         label = f"location at {distance_m:g} m"
-        lines.append(f"{label:<21}{_digits(std_m * 1e3):>13} mm {std_m / distance_m * 100:>9.4f} %")
+        lines.append(f"{label:<21}{_digits(std_m * 1e3):>13} mm{_digits(std_m / distance_m * 100):>13} %")
     return "\n".join(lines) + "\n"
 
 
