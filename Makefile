@@ -3,6 +3,7 @@
 
 REQUIREMENTS := $(addprefix requirements/,base.txt ros.txt test.txt lint.txt)
 FLOOR_REQUIREMENTS := $(addprefix requirements/,floor.txt test.txt)
+BENCH_REQUIREMENTS := $(addprefix requirements/,base.txt bench.txt)
 
 # The first Python on the path that can make a virtual environment and is one of the versions named.
 # Both can be set: make PYTHON=/opt/python3.12/bin/python3 demo
@@ -49,8 +50,8 @@ lint: .venv  ## check style and types
 	.venv/bin/python -m mypy
 
 .PHONY: bench
-bench: .venv  ## measure time and accuracy
-	.venv/bin/python -m benchmarks $(ARGS)
+bench: .venv-bench/ready  ## measure accuracy, time and the alternatives (ARGS="--quick", ARGS="noise seeds": sections)
+	.venv-bench/bin/python -m benchmarks $(ARGS)
 
 .PHONY: bags
 bags: .venv  ## make the bags in bags/ anew, byte for byte
@@ -58,7 +59,7 @@ bags: .venv  ## make the bags in bags/ anew, byte for byte
 
 .PHONY: clean
 clean:  ## remove everything the other targets made, but for bags/
-	rm -rf .venv .venv-floor demo build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-floor .venv-bench demo build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 .venv/ready: $(REQUIREMENTS)
@@ -71,4 +72,10 @@ clean:  ## remove everything the other targets made, but for bags/
 	@test -n "$(FLOOR_PYTHON)" || { echo "No Python 3.10 to 3.12 with venv and ensurepip found; name one: make FLOOR_PYTHON=..." >&2; exit 1; }
 	$(FLOOR_PYTHON) -m venv --clear .venv-floor
 	.venv-floor/bin/python -m pip --disable-pip-version-check install --quiet $(addprefix -r ,$(FLOOR_REQUIREMENTS))
+	touch $@
+
+.venv-bench/ready: $(BENCH_REQUIREMENTS)
+	@test -n "$(PYTHON)" || { echo "No Python 3.10 to 3.14 with venv and ensurepip found; name one: make PYTHON=..." >&2; exit 1; }
+	$(PYTHON) -m venv --clear .venv-bench
+	.venv-bench/bin/python -m pip --disable-pip-version-check install --quiet $(addprefix -r ,$(BENCH_REQUIREMENTS))
 	touch $@

@@ -1,39 +1,107 @@
-"""Measure everything and write it to benchmarks/results/results.md."""
+"""Measure and write benchmarks/results/: one Markdown file of all tables, a CSV each, and plots."""
 
 from __future__ import annotations
 
+import argparse
 import platform
+import subprocess
 import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from .accuracy import noise_table, recorded_table, seed_table
-from .speed import stage_table
+from .bias import bias_table
+from .false_alarms import false_alarm_table
+from .limit import limit_table
+from .options import QUICK, RESULTS, Options
+from .paper import noise_table, seed_table
+from .peer_table import peer_table
+from .recorded import recorded_table
+from .search import search_table
+from .speed import cost_tables, ratio_table, size_table
+from .table import Table
 
-RESULTS = Path(__file__).parent / "results" / "results.md"
-# Real recordings may not be copied into the project; where they lie beside it they are measured too.
-RECORDED = Path(__file__).resolve().parents[2] / "shared" / "data"
+SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
+    "ratio": ratio_table,
+    "seeds": seed_table,
+    "noise": noise_table,
+    "limit": limit_table,
+    "bias": bias_table,
+    "peers": peer_table,
+    "search": search_table,
+    "sizes": size_table,
+    "cost": cost_tables,
+    "false_alarms": false_alarm_table,
+    "recorded": recorded_table,
+}
+# Drawn by a section, shown below its tables.
+PLOTS = {"limit": "limit.png", "peers": "peers.png", "search": "search.png", "sizes": "sizes.png"}
 
 
-def main() -> int:
-    """Run all benchmarks."""
-    tables = [stage_table, noise_table, seed_table]
-    if (RECORDED / "kitti_odometry02").is_dir():
-        bag, reference = RECORDED / "kitti_odometry02", RECORDED / "kitti_odometry02_stereo_plane.csv"
-        tables.append(lambda: recorded_table(bag, reference))
-    versions = f"Python {platform.python_version()}, NumPy {np.__version__}, OpenCV {cv2.__version__}"
-    text = f"# Measured by `make bench`\n\n{versions}, {platform.machine()}.\n"
-    for table in tables:
-        section = table().markdown()
-        sys.stdout.write(f"\n{section}")
+def main(arguments: list[str]) -> int:
+    """Run the chosen sections, all of them by default."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("sections", nargs="*", metavar="SECTION", help=f"any of: {', '.join(SECTIONS)}")
+    parser.add_argument("--quick", action="store_true", help="few poses, draws and seeds: does it run?")
+    parser.add_argument("--poses", type=int, help="random poses per row")
+    parser.add_argument("--draws", type=int, help="noise draws of the bias table")
+    parser.add_argument("--seeds", type=int, help="runs of every optimiser")
+    chosen = parser.parse_args(arguments)
+    unknown = [name for name in chosen.sections if name not in SECTIONS]
+    if unknown:
+        parser.error(f"there is no section {unknown[0]!r}: they are {', '.join(SECTIONS)}")
+    sizes = {name: getattr(chosen, name) for name in ("poses", "draws", "seeds") if getattr(chosen, name)}
+    options = replace(QUICK if chosen.quick else Options(), **sizes)
+    cv2.setNumThreads(1)
+    options.folder.mkdir(parents=True, exist_ok=True)
+    for name in chosen.sections or SECTIONS:
+        start = time.perf_counter()
+        text = _measure(name, options)
+        sys.stdout.write(f"\n{text}\n({time.perf_counter() - start:.0f} s)\n")
         sys.stdout.flush()
-        text += f"\n{section}"
-    RESULTS.parent.mkdir(exist_ok=True)
-    RESULTS.write_text(text, encoding="utf-8")
+    _collect(options.folder)
     return 0
 
 
+def _measure(name: str, options: Options) -> str:
+    """Measure one section, write its files, return its Markdown."""
+    tables = list(SECTIONS[name](options))
+    text = "\n".join(table.markdown() for table in tables)
+    if name in PLOTS:
+        text += f"\n![{name}]({PLOTS[name]})\n"
+    if tables:
+        thin = " with --quick: too few runs to be quoted" if options.folder != RESULTS else ""
+        text = f"*Measured at {_commit()}{thin}.*\n\n{text}"
+    for table in tables:
+        (options.folder / f"{table.name}.csv").write_text(table.csv(), encoding="utf-8")
+    (options.folder / f"{name}.md").write_text(text, encoding="utf-8")
+    return text
+
+
+def _collect(folder: Path) -> None:
+    """Write all sections there are, measured now or before, to one file."""
+    versions = f"Python {platform.python_version()}, NumPy {np.__version__}, OpenCV {cv2.__version__}"
+    text = f"# Measured by `make bench`\n\n{versions}, {platform.machine()}.\n"
+    for name in SECTIONS:
+        path = folder / f"{name}.md"
+        if path.is_file():
+            text += f"\n{path.read_text(encoding='utf-8')}"
+    (folder / "results.md").write_text(text, encoding="utf-8")
+
+
+def _commit() -> str:
+    """Return the commit that is measured: sections may be measured one by one."""
+    describe = ["git", "describe", "--always", "--dirty", "--exclude=*"]
+    try:
+        run = subprocess.run(describe, cwd=Path(__file__).parent, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return "an unknown commit"
+    return f"commit {run.stdout.strip()}"
+
+
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

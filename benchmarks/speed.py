@@ -1,60 +1,171 @@
-"""Time of the stages, one thread."""
+"""Time and memory of one thread: parts, image sizes, population, frames; OpenCV's block matching beside."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+import tracemalloc
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
 
-from stereo_selfcal import Calibrator, CalibratorConfig
+from stereo_selfcal import Calibrator, CalibratorConfig, StereoRig
 from stereo_selfcal.core.fitness import PatternFitness
 from stereo_selfcal.core.genetic import maximise
-from stereo_selfcal.synth.scenes import named_scene
+from stereo_selfcal.core.geometry import SIDES
+from stereo_selfcal.synth.renderer import Frame, render
+from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene, random_scene
 
+from .frames import FIRST_POSE_SEED
+from .optimisers import search_box
+from .options import Options
+from .plots import save_size_plot
 from .table import Table
 
-REPEATS = 30
+SIZES = ((640, 480), (1024, 768), (1280, 960), (1600, 1200), (2048, 1536), (2448, 2048))
+N_QUICK_SIZES = 2
+POPULATIONS = (50, 100, 200, 400, 800)
+FRAME_COUNTS = (1, 10, 100)
+NOISE = 0.01
+N_DISPARITIES, BLOCK_PX = 64, 5
+MEBIBYTE = 2**20
 
 
-def stage_table() -> Table:
-    """CPU time of extraction, genetic algorithm and one whole frame, beside OpenCV's block matching."""
-    cv2.setNumThreads(1)
+def ratio_table(options: Options) -> Iterator[Table]:
+    """One whole calibration against one block matching of the same pair, by turns."""
     named = named_scene("straight_road")
     _, left, right = named.frame(0)
     calibrator = Calibrator(named.scene.rig)
-    pattern = calibrator.add(left, right).pattern
-    fitness = PatternFitness(pattern, named.scene.rig, calibrator.config.fitness)
-    # The paper's size, and no early stop: 100 + 200 * 90 evaluations.
-    config = replace(CalibratorConfig().genetic, population=100, max_generations=200, tolerance=0.0)
-    box = calibrator.config.search
-    lower = (box.height_min_m, -box.pitch_max_rad, -box.roll_max_rad)
-    upper = (box.height_max_m, box.pitch_max_rad, box.roll_max_rad)
-    matcher = cv2.StereoSGBM_create(minDisparity=0, numDisparities=64, blockSize=5)
+    matcher = cv2.StereoSGBM_create(minDisparity=0, numDisparities=N_DISPARITIES, blockSize=BLOCK_PX)
+    ours, theirs = [], []
+    for _ in range(options.repeats):
+        ours.append(_ms(lambda: calibrator.add(left, right)))
+        theirs.append(_ms(lambda: matcher.compute(left, right)))
+    table = Table(
+        "ratio",
+        f"calibrate() against one cv2.StereoSGBM, 640 x 480, {options.repeats} times by turns",
+        ["what", "best ms", "median ms"],
+        f"One thread each, the same pair; {N_DISPARITIES} disparities, block {BLOCK_PX}. Asked: a ratio "
+        "of at most 1, aim 0.5.",
+    )
+    best, median = [min(ours), min(theirs)], [float(np.median(ours)), float(np.median(theirs))]
+    table.add("calibrate(): all stages", f"{best[0]:.1f}", f"{median[0]:.1f}")
+    table.add("cv2.StereoSGBM.compute()", f"{best[1]:.1f}", f"{median[1]:.1f}")
+    table.add("ratio", f"{best[0] / best[1]:.2f}", f"{median[0] / median[1]:.2f}")
+    yield table
+
+
+def size_table(options: Options) -> Iterator[Table]:
+    """Time of the parts and peak memory over image sizes."""
+    table = Table(
+        "sizes",
+        "Time and memory over image sizes, the paper's rig scaled",
+        [
+            "size",
+            "extraction ms",
+            "genetic algorithm ms",
+            "all the rest ms",
+            "calibrate() ms",
+            "peak memory MiB",
+        ],
+        f"Median of {options.repeats}, one thread, {NOISE:.0%} noise. Memory: the most that NumPy and "
+        "OpenCV's results held at once during one call, beyond the images themselves (tracemalloc).",
+    )
+    sizes = SIZES if options.all_sizes else SIZES[:N_QUICK_SIZES]
+    parts: dict[str, list[float]] = {"extraction": [], "genetic algorithm": [], "calibrate()": []}
+    for width, height in sizes:
+        calibrator, left, right = _pair(width, height)
+        memory = _peak_mib(partial(calibrator.add, left, right))
+        fitness = _fitness(calibrator, left, right)
+        extraction = _median_ms(partial(calibrator.extract, left, right), options.repeats)
+        genetic = _median_ms(partial(_search, fitness, CalibratorConfig()), options.repeats)
+        whole = _median_ms(partial(calibrator.add, left, right), options.repeats)
+        for name, value in zip(parts, (extraction, genetic, whole), strict=True):
+            parts[name].append(value)
+        rest = whole - extraction - genetic
+        cells = [f"{value:.1f}" for value in (extraction, genetic, rest, whole)]
+        table.add(f"{width} x {height}", *cells, f"{memory:.1f}")
+    save_size_plot(options.folder, [width * height for width, height in sizes], parts)
+    yield table
+
+
+def cost_tables(options: Options) -> Iterator[Table]:
+    """Cost over the size of the population and over the number of frames."""
+    calibrator, left, right = _pair(*SIZES[0])
+    fitness = _fitness(calibrator, left, right)
+    table = Table(
+        "population",
+        "Cost of the genetic algorithm over its population",
+        ["population", "evaluations", "generations", "ms"],
+        f"Both runs of one frame, median of {options.repeats}; to its own stopping rule.",
+    )
+    for population in POPULATIONS:
+        config = CalibratorConfig()
+        config = replace(config, genetic=replace(config.genetic, population=population))
+        evaluations, generations = _search(fitness, config)
+        milliseconds = _median_ms(partial(_search, fitness, config), options.repeats)
+        table.add(str(population), str(evaluations), str(generations), f"{milliseconds:.1f}")
+    yield table
 
     table = Table(
-        f"CPU time on one core, 640 x 480 pair, best and median of {REPEATS}",
-        ["what", "best ms", "median ms", "asked"],
+        "frames",
+        "Cost over the number of frames that are fused",
+        ["frames", "ms per frame", "ms for the fused estimate"],
+        "640 x 480, the same frame again and again.",
     )
-    rows: list[tuple[str, Callable[[], object], str]] = [
-        ("extraction: both images to the sampled pattern", lambda: calibrator.extract(left, right), "10 ms"),
-        (
-            "genetic algorithm, 100 individuals x 200 generations (18 100 evaluations)",
-            lambda: maximise(fitness, lower, upper, config, np.random.default_rng(0)),
-            "100 ms",
-        ),
-        ("calibrate(): all stages", lambda: calibrator.add(left, right), "-"),
-        ("cv2.StereoSGBM, 64 disparities, block 5", lambda: matcher.compute(left, right), "-"),
+    for count in FRAME_COUNTS:
+        fresh = Calibrator(calibrator.rig)
+        adding = [_ms(partial(fresh.add, left, right)) for _ in range(count)]
+        fused = _median_ms(lambda: fresh.estimate, options.repeats)  # noqa: B023 - called at once
+        table.add(str(count), f"{np.median(adding):.1f}", f"{fused:.2f}")
+    yield table
+
+
+def _pair(width: int, height: int) -> tuple[Calibrator, Frame, Frame]:
+    """Return a calibrator and a frame of the paper's rig with other cameras."""
+    focal_px = PAPER_RIG.fx * width / PAPER_RIG.width
+    rig = StereoRig(
+        width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2, PAPER_RIG.baseline_m
+    )
+    scene = random_scene(np.random.default_rng(FIRST_POSE_SEED), NOISE, rig=rig)
+    return Calibrator(rig), *render(scene, np.random.default_rng(0))
+
+
+def _fitness(calibrator: Calibrator, left: Frame, right: Frame) -> PatternFitness:
+    result = calibrator.add(left, right)
+    if result.pattern is None:
+        raise RuntimeError(f"no pattern to measure with: {result.message}")
+    return PatternFitness(result.pattern, calibrator.rig, calibrator.config.fitness)
+
+
+def _search(fitness: PatternFitness, config: CalibratorConfig) -> tuple[int, int]:
+    """Search as the calibrator does; return evaluations and generations of both runs."""
+    rng = np.random.default_rng(config.seed)
+    runs = [
+        maximise(partial(fitness.seen_by, camera), *search_box(), config.genetic, rng)
+        for camera in range(len(SIDES))
     ]
-    for name, call, asked in rows:
-        times = [_cpu_ms(call) for _ in range(REPEATS)]
-        table.add(name, f"{min(times):.1f}", f"{np.median(times):.1f}", asked)
-    return table
+    return sum(run.evaluations for run in runs), sum(run.generations for run in runs)
 
 
-def _cpu_ms(call: Callable[[], object]) -> float:
+def _median_ms(call: Callable[[], object], repeats: int) -> float:
+    return float(np.median([_ms(call) for _ in range(repeats)]))
+
+
+def _ms(call: Callable[[], object]) -> float:
+    # CPU time: other programs of this machine must not count.
     start = time.thread_time()
     call()
     return (time.thread_time() - start) * 1e3
+
+
+def _peak_mib(call: Callable[[], object]) -> float:
+    """Return the most memory held at once during a call."""
+    tracemalloc.start()
+    try:
+        call()
+        return tracemalloc.get_traced_memory()[1] / MEBIBYTE
+    finally:
+        tracemalloc.stop()

@@ -1,16 +1,28 @@
-"""A table that prints as Markdown."""
+"""A table that prints as Markdown and as CSV."""
 
 from __future__ import annotations
 
+import csv
+import io
 from dataclasses import dataclass, field
 
 
 @dataclass
 class Table:
-    """Rows of text under a title."""
+    """Rows of text under a title.
 
+    Attributes:
+        name: Name of its CSV file, without the ending.
+        title: Heading.
+        header: Names of the columns.
+        note: What a reader must know to read it: conditions, settings, what is missing.
+        rows: The cells.
+    """
+
+    name: str
     title: str
     header: list[str]
+    note: str = ""
     rows: list[tuple[str, ...]] = field(default_factory=list)
 
     def add(self, *cells: str) -> None:
@@ -21,9 +33,28 @@ class Table:
 
     def markdown(self) -> str:
         """Return the table as Markdown."""
-        lines = [f"### {self.title}", "", _row(self.header), _row(["---"] * len(self.header))]
+        lines = [f"### {self.title}", ""]
+        if self.note:
+            lines += [self.note, ""]
+        lines += [_row(self.header), _row(["---"] * len(self.header))]
         return "\n".join(lines + [_row(row) for row in self.rows]) + "\n"
+
+    def csv(self) -> str:
+        """Return header and rows as comma-separated values."""
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows([self.header, *self.rows])
+        return text.getvalue()
 
 
 def _row(cells: list[str] | tuple[str, ...]) -> str:
-    return "| " + " | ".join(cells) + " |"
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Return a number with so many significant digits, without an exponent where that is short."""
+    return f"{value:.{digits}g}" if 0 < abs(value) < 1e-4 else f"{float(f'{value:.{digits}g}'):g}"
+
+
+def numbers(values: object, digits: int = 3, separator: str = " / ") -> str:
+    """Return several numbers in one cell."""
+    return separator.join(number(float(value), digits) for value in values)  # type: ignore[attr-defined]

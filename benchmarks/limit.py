@@ -1,0 +1,71 @@
+"""Accuracy against the Cramér-Rao bound, and the reported standard deviation against the error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+
+import numpy as np
+
+from .bound import bound_per_noise
+from .frames import READABLE, SURFACES, UNITS, Array, held_out, measured, rms, stage_errors, stages_of
+from .options import Options
+from .plots import save_limit_plot
+from .table import Table, number, numbers
+
+NOISES = (0.01, 0.05, 0.10, 0.20)
+ASKED_OVER_BOUND = 1.5
+ASKED_OVER_STD = "0.8 ... 1.25"
+
+
+def limit_table(options: Options) -> Iterator[Table]:
+    """RMS error of every stage over the RMS bound of the same poses."""
+    table = Table(
+        "limit",
+        f"Accuracy against the Cramér-Rao bound, {options.poses} held-out poses a row",
+        [
+            "surface",
+            "noise",
+            "stage",
+            "accepted",
+            *(f"RMS {unit}" for unit in UNITS),
+            "bound (mm, deg, deg)",
+            "error / bound (h, p, r)",
+            "error / reported std (h, p, r)",
+        ],
+        f"Asked of the final stage: error / bound at most {ASKED_OVER_BOUND}, error / std {ASKED_OVER_STD}. "
+        "The bound is that of the stripes under Gaussian noise, by derivatives of the renderer; it knows of "
+        "no texture, no clipping, no rounding. Errors are of accepted frames, the bound is of all.",
+    )
+    curves: dict[str, list[tuple[float, Array, Array]]] = {}
+    for surface in SURFACES:
+        for noise in NOISES:
+            results = [measured(surface, noise, pose) for pose in range(options.poses)]
+            bound = rms([_bound(pose) * noise for pose in range(options.poses)])
+            accepted = [result for result in results if result.accepted]
+            for stage in stages_of(results):
+                error = rms(stage_errors(results, stage))
+                honesty = "-"
+                if stage == "final":
+                    honesty = numbers(rms([r.error(stage) / r.std for r in accepted if r.std is not None]))
+                table.add(
+                    surface,
+                    f"{noise:.0%}",
+                    stage,
+                    f"{len(accepted)}/{len(results)}",
+                    *(number(value) for value in error * READABLE),
+                    numbers(bound * READABLE),
+                    numbers(error / bound),
+                    honesty,
+                )
+                if surface == "bare":
+                    curves.setdefault(stage, []).append((noise, error * READABLE, bound * READABLE))
+    save_limit_plot(options.folder, curves, UNITS)
+    yield table
+
+
+@cache
+def _bound(pose: int) -> Array:
+    """Return the bound of a held-out pose per unit of noise; the same on both surfaces."""
+    scene, _ = held_out("bare", pose)
+    return np.asarray(bound_per_noise(scene))

@@ -1,0 +1,37 @@
+"""How much to measure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+RESULTS = Path(__file__).parent / "results"
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """Sizes of the measurements.
+
+    Attributes:
+        poses: Random poses per noise level and surface.
+        draws: Noise draws of the bias table.
+        seeds: Runs of each optimiser per frame.
+        repeats: Repetitions of a timing.
+        false_alarms: Pictures without a road of each kind.
+        all_sizes: Whether to go through all image sizes, or the smallest two only.
+        folder: Where tables and plots go.
+    """
+
+    poses: int = 20
+    draws: int = 200
+    seeds: int = 50
+    repeats: int = 20
+    false_alarms: int = 200
+    all_sizes: bool = True
+    folder: Path = RESULTS
+
+
+# To see that everything runs; apart, so that nothing measured so thinly is quoted.
+QUICK = Options(
+    poses=5, draws=20, seeds=5, repeats=5, false_alarms=20, all_sizes=False, folder=RESULTS / "quick"
+)
