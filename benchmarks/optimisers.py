@@ -14,9 +14,9 @@ on development frames where it does not:
   spares it the second optimum the whole fitness may have.
 * pymoo: GA(pop_size=100), 500 generations, SBX(eta=3, prob=0.9, prob_var=1): with its defaults (eta 15,
   prob_var 0.5) it stays in the valley, far from the optimum.
-* DEAP: eaSimple, 100 individuals, cxBlend(0.5) with probability 0.5, Gaussian mutation of 0.1 % of the box with
-  probability 0.5, tournaments of 5, 500 generations: the best of eight settings tried; its selection
-  keeps no elite, the best ever evaluated counts.
+* DEAP: eaSimple, 100 individuals, cxBlend(0.5) with probability 0.5, Gaussian mutation of 0.1 % of
+  the box with probability 0.5, tournaments of 5, 500 generations: the best of eight settings tried;
+  its selection keeps no elite, the best ever evaluated counts.
 
 500 generations is the paper's limit, and ours.
 """
@@ -67,7 +67,7 @@ class Recorder:
 
     def __init__(self, fitness: PatternFitness) -> None:
         self.fitness = fitness
-        self._start = time.perf_counter()
+        self._start = time.thread_time()
         self._log: list[tuple[float, int, float]] = []
         self._evaluations = 0
         self._best = -np.inf
@@ -86,7 +86,7 @@ class Recorder:
         top = int(values.argmax())
         if values[top] > self._best:
             self._best, self.best_individual = float(values[top]), population[top].copy()
-        self._log.append((time.perf_counter() - self._start, self._evaluations, self._best))
+        self._log.append((time.thread_time() - self._start, self._evaluations, self._best))
         return values
 
     @property

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -50,7 +51,7 @@ def save_peer_plot(folder: Path, curves: dict[str, list[tuple[float, Array]]], u
     _save(figure, panels, folder / "peers.png")
 
 
-def save_size_plot(folder: Path, pixels: Sequence[float], times_ms: dict[str, Sequence[float]]) -> None:
+def save_size_plot(folder: Path, pixels: Sequence[float], times_ms: Mapping[str, Sequence[float]]) -> None:
     """Draw time over image size, one curve a part."""
     figure, panels = _panels(["ms"])
     for name, times in times_ms.items():
@@ -68,7 +69,7 @@ def save_search_plot(folder: Path, curves: dict[str, tuple[Array, Array]]) -> No
     _save(figure, panels, folder / "search.png")
 
 
-def _series(points: Sequence[tuple]) -> tuple[list[float], Array]:
+def _series(points: Sequence[tuple[Any, ...]]) -> tuple[list[float], Array]:
     """Return noise [%] and errors (n, 3) of one curve."""
     return [point[0] * 100 for point in points], np.array([point[1] for point in points])
 

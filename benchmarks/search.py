@@ -36,7 +36,7 @@ def search_table(options: Options) -> Iterator[Table]:
             "median ms until it stops",
             "evaluations until it stops",
         ],
-        "One textured held-out frame per noise level, one thread, wall time. The optimum is the best any run "
+        "One textured held-out frame per noise level, one thread, CPU time. The optimum is the best any run "
         f"found, polished by Nelder-Mead. Until there: of the runs that got there. {SETTINGS}.",
     )
     runs: dict[str, dict[str, list[tuple[Recorder, float]]]] = {ALL: {}}
