@@ -16,9 +16,10 @@ from matplotlib.figure import Figure
 
 from .frames import Array
 
-PANEL_INCHES = (4.0, 3.2)
+PANEL_INCHES = (4.0, 3.4)
 
 DPI = 75
+LEGEND_COLUMNS = 3
 
 mpl.rcParams["font.size"] = 9
 
@@ -28,10 +29,12 @@ def save_limit_plot(
 ) -> None:
     """Draw RMS error over noise, one curve a stage, with the bound below them."""
     figure, panels = _panels(units)
-    for stage, points in curves.items():
+    for index, (stage, points) in enumerate(curves.items()):
         noise, errors = _series(points)
+        # What a user gets lies on the last stage: drawn so that both are seen.
+        style = {"color": f"C{index}", "linestyle": ":" if stage == "final" else "-"}
         for panel, error in zip(panels, errors.T, strict=True):
-            panel.loglog(noise, error, marker="o", markersize=3, label=stage)
+            panel.loglog(noise, error, marker="o", markersize=3, label=stage, **style)
     bounds = next(iter(curves.values()), [])
     if bounds:
         noise, bound = [point[0] * 100 for point in bounds], np.array([point[2] for point in bounds])
@@ -43,11 +46,11 @@ def save_limit_plot(
 def save_peer_plot(folder: Path, curves: dict[str, list[tuple[float, Array]]], units: Sequence[str]) -> None:
     """Draw RMS error over noise, one curve a method."""
     figure, panels = _panels(units)
-    for method, points in curves.items():
+    for index, (method, points) in enumerate(curves.items()):
         noise, errors = _series(points)
         for panel, error in zip(panels, errors.T, strict=True):
             if np.isfinite(error).any():
-                panel.semilogy(noise, error, marker="o", markersize=3, label=method)
+                panel.semilogy(noise, error, color=f"C{index}", marker="o", markersize=3, label=method)
     _save(figure, panels, folder / "peers.png")
 
 
@@ -86,7 +89,19 @@ def _panels(labels: Sequence[str]) -> tuple[Figure, list[Axes]]:
 
 
 def _save(figure: Figure, panels: Sequence[Axes], path: Path) -> None:
-    panels[0].legend(fontsize=7)
+    labelled = {
+        label: line
+        for panel in panels
+        for line, label in zip(*panel.get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(
+        labelled.values(),
+        labelled,
+        loc="outside lower center",
+        ncols=LEGEND_COLUMNS,
+        fontsize=7,
+        frameon=False,
+    )
     path.parent.mkdir(exist_ok=True)
     figure.savefig(path, dpi=DPI, metadata={"Software": None})
     plt.close(figure)

@@ -5,13 +5,16 @@ from __future__ import annotations
 import time
 import tracemalloc
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
+from unittest.mock import patch
 
 import cv2
 import numpy as np
 
 from stereo_selfcal import Calibrator, CalibratorConfig, StereoRig
+from stereo_selfcal.core import calibrator as calibrator_module
 from stereo_selfcal.core.fitness import PatternFitness
 from stereo_selfcal.core.genetic import maximise
 from stereo_selfcal.core.geometry import SIDES
@@ -31,6 +34,16 @@ FRAME_COUNTS = (1, 10, 100)
 NOISE = 0.01
 N_DISPARITIES, BLOCK_PX = 64, 5
 MEBIBYTE = 2**20
+
+# Parts of a calibration, by the function that does it.
+PARTS: dict[str, tuple[object, str]] = {
+    "extraction": (Calibrator, "extract"),
+    "genetic algorithm": (calibrator_module, "maximise"),
+    "covariance of lines": (calibrator_module, "propagate"),
+    "closed form": (calibrator_module, "compare_stages"),
+    "refinement": (calibrator_module, "refine"),
+}
+REST, WHOLE = "all the rest", "calibrate()"
 
 
 def ratio_table(options: Options) -> Iterator[Table]:
@@ -62,32 +75,22 @@ def size_table(options: Options) -> Iterator[Table]:
     table = Table(
         "sizes",
         "Time and memory over image sizes, the paper's rig scaled",
-        [
-            "size",
-            "extraction ms",
-            "genetic algorithm ms",
-            "all the rest ms",
-            "calibrate() ms",
-            "peak memory MiB",
-        ],
+        ["size", *(f"{name} ms" for name in (*PARTS, REST, WHOLE)), "peak memory MiB"],
         f"Median of {options.repeats}, one thread, {NOISE:.0%} noise. Memory: the most that NumPy and "
         "OpenCV's results held at once during one call, beyond the images themselves (tracemalloc).",
     )
     sizes = SIZES if options.all_sizes else SIZES[:N_QUICK_SIZES]
-    parts: dict[str, list[float]] = {"extraction": [], "genetic algorithm": [], "calibrate()": []}
+    columns: dict[str, list[float]] = {name: [] for name in (*PARTS, REST, WHOLE)}
     for width, height in sizes:
         calibrator, left, right = _pair(width, height)
         memory = _peak_mib(partial(calibrator.add, left, right))
-        fitness = _fitness(calibrator, left, right)
-        extraction = _median_ms(partial(calibrator.extract, left, right), options.repeats)
-        genetic = _median_ms(partial(_search, fitness, CalibratorConfig()), options.repeats)
-        whole = _median_ms(partial(calibrator.add, left, right), options.repeats)
-        for name, value in zip(parts, (extraction, genetic, whole), strict=True):
-            parts[name].append(value)
-        rest = whole - extraction - genetic
-        cells = [f"{value:.1f}" for value in (extraction, genetic, rest, whole)]
+        times = [_part_times_ms(partial(calibrator.add, left, right)) for _ in range(options.repeats)]
+        for name, values in columns.items():
+            values.append(float(np.median([each[name] for each in times])))
+        cells = [f"{values[-1]:.1f}" if any(values) else "-" for values in columns.values()]
         table.add(f"{width} x {height}", *cells, f"{memory:.1f}")
-    save_size_plot(options.folder, [width * height for width, height in sizes], parts)
+    drawn = {name: values for name, values in columns.items() if any(values) and name != REST}
+    save_size_plot(options.folder, [width * height for width, height in sizes], drawn)
     yield table
 
 
@@ -148,6 +151,31 @@ def _search(fitness: PatternFitness, config: CalibratorConfig) -> tuple[int, int
         for camera in range(len(SIDES))
     ]
     return sum(run.evaluations for run in runs), sum(run.generations for run in runs)
+
+
+def _part_times_ms(call: Callable[[], object]) -> dict[str, float]:
+    """Return the time of one calibration and of its parts, by clocks around the parts."""
+    spent = dict.fromkeys((*PARTS, REST, WHOLE), 0.0)
+
+    def clocked(name: str, function: Callable[..., object]) -> Callable[..., object]:
+        def clock(*args: object, **kwargs: object) -> object:
+            start = time.thread_time()
+            try:
+                return function(*args, **kwargs)
+            finally:
+                spent[name] += (time.thread_time() - start) * 1e3
+
+        return clock
+
+    with ExitStack() as clocks:
+        for name, (owner, attribute) in PARTS.items():
+            # A part that this version of the calibrator does not have takes no time.
+            if hasattr(owner, attribute):
+                clock = clocked(name, getattr(owner, attribute))
+                clocks.enter_context(patch.object(owner, attribute, clock))
+        spent[WHOLE] = _ms(call)
+    spent[REST] = spent[WHOLE] - sum(spent[name] for name in PARTS)
+    return spent
 
 
 def _median_ms(call: Callable[[], object], repeats: int) -> float:
