@@ -10,11 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from . import checks
+from .closed_form import compare_stages
 from .config import CalibratorConfig
 from .extraction import Response, find_stripe_points
 from .extrinsics import Extrinsics
 from .fitness import PatternFitness
-from .fusion import fuse
+from .fusion import fuse, shared
 from .genetic import GeneticResult, maximise
 from .geometry import SIDES
 from .lines import fit_line, hough_peaks, refit_line
@@ -26,6 +27,7 @@ from .matching import (
     sample_pattern,
 )
 from .pattern import LanePattern
+from .refinement import refine
 from .results import CalibrationResult, Rejection, RejectReason, describe, rejected
 from .rig import StereoRig
 from .uncertainty import lane_curvature, propagate
@@ -100,11 +102,12 @@ class Calibrator:
         fused = CalibrationResult(
             message="",
             extrinsics=Extrinsics.from_array(mean),
-            covariance=covariance,
+            covariance=covariance + shared(covariances[used]),
             lane_yaw_rad=float(np.mean(yaws)),
             stages={
                 name: Extrinsics.from_array(np.mean([r.stages[name].as_array() for r in frames], axis=0))
                 for name in frames[0].stages
+                if all(name in r.stages for r in frames)
             },
             stamp_s=self._accepted[-1].stamp_s,
             n_frames=len(frames),
@@ -116,7 +119,7 @@ class Calibrator:
         pattern = self.extract(left, right)
         if isinstance(pattern, Refused):
             return rejected(pattern.rejection, stamp_s, pattern=pattern.pattern)
-        return self._solve(pattern, stamp_s)
+        return self._solve(pattern, (left, right), stamp_s)
 
     def extract(self, left: Image, right: Image) -> LanePattern | Refused:
         """Extract the calibration pattern of one frame (paper section 2.2).
@@ -170,8 +173,8 @@ class Calibrator:
                 lines.append(refitted)
         return MatchedLines.of(lines, matched.votes)
 
-    def _solve(self, pattern: LanePattern, stamp_s: float) -> CalibrationResult:
-        """Find the extrinsics for a pattern, and judge them."""
+    def _solve(self, pattern: LanePattern, images: tuple[Image, Image], stamp_s: float) -> CalibrationResult:
+        """Find the extrinsics for a pattern, judge them, and refine them on the images."""
         fitness = PatternFitness(pattern, self.rig, self.config.fitness)
         genetic = self._search(fitness)
         extrinsics = Extrinsics.from_array(genetic.best)
@@ -202,9 +205,27 @@ class Calibrator:
             lane_yaw_rad=fit.lane_yaw_rad,
             stamp_s=stamp_s,
             n_frames=1,
+            notes=compare_stages(pattern, self.rig, extrinsics, fit.covariance, evidence["stages"]),
             **evidence,
         )
+        result = self._refine(result, images)
         return replace(result, message=_announce(result))
+
+    def _refine(self, result: CalibrationResult, images: tuple[Image, Image]) -> CalibrationResult:
+        """Replace an estimate from lines by one from grey values, where that succeeds."""
+        if result.pattern is None or result.extrinsics is None:
+            raise ValueError("only an accepted result can be refined")
+        refined = refine(images, result.pattern, self.rig, result.extrinsics)
+        if refined is None:
+            note = "not refined: too few rows show both edges of a stripe"
+            return replace(result, notes=(*result.notes, note))
+        return replace(
+            result,
+            extrinsics=refined.extrinsics,
+            covariance=refined.covariance,
+            lane_yaw_rad=refined.lane_yaw_rad,
+            stages={**result.stages, "refined": refined.extrinsics},
+        )
 
     def _search(self, fitness: PatternFitness) -> GeneticResult:
         """Run the genetic algorithm over the whole search box, once for each camera's parallelism."""
@@ -245,4 +266,5 @@ def _announce(result: CalibrationResult, n_outliers: int = 0) -> str:
         raise ValueError("only an accepted result can be announced")
     frames = "1 frame" if result.n_frames == 1 else f"{result.n_frames} frames"
     aside = f" ({n_outliers} more set aside as outliers)" if n_outliers else ""
-    return f"calibrated from {frames}{aside}: {describe(result.extrinsics, result.std)}"
+    notes = "".join(f"; {note}" for note in result.notes)
+    return f"calibrated from {frames}{aside}: {describe(result.extrinsics, result.std)}{notes}"

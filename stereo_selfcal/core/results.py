@@ -76,6 +76,7 @@ class CalibrationResult:
         n_frames: Number of accepted frames behind the result.
         pattern: Lines and sampled points the estimate was made from, for pictures.
         genetic: Report of the genetic algorithm.
+        notes: Sentences about what is not quite as it should be, though no reason to refuse.
     """
 
     message: str
@@ -88,6 +89,7 @@ class CalibrationResult:
     n_frames: int = 0
     pattern: LanePattern | None = None
     genetic: GeneticResult | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def accepted(self) -> bool:

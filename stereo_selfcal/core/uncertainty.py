@@ -73,7 +73,7 @@ def propagate(
     information = np.zeros((8, 8))
     for i, line in enumerate(lines):
         information[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = np.linalg.inv(line.covariance)
-    parameters = np.concatenate([extrinsics.as_array(), _lane(pattern, rig, extrinsics)])
+    parameters = np.concatenate([extrinsics.as_array(), lane_in_road(pattern, rig, extrinsics)])
     for _ in range(_N_ITERATIONS):
         residual = measured - _predict(parameters, lines, rig)
         jacobian = np.column_stack(
@@ -142,7 +142,7 @@ def _sensitivity(
     return solution
 
 
-def _lane(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics) -> Array:
+def lane_in_road(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics) -> Array:
     """Return lane yaw [rad] and the positions of both boundaries at x = 0 [m], from the left image."""
     to_road = road_from_image(rig, extrinsics, "left")
     ends = np.stack([pattern.columns[0][:, [0, -1]], np.broadcast_to(pattern.rows[[0, -1]], (2, 2))], axis=-1)

@@ -97,7 +97,8 @@ def test_accepted_result_is_complete(calibrated):
     assert result.reason is None
     assert result.rejection is None
     assert result.n_frames == 1
-    assert result.stages == {"genetic": result.extrinsics}
+    assert list(result.stages) == ["genetic", "closed_form", "refined"]
+    assert result.stages["refined"] == result.extrinsics
     np.testing.assert_array_equal(result.covariance, result.covariance.T)
     assert np.all(np.linalg.eigvalsh(result.covariance) > 0)
     assert isinstance(result.pattern, LanePattern)
@@ -208,7 +209,7 @@ def test_estimate_is_fused_over_the_accepted_frames(rendered):
     # By the root of 6 at best; scatter beyond the promise enlarges it, but not to that of one frame here.
     assert np.all(fused.std.as_array() < stds.min(axis=0))
     assert fused.lane_yaw_rad == pytest.approx(np.mean([result.lane_yaw_rad for result in results]))
-    np.testing.assert_allclose(fused.stages["genetic"].as_array(), poses.mean(axis=0))
+    np.testing.assert_allclose(fused.stages["refined"].as_array(), poses.mean(axis=0))
 
 
 def test_a_frame_that_does_not_fit_the_others_is_set_aside(rendered):
