@@ -83,6 +83,7 @@ class Graph:
     def __init__(self):
         rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
         self.node = Node("tester")
+        self.clients = {}
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
         self.thread = threading.Thread(target=self.executor.spin, daemon=True)
@@ -94,14 +95,33 @@ class Graph:
         self.node.destroy_node()
         rclpy.try_shutdown()
 
+    def destroy(self, destroy, *entities):
+        """Destroy entities in the thread that spins: it must not meet one half destroyed."""
+
+        def destroy_all():
+            for entity in entities:
+                destroy(entity)
+
+        wait_for(self.executor.create_task(destroy_all))
+
     def start(self, kind, name, request):
         """Send a request as soon as the service is there and return the future."""
-        client = self.node.create_client(kind, f"{NAME}/{name}")
+        if name not in self.clients:
+            self.clients[name] = self.node.create_client(kind, f"{NAME}/{name}")
+        client = self.clients[name]
         assert client.wait_for_service(PATIENCE_S), f"{name} is not offered"
         return client.call_async(request)
 
     def call(self, kind, name, request):
-        return wait_for(self.start(kind, name, request))
+        """Return the answer of a parameter service; asks again, as DDS may lose it to a new client."""
+        for _ in range(4):
+            future = self.start(kind, name, request)
+            deadline = time.monotonic() + PATIENCE_S / 4
+            while not future.done() and time.monotonic() < deadline:
+                time.sleep(0.02)
+            if future.done():
+                return future.result()
+        raise AssertionError(f"no answer of {name} in {PATIENCE_S} s")
 
     def start_calibrate(self):
         return self.start(Trigger, "calibrate", Trigger.Request())
@@ -138,7 +158,7 @@ class Graph:
                 time.sleep(0.05)
             return received[-1] if received else None
         finally:
-            self.node.destroy_subscription(subscription)
+            self.destroy(self.node.destroy_subscription, subscription)
 
     def wait_for_diagnostics(self, accept):
         """Return the first diagnostic status for which ``accept(values, status)`` holds."""
@@ -154,7 +174,7 @@ class Graph:
             wait_until(lambda: found, "the diagnostics that are waited for")
             return found[0]
         finally:
-            self.node.destroy_subscription(subscription)
+            self.destroy(self.node.destroy_subscription, subscription)
 
 
 class Camera:
@@ -177,8 +197,7 @@ class Camera:
     def __exit__(self, *_):
         self.stopped.set()
         self.thread.join()
-        for publisher in (*self.images.values(), *self.infos.values()):
-            self.graph.node.destroy_publisher(publisher)
+        self.graph.destroy(self.graph.node.destroy_publisher, *self.images.values(), *self.infos.values())
 
     def _run(self):
         messages = [
