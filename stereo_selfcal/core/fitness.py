@@ -63,14 +63,14 @@ class PatternFitness:
         """
         self.evaluations += len(population)
         trig = _trigonometry(population)
-        angles = self._angles_between(*trig)[:, camera]
+        angles = self._angle_between(camera, *trig)
         return self._fitness(self._matching_error(population[:, 0], *trig), self._weighted(angles))
 
     def errors(self, population: Array) -> tuple[Array, Array]:
         """Return the normalised E1 and E2 of (P, 3) candidates [px^2], each of shape (P,)."""
         self.evaluations += len(population)
         trig = _trigonometry(population)
-        angles = np.abs(self._angles_between(*trig)).min(axis=1)
+        angles = np.minimum(*(np.abs(self._angle_between(camera, *trig)) for camera in range(2)))
         return self._matching_error(population[:, 0], *trig), self._weighted(angles)
 
     def _fitness(self, matching: Array, parallelism: Array) -> Array:
@@ -84,27 +84,35 @@ class PatternFitness:
 
     def _plane(self, height: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
         """Return the disparity [px] of the road by the ray (1, y, z) of the left camera, (P, 3)."""
-        left_height = height + cp * sr * (self._rig.baseline_m / 2.0)
+        across = cp * sr
+        left_height = height + across * (self._rig.baseline_m / 2.0)
         scale = self._rig.fx * self._rig.baseline_m / left_height
         # A point on the road has depth left_height / (sp - cp sr y - cp cr z).
-        plane: Array = np.stack([scale * sp, -scale * cp * sr, -scale * cp * cr], axis=1)
+        plane = np.empty((len(height), 3))
+        plane[:, 0], plane[:, 1], plane[:, 2] = scale * sp, -scale * across, -scale * cp * cr
         return plane
 
     def _matching_error(self, height: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
         """E1: mean squared distance of the places where the cameras put a point, in pixels."""
         plane = self._plane(height, cp, sp, cr, sr)
-        square = np.einsum("pi,ij,pj->p", plane, self._gram, plane) - 2.0 * plane @ self._moment
+        square = np.einsum("pi,pi->p", plane @ self._gram, plane) - 2.0 * plane @ self._moment
         # Rounding may leave a perfect fit just below zero.
         error: Array = np.maximum(square + self._square, 0.0)
         return error
 
-    def _angles_between(self, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
-        """Return the angle between the two lines as each camera puts them on the road, (P, 2) [px]."""
-        angles = self._line_angles(cp, sp, cr, sr)
-        difference = angles[:, 0::2] - angles[:, 1::2]
-        # Lines have no direction: angles differ by at most a right angle.
-        wrapped: Array = (difference + np.pi / 2) % np.pi - np.pi / 2
-        return wrapped * self._focal_px
+    def _angle_between(self, camera: int, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
+        """Return the angle between the two lines as a camera puts them on the road, (P,) [px]."""
+        normals = self._normals[2 * camera : 2 * camera + 2].T
+        rotation = np.empty((len(cp), 5))
+        rotation[:, 0], rotation[:, 1], rotation[:, 2] = cp, sp * sr, sp * cr
+        rotation[:, 3], rotation[:, 4] = cr, -sr
+        # A line runs along the road at right angles to the normal of its plane: (n_y, -n_x).
+        along, across = rotation[:, 3:] @ normals[1:], -(rotation[:, :3] @ normals)
+        dot = along[:, 0] * along[:, 1] + across[:, 0] * across[:, 1]
+        cross = across[:, 0] * along[:, 1] - along[:, 0] * across[:, 1]
+        # Lines have no direction: they differ by at most a right angle.
+        angle: Array = np.arctan2(np.where(dot < 0.0, -cross, cross), np.abs(dot)) * self._focal_px
+        return angle
 
     def linear_terms(self, candidate: Array) -> tuple[Array, Array]:
         """Return what the fitness is made of, before squares and minimum are taken.
@@ -117,19 +125,8 @@ class PatternFitness:
         """
         trig = _trigonometry(candidate[None])
         plane = self._plane(candidate[:1], *trig)[0]
-        return self._design @ plane - self._disparity, self._angles_between(*trig)[0]
-
-    def _line_angles(self, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
-        """Return the angles of the lines on the road against the x axis, modulo pi.
-
-        Returns:
-            (P, 4): left camera's left and right line, right camera's left and right line.
-        """
-        n = self._normals
-        normal_x = np.outer(cp, n[:, 0]) + np.outer(sp * sr, n[:, 1]) + np.outer(sp * cr, n[:, 2])
-        normal_y = np.outer(cr, n[:, 1]) - np.outer(sr, n[:, 2])
-        angles: Array = np.arctan2(-normal_x, normal_y) % np.pi
-        return angles
+        angles = np.concatenate([self._angle_between(camera, *trig) for camera in range(2)])
+        return self._design @ plane - self._disparity, angles
 
 
 def _trigonometry(population: Array) -> tuple[Array, Array, Array, Array]:

@@ -28,22 +28,18 @@ import numpy.typing as npt
 
 from .extraction import Image, edge_response
 from .extrinsics import Array, Extrinsics
-from .geometry import SIDES, camera_centre_m
 from .pattern import LanePattern
 from .rig import StereoRig
-from .uncertainty import lane_in_road
+from .road import lane_in_road, predict_edges
 
 # Parameters of the road: height, pitch, roll, yaw of the lane, middle of stripe 1 and 2, width of
 # stripe 1 and 2 [m, rad]; after them the blur of the left and the right lens [px].
 _STEPS = np.array([1e-5, 1e-6, 1e-6, 1e-6, 1e-5, 1e-5, 1e-5, 1e-5])
 _N_ROAD = len(_STEPS)
 _N_ALL = _N_ROAD + 2
-# Where a road line is evaluated to be drawn in the image [m ahead].
-_NEAR_M, _FAR_M = 5.0, 50.0
-
 # Passes: half width of the window around each edge [px], and blur added to the template [px]: the
 # first bears edges 3 px off (a width that is 10 % wrong), the last ones are the fit itself.
-_PASSES = ((6, 2.0), (5, 0.5), (5, 0.0), (5, 0.0))
+_PASSES = ((6, 2.0), (5, 0.0), (5, 0.0))
 
 # Rows that share their grey levels. Fewer know the levels of a noisy image worse, more reach over the
 # ends of dashes; between 4 and 24 the error on rendered roads changes by less than a tenth.
@@ -97,37 +93,6 @@ class RefinedFit:
     noise_grey: float
     scale: float
     n_blocks: int
-
-
-def predict_edges(parameters: Array, rig: StereoRig) -> Array:
-    """Return the edges of the stripes in the images as straight lines u = a + m v.
-
-    Args:
-        parameters: (B, 8) roads.
-        rig: Intrinsics and baseline.
-
-    Returns:
-        (B, 2 cameras, 2 stripes, 2 edges, 2): a [px] and m; the left edge first.
-    """
-    height, pitch, roll, yaw = parameters[:, :4].T
-    cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
-    zero = np.zeros_like(cp)
-    # Rows: body axes x, y, z from road axes, the transpose of R_y(pitch) R_x(roll).
-    body_from_road = np.array([[cp, zero, -sp], [sp * sr, cr, cp * sr], [sp * cr, -sr, cp * cr]])
-    half = parameters[:, 6:8, None] / 2.0 * np.array([1.0, -1.0])
-    start = parameters[:, 4:6, None] + half
-    pixels = []
-    for ahead in (_NEAR_M, _FAR_M):
-        y = start - (np.tan(yaw) * ahead)[:, None, None]
-        points = np.stack(np.broadcast_arrays(ahead, y, -height[:, None, None]))
-        x_body, y_body, z_body = np.einsum("ijb,jbse->ibse", body_from_road, points)
-        offsets = np.array([camera_centre_m(rig, side)[1] for side in SIDES])[:, None, None]
-        u = rig.cx - rig.fx * (y_body[:, None] - offsets) / x_body[:, None]
-        v = np.broadcast_to((rig.cy - rig.fy * z_body / x_body)[:, None], u.shape)
-        pixels.append((u, v))
-    (u0, v0), (u1, v1) = pixels
-    slope = (u1 - u0) / (v1 - v0)
-    return np.stack([u0 - slope * v0, slope], axis=-1)
 
 
 def refine(

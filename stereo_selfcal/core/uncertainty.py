@@ -18,17 +18,15 @@ import numpy as np
 from .config import FitnessConfig
 from .extrinsics import Array, Extrinsics
 from .fitness import PatternFitness
-from .geometry import SIDES, apply_homography, image_from_road, road_from_image
 from .pattern import ImageLine, LanePattern
 from .rig import StereoRig
+from .road import lane_in_road, predict_edges
 
 _N_ITERATIONS = 4  # from the genetic result, the first step already lands within its rounding
 # Steps of the numerical derivative: height [m], pitch, roll, yaw [rad], positions [m].
 _STEPS = np.array([1e-5, 1e-6, 1e-6, 1e-6, 1e-5, 1e-5])
 _LINE_STEP_PX = 1e-3
 _DEGREES_OF_FREEDOM = 2
-# Where a road line is evaluated to be drawn in the image [m ahead].
-_NEAR_M, _FAR_M = 5.0, 50.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,19 +73,17 @@ def propagate(
         information[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = np.linalg.inv(line.covariance)
     parameters = np.concatenate([extrinsics.as_array(), lane_in_road(pattern, rig, extrinsics)])
     for _ in range(_N_ITERATIONS):
-        residual = measured - _predict(parameters, lines, rig)
-        jacobian = np.column_stack(
-            [
-                (_predict(parameters + step, lines, rig) - _predict(parameters - step, lines, rig))
-                / (2.0 * step.sum())
-                for step in np.diag(_STEPS)
-            ]
+        varied = np.concatenate(
+            [parameters[None], parameters + np.diag(_STEPS), parameters - np.diag(_STEPS)]
         )
+        predicted = _predict(varied, lines, rig)
+        residual = measured - predicted[0]
+        jacobian = ((predicted[1:7] - predicted[7:]) / (2.0 * _STEPS)[:, None]).T
         normal = jacobian.T @ information @ jacobian
         if not np.all(np.isfinite(normal)) or np.linalg.matrix_rank(normal) < len(parameters):
             return None
         parameters = parameters + np.linalg.solve(normal, jacobian.T @ information @ residual)
-    residual = measured - _predict(parameters, lines, rig)
+    residual = measured - _predict(parameters[None], lines, rig)[0]
     chi2 = float(residual @ information @ residual)
     result_by_lines = _sensitivity(pattern, rig, extrinsics.as_array(), config)
     if result_by_lines is None:
@@ -142,30 +138,14 @@ def _sensitivity(
     return solution
 
 
-def lane_in_road(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics) -> Array:
-    """Return lane yaw [rad] and the positions of both boundaries at x = 0 [m], from the left image."""
-    to_road = road_from_image(rig, extrinsics, "left")
-    ends = np.stack([pattern.columns[0][:, [0, -1]], np.broadcast_to(pattern.rows[[0, -1]], (2, 2))], axis=-1)
-    far, near = np.moveaxis(apply_homography(to_road, ends), 1, 0)
-    tangent = float(np.mean((far[:, 1] - near[:, 1]) / (far[:, 0] - near[:, 0])))
-    # The lane runs at minus the camera's yaw.
-    return np.concatenate([[-np.arctan(tangent)], near[:, 1] - tangent * near[:, 0]])
-
-
 def _predict(parameters: Array, lines: tuple[ImageLine, ...], rig: StereoRig) -> Array:
-    """Return (u_mid, slope) of the four lines for six parameters, shape (8,)."""
-    extrinsics = Extrinsics.from_array(parameters[:3])
-    tangent = -np.tan(parameters[3])
-    predicted = []
-    for i, side in enumerate(SIDES):
-        to_image = image_from_road(rig, extrinsics, side)
-        for j in range(2):
-            position = parameters[4 + j]
-            ends = [(x, position + tangent * x) for x in (_NEAR_M, _FAR_M)]
-            (u0, v0), (u1, v1) = apply_homography(to_image, ends)
-            slope = (u1 - u0) / (v1 - v0)
-            predicted += [u0 + slope * (lines[2 * i + j].v_mid - v0), slope]
-    return np.array(predicted)
+    """Return (u_mid, slope) of the four lines for (B, 6) parameters, shape (B, 8)."""
+    # Stripes of no width: both edges are the line.
+    roads = np.concatenate([parameters, np.zeros((len(parameters), 2))], axis=1)
+    lines_uv = predict_edges(roads, rig)[:, :, :, 0].reshape(len(parameters), 4, 2)
+    v_mid = np.array([line.v_mid for line in lines])
+    u_mid = lines_uv[..., 0] + lines_uv[..., 1] * v_mid
+    return np.stack([u_mid, lines_uv[..., 1]], axis=-1).reshape(len(parameters), 8)
 
 
 def lane_curvature(pattern: LanePattern, rig: StereoRig, height_m: float) -> tuple[float, float]:

@@ -103,7 +103,7 @@ def test_accepted_result_is_complete(calibrated):
     assert np.all(np.linalg.eigvalsh(result.covariance) > 0)
     assert isinstance(result.pattern, LanePattern)
     assert result.genetic.converged
-    np.testing.assert_array_equal(result.genetic.best, result.extrinsics.as_array())
+    np.testing.assert_array_equal(result.genetic.best, result.stages["genetic"].as_array())
     assert result.message.startswith(
         f"calibrated from 1 frame: height {result.extrinsics.height_m:.4f} m (std "
     )
