@@ -95,12 +95,19 @@ def _collect(folder: Path) -> None:
 
 def _commit() -> str:
     """Return the commit that is measured: sections may be measured one by one."""
-    describe = ["git", "describe", "--always", "--dirty", "--exclude=*"]
+    root = Path(__file__).resolve().parents[1]
     try:
-        run = subprocess.run(describe, cwd=Path(__file__).parent, capture_output=True, text=True, check=True)
+        commit = _git(root, "rev-parse", "--short", "HEAD")
+        # What the benchmark itself writes is no change of what it measures.
+        changes = _git(root, "diff", "--stat", "HEAD", "--", ".", ":!benchmarks/results")
     except (OSError, subprocess.CalledProcessError):
         return "an unknown commit"
-    return f"commit {run.stdout.strip()}"
+    return f"commit {commit}{' with changes' if changes else ''}"
+
+
+def _git(root: Path, *arguments: str) -> str:
+    run = subprocess.run(["git", *arguments], cwd=root, capture_output=True, text=True, check=True)
+    return run.stdout.strip()
 
 
 if __name__ == "__main__":
