@@ -10,7 +10,8 @@ separate", SIAM J. Numer. Anal. 10, 1973). In a block, grey values follow
 
     I(u) = b0 + (p - b0) S(u - u_left) - (p - b1) S(u - u_right)
 
-with asphalt b0 and b1, paint p, and the step response S of pixel and lens. Linearised about the
+with asphalt b0 and b1, paint p, and the step response S of pixel and lens; the whole is multiplied by
+a ramp along the row, for a lens gets darker towards the corners. Linearised about the
 predicted edges and blur, a block says by least squares how far its edges are off, and with what
 information: little where the contrast is little, so that dash gaps and worn paint drop out by
 themselves. These displacements are linear in the parameters of the road.
@@ -39,7 +40,7 @@ _N_ROAD = len(_STEPS)
 _N_ALL = _N_ROAD + 2
 # Passes: half width of the window around each edge [px], and blur added to the template [px]: the
 # first bears edges 3 px off (a width that is 10 % wrong), the last ones are the fit itself.
-_PASSES = ((6, 2.0), (5, 0.0), (5, 0.0))
+_PASSES = ((6, 2.0), (5, 0.5), (5, 0.0), (5, 0.0))
 
 # Rows that share their grey levels. Fewer know the levels of a noisy image worse, more reach over the
 # ends of dashes; between 4 and 24 the error on rendered roads changes by less than a tenth.
@@ -58,6 +59,10 @@ _TUKEY_DEVIANCE = 16.0
 _REWEIGHTINGS = 5
 _MEDIAN_CHI2_3 = 2.366  # of the chi-squared distribution with three degrees of freedom
 _RIDGE = 1e-6
+_RAMP_PX = 10.0  # unit of the ramp: about a window, so that all terms are of one size
+# Expected steepness: a lens that loses 30 % of its light in the corners, 400 px from the middle, gets
+# darker by up to 0.15 % a pixel there. It keeps noise from being taken for a ramp.
+_RAMP_STD = 0.015
 
 # Stripe widths tried at the start [m].
 _WIDTHS_M = np.linspace(0.04, 0.70, 67)
@@ -113,6 +118,7 @@ def refine(
     widths = _start_widths(images, pattern, rig, start)
     road = np.array([*start.as_array(), yaw, *(np.array(left_edges) - widths / 2.0), *widths])
     blur = np.full(2, _BLUR_START_PX)
+    noise = 0.0  # not known before the first pass
     bottom = rig.height - 1.0
     first = max(0.0, bottom - _FIRST_ROW * (bottom - float(pattern.vanishing_point[1])))
     n_blocks = (rig.height - int(np.ceil(first))) // _BLOCK_ROWS
@@ -123,13 +129,17 @@ def refine(
         variations = np.concatenate([road[None], road + np.diag(_STEPS), road - np.diag(_STEPS)])
         edges = predict_edges(variations, rig)
         by_road = (edges[1 : _N_ROAD + 1] - edges[_N_ROAD + 1 :]) / (2.0 * _STEPS).reshape(-1, 1, 1, 1, 1)
-        blocks = _measure_blocks(images, edges[0], blur, rows, half_width, added_blur)
-        solution = _solve(blocks, by_road, rows, free_blur=added_blur == 0.0)
+        blocks = _measure_blocks(images, edges[0], blur, rows, half_width, added_blur, noise)
+        noise = blocks.variance
+        solution = _solve(blocks, by_road, rows)
         if solution is None:
             return None
         step, covariance, scale, used = solution
         road = road + step[:_N_ROAD]
-        blur = np.clip(blur + step[_N_ROAD:], _BLUR_MIN_PX, _BLUR_MAX_PX)
+        # Far from the road its blur cannot be known, but must be free: else a camera that is sharper
+        # or softer than supposed is taken for an outlier.
+        if added_blur == 0.0:
+            blur = np.clip(blur + step[_N_ROAD:], _BLUR_MIN_PX, _BLUR_MAX_PX)
         if not np.all(np.isfinite(road)) or road[0] <= 0.0 or np.any(road[6:8] <= 0.0):
             return None
     return RefinedFit(
@@ -172,6 +182,7 @@ def _measure_blocks(
     rows: npt.NDArray[np.intp],
     half_width: int,
     added_blur: float,
+    noise: float,
 ) -> _Blocks:
     """Fit levels, displacements and blur of every block of rows."""
     n_blocks = len(rows) // _BLOCK_ROWS
@@ -202,45 +213,48 @@ def _measure_blocks(
         steps.append(np.interp(t, _GRID, _INTEGRAL))
         densities.append(density)
         by_blur.append(-t * density * (slant[:, :, edge] * blur[:, None])[..., None, None] / scale)
-    terms = np.stack(
-        [1.0 - steps[0], steps[0] - steps[1], steps[1], *densities, *by_blur, grey.astype(np.float64)],
-        axis=-1,
-    )
+    shares = [1.0 - steps[0], steps[0] - steps[1], steps[1]]  # of asphalt, paint, asphalt
+    middle = columns.mean(axis=2)[..., None]
+    ramp = (pixels - middle) / _RAMP_PX
+    ramps = [share * ramp for share in shares]
+    terms = np.stack([*shares, *ramps, *densities, *by_blur, grey.astype(np.float64)], axis=-1)
     terms *= valid[..., None]
     terms = terms.reshape(2, 2, n_blocks, -1, terms.shape[-1])
     gram = np.swapaxes(terms, -1, -2) @ terms
     count = valid.reshape(2, 2, n_blocks, -1).sum(axis=-1)
     complete = inside.reshape(2, 2, n_blocks, _BLOCK_ROWS).all(axis=-1)
-    return _eliminate(gram, count, complete)
+    return _eliminate(gram, count, complete, noise)
 
 
-def _eliminate(gram: Array, count: Array, complete: npt.NDArray[np.bool_]) -> _Blocks:
+def _eliminate(gram: Array, count: Array, complete: npt.NDArray[np.bool_], noise: float) -> _Blocks:
     """Eliminate the grey levels of every block from its normal equations.
 
     Args:
-        gram: (..., 8, 8) products of the terms: three levels, slopes of both edges, change of both by blur,
-            grey value.
+        gram: (..., 11, 11) products of the terms: three levels, their ramps, slopes of both edges, change of
+            both by blur, grey value.
         count: (...) pixels.
         complete: (...) whether the block lies inside the image.
+        noise: Variance of the grey values, as far as it is known.
     """
-    ridge = np.eye(3) * _RIDGE
-    levels = np.linalg.solve(gram[..., :3, :3] + ridge, gram[..., :3, 7:])[..., 0]
+    levels = np.linalg.solve(gram[..., :3, :3] + np.eye(3) * _RIDGE, gram[..., :3, 10:])[..., 0]
     left, right = levels[..., 1] - levels[..., 0], levels[..., 1] - levels[..., 2]
-    # Displacement of the left edge, of the right edge, change of blur: columns of the seven terms.
-    mix = np.zeros((*gram.shape[:-2], 8, 7))
-    mix[..., [0, 1, 2, 7], [0, 1, 2, 6]] = 1.0
-    mix[..., 3, 3], mix[..., 4, 4] = -left, right
-    mix[..., 5, 5], mix[..., 6, 5] = left, -right
+    # Three levels, steepness of the ramp; displacement of the left edge, of the right edge, change of
+    # blur; grey value: as mixtures of the terms.
+    mix = np.zeros((*gram.shape[:-2], 11, 8))
+    mix[..., [0, 1, 2, 10], [0, 1, 2, 7]] = 1.0
+    mix[..., 3:6, 3] = levels
+    mix[..., 6, 4], mix[..., 7, 5] = -left, right
+    mix[..., 8, 6], mix[..., 9, 6] = left, -right
     normal = np.swapaxes(mix, -1, -2) @ gram @ mix
-    by_levels = normal[..., :3, :3] + ridge
-    eliminated = np.linalg.solve(by_levels, normal[..., :3, 3:])
-    rest = normal[..., 3:, 3:] - np.swapaxes(normal[..., :3, 3:], -1, -2) @ eliminated
+    by_levels = normal[..., :4, :4] + np.diag([_RIDGE, _RIDGE, _RIDGE, _RIDGE + noise / _RAMP_STD**2])
+    eliminated = np.linalg.solve(by_levels, normal[..., :4, 4:])
+    rest = normal[..., 4:, 4:] - np.swapaxes(normal[..., :4, 4:], -1, -2) @ eliminated
     information, gradient, squares = rest[..., :3, :3], rest[..., :3, 3], rest[..., 3, 3]
     trace = np.trace(information, axis1=-1, axis2=-2)[..., None, None]
     displacement = np.linalg.solve(information + np.eye(3) * (_RIDGE * trace + 1e-9), gradient[..., None])[
         ..., 0
     ]
-    freedom = count - 6
+    freedom = count - 7
     usable = complete & (freedom > 0)
     unexplained = squares - np.einsum("...i,...i", gradient, displacement)
     variance = float(np.median(unexplained[usable] / freedom[usable])) if usable.any() else 0.0
@@ -254,7 +268,7 @@ def _eliminate(gram: Array, count: Array, complete: npt.NDArray[np.bool_]) -> _B
 
 
 def _solve(
-    blocks: _Blocks, by_road: Array, rows: npt.NDArray[np.intp], free_blur: bool
+    blocks: _Blocks, by_road: Array, rows: npt.NDArray[np.intp]
 ) -> tuple[Array, Array, float, int] | None:
     """Solve for the change of all parameters, block by block weighted robustly.
 
@@ -275,22 +289,19 @@ def _solve(
     sides = np.einsum("...ij,...i->...j", design, blocks.gradient)[blocks.usable]
     information, displacement = blocks.information[blocks.usable], blocks.displacement[blocks.usable]
     design = design[blocks.usable]
-    free = np.ones(_N_ALL, dtype=bool)
-    free[_N_ROAD:] = free_blur
     weights = np.ones(len(sides))
-    step = np.zeros(_N_ALL)
+    step: Array = np.zeros(_N_ALL)
     scale = 1.0
     for _ in range(_REWEIGHTINGS):
-        normal = np.tensordot(weights, normals, axes=1)[np.ix_(free, free)]
+        normal = np.tensordot(weights, normals, axes=1)
         if not np.all(np.isfinite(normal)) or np.linalg.matrix_rank(normal, hermitian=True) < len(normal):
             return None
-        step[free] = np.linalg.solve(normal, weights @ sides[:, free])
+        step = np.asarray(np.linalg.solve(normal, weights @ sides), dtype=np.float64)
         residual = displacement - design @ step
         deviance = np.einsum("bi,bij,bj->b", residual, information, residual) / blocks.variance
         scale = max(1.0, float(np.median(deviance)) / _MEDIAN_CHI2_3)
         weights = np.clip(1.0 - deviance / (scale * _TUKEY_DEVIANCE), 0.0, None) ** 2
-    covariance = np.zeros((_N_ALL, _N_ALL))
-    covariance[np.ix_(free, free)] = np.linalg.inv(normal) * blocks.variance * scale
+    covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64) * blocks.variance * scale
     return step, covariance, scale, int(np.count_nonzero(weights))
 
 
