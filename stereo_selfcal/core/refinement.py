@@ -290,8 +290,11 @@ def _solve(
     information, displacement = blocks.information[blocks.usable], blocks.displacement[blocks.usable]
     design = design[blocks.usable]
     weights = np.ones(len(sides))
+    # A camera that the template fits worse (its lens is sharper or softer) has larger deviances in all
+    # of its blocks: they weigh less, but are no outliers.
+    of_camera = np.nonzero(blocks.usable)[0]
+    scales = np.ones(2)
     step: Array = np.zeros(_N_ALL)
-    scale = 1.0
     for _ in range(_REWEIGHTINGS):
         normal = np.tensordot(weights, normals, axes=1)
         if not np.all(np.isfinite(normal)) or np.linalg.matrix_rank(normal, hermitian=True) < len(normal):
@@ -299,9 +302,12 @@ def _solve(
         step = np.asarray(np.linalg.solve(normal, weights @ sides), dtype=np.float64)
         residual = displacement - design @ step
         deviance = np.einsum("bi,bij,bj->b", residual, information, residual) / blocks.variance
-        scale = max(1.0, float(np.median(deviance)) / _MEDIAN_CHI2_3)
-        weights = np.clip(1.0 - deviance / (scale * _TUKEY_DEVIANCE), 0.0, None) ** 2
-    covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64) * blocks.variance * scale
+        for i in np.unique(of_camera):
+            scales[i] = max(1.0, float(np.median(deviance[of_camera == i])) / _MEDIAN_CHI2_3)
+        relative = deviance / scales[of_camera]
+        weights = np.clip(1.0 - relative / _TUKEY_DEVIANCE, 0.0, None) ** 2 / scales[of_camera]
+    covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64) * blocks.variance
+    scale = float(scales.mean())
     return step, covariance, scale, int(np.count_nonzero(weights))
 
 
