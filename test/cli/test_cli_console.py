@@ -84,9 +84,11 @@ def test_check_writable_leaves_no_trace(tmp_path):
             check_writable(path, "--output")
 
 
+# A shell starts its background jobs with SIGINT ignored, and this run may be one of them.
 PROGRAM = """
-import sys, time
+import signal, sys, time
 from stereo_selfcal.cli.console import run
+signal.signal(signal.SIGINT, signal.default_int_handler)
 def work(argv):
     sys.stdout.write("begun\\n")
     sys.stdout.flush()
@@ -103,8 +105,6 @@ def start(rest):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        # A shell starts its background jobs with SIGINT ignored, and this run may be one of them.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
 
 
