@@ -15,11 +15,11 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from ..core.errors import ImageError, RigError
-from ..core.images import decode_compressed, to_grey
+from ..core.images import message_to_grey
 from ..core.pairing import StampedPair, StampPairer, message_stamp_ns, stamp_to_s
 from ..core.rig import StereoRig
 from .errors import BagError
-from .topics import CAMERA_INFO, COMPRESSED_IMAGE, StereoTopics, Topic, find_stereo_topics
+from .topics import CAMERA_INFO, StereoTopics, Topic, find_stereo_topics
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -190,16 +190,7 @@ class StereoBag:
 
     def _grey(self, topic: Topic, message: Any) -> npt.NDArray[np.uint8]:
         try:
-            if topic.msgtype == COMPRESSED_IMAGE:
-                return decode_compressed(message.data, message.format)
-            return to_grey(
-                message.data,
-                message.width,
-                message.height,
-                message.step,
-                message.encoding,
-                bool(message.is_bigendian),
-            )
+            return message_to_grey(message)
         except ImageError as error:
             stamp_s = stamp_to_s(message_stamp_ns(message))
             raise BagError(f"{self.path}: {topic.name} at {stamp_s:.3f} s: {error}") from error
