@@ -63,8 +63,8 @@ def test_frames_are_read_one_by_one(tmp_path, monkeypatch):
     """Memory does not grow: no image is decoded before its frame is asked for."""
     path = make_bag(tmp_path / "bag", cameras(), n_frames=20)
     decoded = []
-    to_grey = reader_module.to_grey
-    monkeypatch.setattr(reader_module, "to_grey", lambda *a: decoded.append(1) or to_grey(*a))
+    convert = reader_module.message_to_grey
+    monkeypatch.setattr(reader_module, "message_to_grey", lambda *a: decoded.append(1) or convert(*a))
     with StereoBag(path) as bag:
         messages = []
         inner = bag._reader.messages
