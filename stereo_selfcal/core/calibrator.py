@@ -7,12 +7,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from . import checks
 from .closed_form import compare_stages
 from .config import CalibratorConfig
-from .extraction import Response, find_stripe_points
+from .extraction import Image, Response, find_stripe_points
 from .extrinsics import Extrinsics
 from .fitness import PatternFitness
 from .fusion import fuse, shared
@@ -32,7 +31,6 @@ from .results import CalibrationResult, Rejection, RejectReason, describe, rejec
 from .rig import StereoRig
 from .uncertainty import lane_curvature, propagate
 
-Image = npt.NDArray[np.uint8]
 Candidates = tuple[list[Candidate], list[Candidate]]
 
 
@@ -197,6 +195,7 @@ class Calibrator:
             or checks.check_consistent(fit)
         )
         if refusal or fit is None:
+            # check_determined has made sure that there is a refusal where there is no fit.
             return rejected(refusal, stamp_s, **evidence)  # type: ignore[arg-type]
         result = CalibrationResult(
             message="",

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .extrinsics import Array, Extrinsics
+from .fitness import disparity_model
 from .pattern import LanePattern
 from .rig import StereoRig
 
@@ -35,10 +36,7 @@ def solve_plane(pattern: LanePattern, rig: StereoRig) -> ClosedForm | None:
     Returns:
         The extrinsics, or None when the points lie on one line or the plane is no road below the rig.
     """
-    ray_y = -(pattern.columns[0] - rig.cx) / rig.fx
-    ray_z = np.broadcast_to(-(pattern.rows - rig.cy) / rig.fy, ray_y.shape)
-    design = np.stack([np.ones_like(ray_y), ray_y, ray_z], axis=-1).reshape(-1, 3)
-    disparity = (pattern.columns[0] - pattern.columns[1]).ravel()
+    design, disparity = disparity_model(pattern, rig)
     normal = design.T @ design
     if np.linalg.matrix_rank(normal) < len(normal):
         return None

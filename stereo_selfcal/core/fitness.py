@@ -36,12 +36,8 @@ class PatternFitness:
         self._config = config
         self._rig = rig
         self._focal_px = float(np.sqrt(rig.fx * rig.fy))
-        # Rays (1, y, z) in the body frame of every point: (2 cameras, 2 lines, N rows).
-        ray_y = -(pattern.columns - rig.cx) / rig.fx
-        ray_z = np.broadcast_to(-(pattern.rows - rig.cy) / rig.fy, ray_y.shape)
-        # Of the left camera, as rows of a linear model of the disparity: (2 N, 3).
-        self._design = np.stack([np.ones_like(ray_y[0]), ray_y[0], ray_z[0]], axis=-1).reshape(-1, 3)
-        self._disparity = (pattern.columns[0] - pattern.columns[1]).ravel()
+        ray_y, ray_z = _rays(pattern, rig)
+        self._design, self._disparity = disparity_model(pattern, rig)
         self._gram = self._design.T @ self._design / len(self._design)
         self._moment = self._design.T @ self._disparity / len(self._design)
         self._square = float(self._disparity @ self._disparity) / len(self._design)
@@ -127,6 +123,22 @@ class PatternFitness:
         plane = self._plane(candidate[:1], *trig)[0]
         angles = np.concatenate([self._angle_between(camera, *trig) for camera in range(2)])
         return self._design @ plane - self._disparity, angles
+
+
+def disparity_model(pattern: LanePattern, rig: StereoRig) -> tuple[Array, Array]:
+    """Return the rays (1, y, z) of the left camera's points, (2 N, 3), and their disparities [px], (2 N,).
+
+    The disparity of a plane is linear in the ray.
+    """
+    ray_y, ray_z = _rays(pattern, rig)
+    design = np.stack([np.ones_like(ray_y[0]), ray_y[0], ray_z[0]], axis=-1).reshape(-1, 3)
+    return design, (pattern.columns[0] - pattern.columns[1]).ravel()
+
+
+def _rays(pattern: LanePattern, rig: StereoRig) -> tuple[Array, Array]:
+    """Return y and z of the rays (1, y, z) in the body frame, (2 cameras, 2 lines, N rows) each."""
+    ray_y = -(pattern.columns - rig.cx) / rig.fx
+    return ray_y, np.broadcast_to(-(pattern.rows - rig.cy) / rig.fy, ray_y.shape)
 
 
 def _trigonometry(population: Array) -> tuple[Array, Array, Array, Array]:

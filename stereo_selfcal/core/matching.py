@@ -20,7 +20,7 @@ import numpy.typing as npt
 from .config import CalibratorConfig
 from .extraction import Image
 from .extrinsics import Array
-from .pattern import ImageLine, LanePattern
+from .pattern import ImageLine, LanePattern, row_towards
 from .rig import StereoRig
 
 # Four lines that miss their common point by this (RMS along the row) count half. Lines are fitted
@@ -246,6 +246,4 @@ def sample_pattern(matched: MatchedLines, rig: StereoRig, config: CalibratorConf
 
 def first_sampled_row(vanishing_point: Array, rig: StereoRig, config: CalibratorConfig) -> float:
     """Return the first sampled row [px]; heights count from the bottom of the image (figure 3b)."""
-    bottom = rig.height - 1.0
-    first = bottom - config.extraction.horizon_fraction * (bottom - float(vanishing_point[1]))
-    return max(first, 0.0)
+    return row_towards(vanishing_point, config.extraction.horizon_fraction, rig)

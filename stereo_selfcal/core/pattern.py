@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from .extrinsics import Array
+from .rig import StereoRig
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,3 +60,9 @@ class LanePattern:
     vanishing_point: Array
     rows: Array
     columns: Array
+
+
+def row_towards(vanishing_point: Array, fraction: float, rig: StereoRig) -> float:
+    """Return the row [px], not above the image, at a fraction of the vanishing point's height."""
+    bottom = rig.height - 1.0
+    return max(0.0, bottom - fraction * (bottom - float(vanishing_point[1])))

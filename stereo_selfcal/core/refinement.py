@@ -29,7 +29,7 @@ import numpy.typing as npt
 
 from .extraction import Image, edge_response
 from .extrinsics import Array, Extrinsics
-from .pattern import LanePattern
+from .pattern import LanePattern, row_towards
 from .rig import StereoRig
 from .road import lane_in_road, predict_edges
 
@@ -119,8 +119,7 @@ def refine(
     road = np.array([*start.as_array(), yaw, *(np.array(left_edges) - widths / 2.0), *widths])
     blur = np.full(2, _BLUR_START_PX)
     noise = 0.0  # not known before the first pass
-    bottom = rig.height - 1.0
-    first = max(0.0, bottom - _FIRST_ROW * (bottom - float(pattern.vanishing_point[1])))
+    first = row_towards(pattern.vanishing_point, _FIRST_ROW, rig)
     n_blocks = (rig.height - int(np.ceil(first))) // _BLOCK_ROWS
     if n_blocks < _MIN_BLOCKS // 4:
         return None
