@@ -1,5 +1,7 @@
 """Projection derived without the estimator's geometry: turns about single axes, and cv2.projectPoints."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
@@ -70,3 +72,13 @@ def ideal_pattern(
         )
     sampled = np.array([[line.column_at(rows) for line in pair] for pair in lines])
     return LanePattern(tuple(lines[0]), tuple(lines[1]), vanishing_point, rows, sampled)
+
+
+def drawn(pattern, rng):
+    """Return the pattern with each line moved by a draw of its own covariance."""
+    columns = pattern.columns.copy()
+    for i, lines in enumerate((pattern.left, pattern.right)):
+        for j, line in enumerate(lines):
+            u, slope = rng.multivariate_normal((0, 0), line.covariance)
+            columns[i, j] += u + slope * (pattern.rows - line.v_mid)
+    return replace(pattern, columns=columns)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from independent_camera import ideal_pattern
+from independent_camera import drawn, ideal_pattern
 
 from stereo_selfcal import Extrinsics, StereoRig
 from stereo_selfcal.core.closed_form import compare_stages, solve_plane
@@ -18,16 +18,6 @@ OTHER_RIG = StereoRig(800, 600, 700.0, 690.0, 410.0, 290.0, 0.3)
 
 def pattern_of(pose=POSE, yaw=YAW, rig=PAPER_RIG, **kwargs):
     return ideal_pattern(rig, pose, lane_yaw_rad=yaw, **kwargs)
-
-
-def drawn(pattern, rng):
-    """Return the pattern with each line moved by a draw of its own covariance."""
-    columns = pattern.columns.copy()
-    for i, lines in enumerate((pattern.left, pattern.right)):
-        for j, line in enumerate(lines):
-            u, slope = rng.multivariate_normal((0, 0), line.covariance)
-            columns[i, j] += u + slope * (pattern.rows - line.v_mid)
-    return replace(pattern, columns=columns)
 
 
 def random_pose(rng):

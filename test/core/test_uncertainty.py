@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from independent_camera import ideal_pattern
+from independent_camera import drawn, ideal_pattern
 
 from stereo_selfcal import Calibrator, Extrinsics
 from stereo_selfcal.core.config import FitnessConfig, GeneticConfig
@@ -21,16 +21,6 @@ YAW = 0.02
 
 def pattern_of(pose=POSE, yaw=YAW, **kwargs):
     return ideal_pattern(PAPER_RIG, pose, lane_yaw_rad=yaw, **kwargs)
-
-
-def drawn(pattern, rng):
-    """Return the pattern with each line moved by a draw of its own covariance."""
-    columns = pattern.columns.copy()
-    for i, lines in enumerate((pattern.left, pattern.right)):
-        for j, line in enumerate(lines):
-            u, slope = rng.multivariate_normal((0, 0), line.covariance)
-            columns[i, j] += u + slope * (pattern.rows - line.v_mid)
-    return replace(pattern, columns=columns)
 
 
 def solve(pattern, pose):
