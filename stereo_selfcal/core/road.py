@@ -1,7 +1,7 @@
-"""The road as eight numbers, and the straight edges of its stripes in both images.
+"""The road as a few numbers, and the straight edges of its stripes in both images.
 
-Parameters: height, pitch, roll, yaw of the lane, middle of the left and the right stripe (at x = 0, left
-positive), their widths [m, rad].
+Parameters: height, pitch, roll, yaw of the lane, middles of the L stripes (at x = 0, left positive), their
+L widths [m, rad].
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ def predict_edges(parameters: Array, rig: StereoRig) -> Array:
     """Return the edges of the stripes in the images as straight lines u = a + m v.
 
     Args:
-        parameters: (B, 8) roads.
+        parameters: (B, 4 + 2 L) roads.
         rig: Intrinsics and baseline.
 
     Returns:
-        (B, 2 cameras, 2 stripes, 2 edges, 2): a [px] and m; the left edge first.
+        (B, 2 cameras, L stripes, 2 edges, 2): a [px] and m; the left edge first.
     """
     height, pitch, roll, yaw = parameters[:, :4].T
     cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
     zero = np.zeros_like(cp)
     # Rows: body axes x, y, z from road axes, the transpose of R_y(pitch) R_x(roll).
     body_from_road = np.array([[cp, zero, -sp], [sp * sr, cr, cp * sr], [sp * cr, -sr, cp * cr]])
-    half = parameters[:, 6:8, None] / 2.0 * np.array([1.0, -1.0])
-    start = parameters[:, 4:6, None] + half
+    middles, widths = np.split(parameters[:, 4:], 2, axis=1)
+    start = middles[..., None] + widths[..., None] / 2.0 * np.array([1.0, -1.0])
     pixels = []
     for ahead in (_NEAR_M, _FAR_M):
         y = start - (np.tan(yaw) * ahead)[:, None, None]

@@ -197,10 +197,11 @@ def test_gaps_between_dashes_drop_out():
     dashed = Road(lines=(LaneLine(-1.75), LaneLine(1.75, dash_m=4.0, gap_m=4.0)), texture_amplitude=0.0)
     scene, solid = scene_of(dashed), scene_of()
     results = [fit(scene, noisy(pictures(scene), seed)) for seed in range(8)]
-    whole = fit(solid, noisy(pictures(solid), 0))
-    # Gaps are blocks that do not count, and what is not seen is not claimed.
-    assert all(result.n_blocks < 0.9 * whole.n_blocks for result in results)
-    assert all(np.all(std_of(result) > std_of(whole)) for result in results)
+    whole = [fit(solid, noisy(pictures(solid), seed)) for seed in range(8)]
+    # Gaps are blocks that do not count, and what is not seen is not claimed. A claim scatters by 6 %, as the
+    # scatter of the blocks is measured, so means are compared.
+    assert all(result.n_blocks < 0.9 * whole[0].n_blocks for result in results)
+    assert np.all(np.mean([std_of(r) for r in results], 0) > np.mean([std_of(r) for r in whole], 0))
     ratios = [error_of(result, scene) / std_of(result) for result in results]
     # 24 values with an RMS of 1; the ends of dashes inside blocks may add to it.
     assert np.sqrt(np.mean(np.square(ratios))) < 1.6
