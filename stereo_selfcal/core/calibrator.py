@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from .extraction import Image, Response, find_stripe_points
 from .extrinsics import Extrinsics
 from .fitness import PatternFitness
 from .fusion import fuse, shared
-from .genetic import GeneticResult, maximise
+from .genetic import GeneticResult, maximise_each
 from .geometry import SIDES
 from .lines import fit_line, hough_peaks, refit_line
 from .matching import (
@@ -229,17 +228,14 @@ class Calibrator:
     def _search(self, fitness: PatternFitness) -> GeneticResult:
         """Run the genetic algorithm over the whole search box, once for each camera's parallelism."""
         box = self.config.search
-        rng = np.random.default_rng(self.config.seed)
-        runs = [
-            maximise(
-                partial(fitness.seen_by, camera),
-                lower=(box.height_min_m, -box.pitch_max_rad, -box.roll_max_rad),
-                upper=(box.height_max_m, box.pitch_max_rad, box.roll_max_rad),
-                config=self.config.genetic,
-                rng=rng,
-            )
-            for camera in range(len(SIDES))
-        ]
+        runs = maximise_each(
+            fitness.seen_by_each,
+            lower=(box.height_min_m, -box.pitch_max_rad, -box.roll_max_rad),
+            upper=(box.height_max_m, box.pitch_max_rad, box.roll_max_rad),
+            config=self.config.genetic,
+            rng=np.random.default_rng(self.config.seed),
+            n_runs=len(SIDES),
+        )
         best = max(runs, key=lambda run: run.fitness)
         return replace(best, evaluations=sum(run.evaluations for run in runs))
 

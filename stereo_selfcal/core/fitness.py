@@ -44,7 +44,8 @@ class PatternFitness:
         # Normal of the plane through camera and line, from the first and last point: (4, 3).
         first = np.stack(np.broadcast_arrays(1.0, ray_y[..., 0], ray_z[..., 0]), axis=-1)
         last = np.stack(np.broadcast_arrays(1.0, ray_y[..., -1], ray_z[..., -1]), axis=-1)
-        self._normals = np.cross(first, last).reshape(4, 3)
+        # As columns, by camera: (2, 3, 2).
+        self._normals = np.swapaxes(np.cross(first, last), 1, 2)
         self.evaluations = 0
 
     def __call__(self, population: Array) -> Array:
@@ -59,14 +60,24 @@ class PatternFitness:
         """
         self.evaluations += len(population)
         trig = _trigonometry(population)
-        angles = self._angle_between(camera, *trig)
-        return self._fitness(self._matching_error(population[:, 0], *trig), self._weighted(angles))
+        parallelism = self._weighted(_angle_between(self._normals[camera], *trig))
+        return self._fitness(self._matching_error(population[:, 0], *trig), parallelism)
+
+    def seen_by_each(self, populations: Array) -> Array:
+        """Return the fitness of one population a camera, (2, P, 3), by that camera's parallelism, (2, P)."""
+        shape = populations.shape[:2]
+        flat = populations.reshape(-1, populations.shape[2])
+        self.evaluations += len(flat)
+        trig = _trigonometry(flat)
+        angles = _angle_between(self._normals, *(part.reshape(shape) for part in trig)).ravel()
+        parallelism = self._weighted(angles)
+        return self._fitness(self._matching_error(flat[:, 0], *trig), parallelism).reshape(shape)
 
     def errors(self, population: Array) -> tuple[Array, Array]:
         """Return the normalised E1 and E2 of (P, 3) candidates [px^2], each of shape (P,)."""
         self.evaluations += len(population)
         trig = _trigonometry(population)
-        angles = np.minimum(*(np.abs(self._angle_between(camera, *trig)) for camera in range(2)))
+        angles = np.abs([_angle_between(normals, *trig) for normals in self._normals]).min(axis=0)
         return self._matching_error(population[:, 0], *trig), self._weighted(angles)
 
     def _fitness(self, matching: Array, parallelism: Array) -> Array:
@@ -74,8 +85,8 @@ class PatternFitness:
         return fitness
 
     def _weighted(self, angles: Array) -> Array:
-        """E2: squared angle between the lines [px], weighted."""
-        error: Array = (self._config.parallel_weight * angles) ** 2
+        """E2: squared angle between the lines [rad] in units of one pixel's angle, weighted."""
+        error: Array = (self._config.parallel_weight * self._focal_px * angles) ** 2
         return error
 
     def _plane(self, height: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
@@ -96,19 +107,10 @@ class PatternFitness:
         error: Array = np.maximum(square + self._square, 0.0)
         return error
 
-    def _angle_between(self, camera: int, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
-        """Return the angle between the two lines as a camera puts them on the road, (P,) [px]."""
-        normals = self._normals[2 * camera : 2 * camera + 2].T
-        rotation = np.empty((len(cp), 5))
-        rotation[:, 0], rotation[:, 1], rotation[:, 2] = cp, sp * sr, sp * cr
-        rotation[:, 3], rotation[:, 4] = cr, -sr
-        # A line runs along the road at right angles to the normal of its plane: (n_y, -n_x).
-        along, across = rotation[:, 3:] @ normals[1:], -(rotation[:, :3] @ normals)
-        dot = along[:, 0] * along[:, 1] + across[:, 0] * across[:, 1]
-        cross = across[:, 0] * along[:, 1] - along[:, 0] * across[:, 1]
-        # Lines have no direction: they differ by at most a right angle.
-        angle: Array = np.arctan2(np.where(dot < 0.0, -cross, cross), np.abs(dot)) * self._focal_px
-        return angle
+    def plane(self, candidate: Array) -> Array:
+        """Return the disparity [px] of a candidate's road by the ray (1, y, z) of the left camera, (3,)."""
+        plane: Array = self._plane(candidate[:1], *_trigonometry(candidate[None]))[0]
+        return plane
 
     def linear_terms(self, candidate: Array) -> tuple[Array, Array]:
         """Return what the fitness is made of, before squares and minimum are taken.
@@ -120,9 +122,33 @@ class PatternFitness:
             distances (2 N,) of the points and angles (2,) between the lines by camera, both [px].
         """
         trig = _trigonometry(candidate[None])
-        plane = self._plane(candidate[:1], *trig)[0]
-        angles = np.concatenate([self._angle_between(camera, *trig) for camera in range(2)])
+        plane = self.plane(candidate)
+        angles = np.concatenate([_angle_between(normals, *trig) for normals in self._normals])
+        angles *= self._focal_px
         return self._design @ plane - self._disparity, angles
+
+
+def _angle_between(normals: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
+    """Return the angle between two lines as a camera puts them on the road [rad], (..., P).
+
+    Args:
+        normals: (..., 3, 2) normals of the planes through the camera and each line.
+        cp: (..., P) cosine of pitch.
+        sp: Its sine.
+        cr: Cosine of roll.
+        sr: Its sine.
+    """
+    # A line runs along the road at right angles to the normal of its plane: (-n_y, n_x), in road axes.
+    rotation = np.empty((*cp.shape, 5))
+    rotation[..., 0], rotation[..., 1], rotation[..., 2] = cp, sp * sr, sp * cr
+    rotation[..., 3], rotation[..., 4] = cr, -sr
+    towards, aside = rotation[..., :3] @ normals, rotation[..., 3:] @ normals[..., 1:, :]
+    x0, x1, y0, y1 = towards[..., 0], towards[..., 1], aside[..., 0], aside[..., 1]
+    dot = x0 * x1 + y0 * y1
+    cross = x1 * y0 - x0 * y1
+    # Lines have no direction: they differ by at most a right angle.
+    angle: Array = np.arctan2(np.where(dot < 0.0, -cross, cross), np.abs(dot))
+    return angle
 
 
 def disparity_model(pattern: LanePattern, rig: StereoRig) -> tuple[Array, Array]:

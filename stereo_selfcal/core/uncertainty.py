@@ -108,29 +108,33 @@ def _sensitivity(
     fitness = PatternFitness(pattern, rig, config)
     camera = int(np.argmin(np.abs(fitness.linear_terms(estimate)[1])))
 
-    def terms(model: PatternFitness, candidate: Array) -> Array:
-        distances, angles = model.linear_terms(candidate)
+    def terms(candidate: Array) -> Array:
+        distances, angles = fitness.linear_terms(candidate)
         return np.append(distances, angles[camera])
 
     by_estimate = np.column_stack(
         [
-            (terms(fitness, estimate + step) - terms(fitness, estimate - step)) / (2.0 * step.sum())
+            (terms(estimate + step) - terms(estimate - step)) / (2.0 * step.sum())
             for step in np.diag(_STEPS[:3])
         ]
     )
-    by_lines = []
-    for i, line in enumerate((*pattern.left, *pattern.right)):
-        for change in (np.ones_like(pattern.rows), pattern.rows - line.v_mid):
-            step = _LINE_STEP_PX / np.abs(change).max()
-            moved = []
-            for sign in (1.0, -1.0):
-                columns = pattern.columns.copy()
-                columns[divmod(i, 2)] += sign * step * change
-                model = PatternFitness(replace(pattern, columns=columns), rig, config)
-                moved.append(terms(model, estimate))
-            by_lines.append((moved[0] - moved[1]) / (2.0 * step))
     d_t, g_t = by_estimate[:-1], by_estimate[-1:]
-    d_l, g_l = np.column_stack(by_lines)[:-1], np.column_stack(by_lines)[-1:]
+    d_l, g_l = np.zeros((len(d_t), 8)), np.zeros((1, 8))
+    # The ray (1, y, z) of a left column u has y = (cx - u) / fx, and the disparity left minus right column.
+    of_column = (-fitness.plane(estimate)[1] / rig.fx - 1.0, 1.0)
+    n_rows = len(pattern.rows)
+    for i, line in enumerate((*pattern.left, *pattern.right)):
+        side, boundary = divmod(i, 2)
+        for j, change in enumerate((np.ones_like(pattern.rows), pattern.rows - line.v_mid)):
+            points = slice(boundary * n_rows, (boundary + 1) * n_rows)
+            d_l[points, 2 * i + j] = of_column[side] * change
+            if side == camera:
+                step = _LINE_STEP_PX / np.abs(change).max()
+                columns = pattern.columns.copy()
+                columns[side, boundary] += step * change
+                model = PatternFitness(replace(pattern, columns=columns), rig, config)
+                moved = model.linear_terms(estimate)[1][camera] - fitness.linear_terms(estimate)[1][camera]
+                g_l[0, 2 * i + j] = moved / step
     system = np.block([[d_t.T @ d_t, g_t.T], [g_t, np.zeros((1, 1))]])
     if not np.all(np.isfinite(system)) or np.linalg.matrix_rank(system) < len(system):
         return None
