@@ -38,7 +38,7 @@ from scipy.optimize import differential_evolution
 
 from stereo_selfcal import CalibratorConfig
 from stereo_selfcal.core.fitness import PatternFitness
-from stereo_selfcal.core.genetic import maximise
+from stereo_selfcal.core.genetic import maximise_each
 from stereo_selfcal.core.geometry import SIDES
 
 from .frames import Array
@@ -81,6 +81,12 @@ class Recorder:
         """Return the fitness by one camera's parallelism, never above the whole one."""
         return self._note(population, self.fitness.seen_by(camera, population))
 
+    def seen_by_each(self, populations: Array) -> Array:
+        """Return the fitness of one population a camera by that camera's parallelism."""
+        values = self.fitness.seen_by_each(populations)
+        self._note(populations.reshape(-1, populations.shape[-1]), values.ravel())
+        return values
+
     def _note(self, population: Array, values: Array) -> Array:
         self._evaluations += len(values)
         top = int(values.argmax())
@@ -115,10 +121,9 @@ def search_box() -> tuple[Array, Array]:
 
 
 def ours(fitness: Recorder, lower: Array, upper: Array, seed: int) -> None:
-    """Run the calibrator's search: one run for each camera's parallelism."""
+    """Run the calibrator's search: one population for each camera's parallelism, side by side."""
     rng = np.random.default_rng(seed)
-    for camera in range(len(SIDES)):
-        maximise(partial(fitness.seen_by, camera), lower, upper, CalibratorConfig().genetic, rng)
+    maximise_each(fitness.seen_by_each, lower, upper, CalibratorConfig().genetic, rng, len(SIDES))
 
 
 def scipy_de(fitness: Recorder, lower: Array, upper: Array, seed: int) -> None:

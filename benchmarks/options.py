@@ -22,7 +22,7 @@ class Options:
         folder: Where tables and plots go.
     """
 
-    poses: int = 20
+    poses: int = 100
     draws: int = 200
     seeds: int = 50
     repeats: int = 20

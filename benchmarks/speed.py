@@ -16,7 +16,7 @@ import numpy as np
 from stereo_selfcal import Calibrator, CalibratorConfig, StereoRig
 from stereo_selfcal.core import calibrator as calibrator_module
 from stereo_selfcal.core.fitness import PatternFitness
-from stereo_selfcal.core.genetic import maximise
+from stereo_selfcal.core.genetic import maximise_each
 from stereo_selfcal.core.geometry import SIDES
 from stereo_selfcal.synth.renderer import Frame, render
 from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene, random_scene
@@ -38,7 +38,7 @@ MEBIBYTE = 2**20
 # Parts of a calibration, by the function that does it.
 PARTS: dict[str, tuple[object, str]] = {
     "extraction": (Calibrator, "extract"),
-    "genetic algorithm": (calibrator_module, "maximise"),
+    "genetic algorithm": (calibrator_module, "maximise_each"),
     "covariance of lines": (calibrator_module, "propagate"),
     "closed form": (calibrator_module, "compare_stages"),
     "refinement": (calibrator_module, "refine"),
@@ -146,11 +146,8 @@ def _fitness(calibrator: Calibrator, left: Frame, right: Frame) -> PatternFitnes
 def _search(fitness: PatternFitness, config: CalibratorConfig) -> tuple[int, int]:
     """Search as the calibrator does; return evaluations and generations of both runs."""
     rng = np.random.default_rng(config.seed)
-    runs = [
-        maximise(partial(fitness.seen_by, camera), *search_box(), config.genetic, rng)
-        for camera in range(len(SIDES))
-    ]
-    return sum(run.evaluations for run in runs), sum(run.generations for run in runs)
+    runs = maximise_each(fitness.seen_by_each, *search_box(), config.genetic, rng, len(SIDES))
+    return sum(run.evaluations for run in runs), max(run.generations for run in runs)
 
 
 def _part_times_ms(call: Callable[[], object]) -> dict[str, float]:

@@ -30,9 +30,9 @@ MIN_CONTRAST_SIGMAS = 4.0
 
 _ROUNDING_VARIANCE = 1.0 / 12.0  # of whole grey levels
 _RIDGE = 1e-6
-_RAMP_PX = 10.0  # unit of the ramp: about a window, so that all terms are of one size
-# Expected steepness: a lens that loses 30 % of its light in the corners, 400 px from the middle, gets
-# darker by up to 0.15 % a pixel there. It keeps noise from being taken for a ramp.
+RAMP_PX = 10.0  # unit of the ramp: about a window, so that all terms are of one size
+# How far the ramp may be from the expected one: a lens that loses 30 % of its light in the corners, 400 px
+# from the middle, gets darker by up to 0.15 % a pixel there. It keeps noise from being taken for a ramp.
 _RAMP_STD = 0.015
 _N_LEVELS, _N_TERMS = 3, 11
 
@@ -48,6 +48,7 @@ class Blocks:
         displacement: (..., 3).
         variance: Of the grey values about the model, the median over the blocks.
         usable: (...) whether both edges stand out of the noise.
+        normal: (..., 8, 8) normal equations of levels, ramp, displacements, blur and grey value.
     """
 
     information: Array
@@ -55,6 +56,25 @@ class Blocks:
     displacement: Array
     variance: float
     usable: npt.NDArray[np.bool_]
+    normal: Array
+
+    def measure_ramp(self) -> Array:
+        """Return what the blocks say of the ramp alone, levels and displacements eliminated.
+
+        Returns:
+            (..., 2) information on its steepness, and that times its difference from the one expected, for
+            noise of variance 1.
+        """
+        others = np.array([0, 1, 2, 4, 5, 6])
+        cross = self.normal[..., others, 3, None]
+        within = self.normal[..., others[:, None], others]
+        ridge = _RIDGE * (np.trace(within, axis1=-1, axis2=-2)[..., None, None] + 1.0)
+        solved = np.linalg.solve(
+            within + np.eye(len(others)) * ridge,
+            np.concatenate([cross, self.normal[..., others, 7, None]], axis=-1),
+        )
+        ramp: Array = self.normal[..., 3, [3, 7]] - (np.swapaxes(cross, -1, -2) @ solved)[..., 0, :]
+        return ramp
 
 
 def measure_blocks(
@@ -65,6 +85,7 @@ def measure_blocks(
     blur: Array,
     window: tuple[int, float],
     noise: float,
+    steepness: Array,
 ) -> Blocks:
     """Fit levels, displacements and blur of every block of rows.
 
@@ -76,6 +97,7 @@ def measure_blocks(
         blur: (2,) standard deviation of the blur of either lens [px].
         window: Half width of the window around each edge [px], and blur added to the model [px].
         noise: Variance of the grey values, as far as it is known.
+        steepness: (2, L, N) expected steepness of the ramp in each block [per RAMP_PX].
     """
     n_cameras, n_stripes, _, n_blocks, n_rows = columns.shape
     half_width, added_blur = window
@@ -108,7 +130,7 @@ def measure_blocks(
     terms[..., 0, :] = 1.0 - share[0]  # of asphalt, paint, asphalt
     terms[..., 1, :] = share[0] - share[1]
     terms[..., 2, :] = share[1]
-    ramp = (pixels - of_edges.mean(axis=0)).reshape(terms[..., 0, :].shape) * (1.0 / _RAMP_PX)
+    ramp = (pixels - of_edges.mean(axis=0)).reshape(terms[..., 0, :].shape) * (1.0 / RAMP_PX)
     terms[..., 3:6, :] = terms[..., :3, :] * ramp[..., None, :]
     terms[..., 6:8, :] = np.moveaxis(density, 0, -2)
     # d(variance) / d(blur) = 2 blur (1 + slope^2)
@@ -118,10 +140,12 @@ def measure_blocks(
     if not valid_pixels.all():
         terms *= valid_pixels[..., None, :]
     gram = terms @ np.swapaxes(terms, -1, -2)
-    return _eliminate(gram, valid_pixels.sum(axis=-1), inside.all(axis=-1), noise)
+    return _eliminate(gram, valid_pixels.sum(axis=-1), inside.all(axis=-1), noise, steepness)
 
 
-def _eliminate(gram: Array, count: Array, complete: npt.NDArray[np.bool_], noise: float) -> Blocks:
+def _eliminate(
+    gram: Array, count: Array, complete: npt.NDArray[np.bool_], noise: float, steepness: Array
+) -> Blocks:
     """Eliminate the grey levels of every block from its normal equations.
 
     Args:
@@ -130,6 +154,7 @@ def _eliminate(gram: Array, count: Array, complete: npt.NDArray[np.bool_], noise
         count: (...) pixels.
         complete: (...) whether the block lies inside the image.
         noise: Variance of the grey values, as far as it is known.
+        steepness: (...) expected steepness of the ramp.
     """
     n = _N_LEVELS
     levels = np.linalg.solve(gram[..., :n, :n] + np.eye(n) * _RIDGE, gram[..., :n, 10:])[..., 0]
@@ -139,6 +164,7 @@ def _eliminate(gram: Array, count: Array, complete: npt.NDArray[np.bool_], noise
     mix = np.zeros((*gram.shape[:-2], _N_TERMS, 8))
     mix[..., [0, 1, 2, 10], [0, 1, 2, 7]] = 1.0
     mix[..., 3:6, 3] = levels
+    mix[..., 3:6, 7] = -steepness[..., None] * levels
     mix[..., 6, 4], mix[..., 7, 5] = -left, right
     mix[..., 8, 6], mix[..., 9, 6] = left, -right
     normal = np.swapaxes(mix, -1, -2) @ gram @ mix
@@ -158,4 +184,4 @@ def _eliminate(gram: Array, count: Array, complete: npt.NDArray[np.bool_], noise
     level_variance = np.diagonal(inverse, axis1=-1, axis2=-2) * variance
     for contrast, side in ((left, 0), (right, 2)):
         usable &= contrast > MIN_CONTRAST_SIGMAS * np.sqrt(level_variance[..., 1] + level_variance[..., side])
-    return Blocks(information, gradient, displacement, variance, usable)
+    return Blocks(information, gradient, displacement, variance, usable, normal)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .blocks import BLOCK_ROWS, Blocks, measure_blocks
+from .blocks import BLOCK_ROWS, RAMP_PX, Blocks, measure_blocks
 from .extraction import Image, edge_response
 from .extrinsics import Array, Extrinsics
 from .pattern import LanePattern, row_towards
@@ -46,9 +46,9 @@ class _Pass:
     reweightings: int
 
 
-# The first bears edges 3 px off (a width that is 10 % wrong), the last ones are the fit itself, which reads
-# every row.
-_PASSES = (_Pass(6, 2.0, 2, 3), _Pass(5, 0.5, 2, 3), _Pass(5, 0.0, 2, 3), _Pass(7, 0.0, 1, 5))
+# The first bears edges 3 px off (a width that is 10 % wrong), the last one is the fit itself, which reads
+# every row; the others only lead there.
+_PASSES = (_Pass(6, 2.0, 2, 2), _Pass(5, 0.5, 2, 2), _Pass(5, 0.0, 2, 2), _Pass(7, 0.0, 1, 5))
 
 _MIN_BLOCKS = 12  # of four stripe images, 10 parameters: 36 displacements at least
 # A stripe with fewer blocks has no say: its own position and width take two displacements each.
@@ -56,6 +56,8 @@ _MIN_STRIPE_BLOCKS = 3
 # First row, as the height over the bottom of the image relative to the vanishing point: closer to it
 # stripes are thinner than a pixel and every road is a hill or a bend.
 _FIRST_ROW = 0.97
+
+_MAX_VIGNETTING = 0.6  # share of the light lost in the farthest corner: more than any lens on a car
 
 _BLUR_START_PX, _BLUR_MIN_PX, _BLUR_MAX_PX = 0.5, 0.05, 3.0
 
@@ -119,6 +121,7 @@ def refine(
     steps = np.array([*_POSE_STEPS, *[_STRIPE_STEP] * (2 * n_stripes)])
     blur = np.full(2, _BLUR_START_PX)
     noise = 0.0  # not known before the first pass
+    vignetting: Array = np.zeros(2)
     all_rows = np.arange(rig.height - n_blocks * BLOCK_ROWS, rig.height).reshape(n_blocks, BLOCK_ROWS)
     for one in _PASSES:
         rows = all_rows[:, :: one.row_step]
@@ -127,7 +130,9 @@ def refine(
         by_road = (edges[1 : len(road) + 1] - edges[len(road) + 1 :]) / (2.0 * steps).reshape(-1, 1, 1, 1, 1)
         columns = edges[0, ..., :1, None] + edges[0, ..., 1:, None] * rows
         window = (one.half_width, one.added_blur)
-        blocks = measure_blocks(images, columns, edges[0, ..., 1], rows, blur, window, noise)
+        profile = _vignetting_profile(columns, rig)
+        steepness = vignetting[:, None, None] * profile
+        blocks = measure_blocks(images, columns, edges[0, ..., 1], rows, blur, window, noise, steepness)
         noise = blocks.variance
         solution = _solve(blocks, by_road, rows.mean(axis=1), one.reweightings)
         if solution is None:
@@ -138,6 +143,9 @@ def refine(
         # or softer than supposed is taken for an outlier.
         if one.added_blur == 0.0:
             blur = np.clip(blur + step[len(road) :], _BLUR_MIN_PX, _BLUR_MAX_PX)
+            if one is not _PASSES[-1]:
+                loss = vignetting + _measure_vignetting(blocks, profile)
+                vignetting = np.clip(loss, 0.0, _MAX_VIGNETTING)
         if not np.all(np.isfinite(road)) or road[0] <= 0.0 or np.any(road[_N_POSE + n_stripes :] <= 0.0):
             return None
     return RefinedFit(
@@ -214,6 +222,26 @@ def _solve(
     covariance = np.zeros((len(free), len(free)))
     covariance[np.ix_(free, free)] = inverse * blocks.variance
     return step, covariance, float(scales.mean()), int(np.count_nonzero(counted))
+
+
+def _vignetting_profile(columns: Array, rig: StereoRig) -> Array:
+    """Return the steepness of the ramp in each block for a lens that loses all light in the farthest corner.
+
+    The loss grows with the square of the distance from the principal point.
+    """
+    corner = max(rig.cx, rig.width - 1 - rig.cx) ** 2 + max(rig.cy, rig.height - 1 - rig.cy) ** 2
+    steepness: Array = -2.0 * RAMP_PX * (columns.mean(axis=(2, 4)) - rig.cx) / corner
+    return steepness
+
+
+def _measure_vignetting(blocks: Blocks, profile: Array) -> Array:
+    """Return by how much each camera's loss of light in the corner differs from the expected one, (2,)."""
+    ramp = blocks.measure_ramp()
+    known, found = ramp[..., 0] * profile**2 * blocks.usable, ramp[..., 1] * profile * blocks.usable
+    # A camera whose stripes pass the principal point says nothing: the loss stays what it was.
+    least = blocks.variance / _MAX_VIGNETTING**2
+    loss: Array = found.sum(axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), least)
+    return loss
 
 
 def _start_widths(
