@@ -53,8 +53,8 @@ def bias_table(options: Options) -> Iterator[Table]:
         ],
         f"Asked of the final stage: below {ASKED_STANDARD_ERRORS}. Bare asphalt: a texture that stays the "
         "same in every draw would itself be an error that does not average out. The lens is sampled at a "
-        "quarter of a pixel; PSF 0.5 px where nothing else is said. Paint of grey 213 clips at a gain of 1.2, and under 10 % noise at any "
-        "gain; grey paint, 150, hardly ever.",
+        "quarter of a pixel; PSF 0.5 px where nothing else is said. Paint of grey 213 clips at a gain of "
+        "1.2, and under 10 % noise at any gain; grey paint, 150, hardly ever.",
     )
     for name, (left_camera, right_camera) in CAMERAS.items():
         lines = tuple(replace(line, grey=PAINT.get(name, PAINT_GREY)) for line in two_lines())

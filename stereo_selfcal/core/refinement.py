@@ -20,13 +20,13 @@ from .extraction import Image, edge_response
 from .extrinsics import Array, Extrinsics
 from .pattern import LanePattern, row_towards
 from .rig import StereoRig
-from .road import lane_in_road, predict_edges
+from .road import N_POSE, bent_columns, lane_in_road, predict_edges
 
-# Parameters of the road: height, pitch, roll, yaw of the lane, middles of the L stripes, their widths
-# [m, rad]; after them the blur of the left and the right lens [px].
-_POSE_STEPS = (1e-5, 1e-6, 1e-6, 1e-6)
+# Steps of the numerical derivative by the parameters of the road (:mod:`.road`) [m, rad]; after them come the
+# blur of the left and the right lens [px].
+_POSE_STEPS = (1e-5, 1e-6, 1e-6, 1e-6, 1e-7)
 _STRIPE_STEP = 1e-5
-_N_POSE = len(_POSE_STEPS)
+_CURVATURE = 4  # its place among the parameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +77,9 @@ class RefinedFit:
         extrinsics: Height, pitch and roll.
         covariance: (3, 3) of them: inverse information, times the scale of the residuals.
         lane_yaw_rad: Yaw of the camera against the lane [rad].
-        positions_m: (2,) middle of the stripes at x = 0, left positive [m].
-        widths_m: (2,) width of the stripes [m].
+        curvature_per_m: Curvature of the lane, > 0: to the left [1/m]; 0 where it was taken as straight.
+        positions_m: (L,) middle of the stripes at x = 0, left positive [m].
+        widths_m: (L,) width of the stripes [m].
         blur_px: (2,) standard deviation of the blur of the left and right lens [px].
         noise_grey: Standard deviation of the grey values about the model.
         scale: Deviance of a block over what the noise explains; 1 where the model is the road.
@@ -88,6 +89,7 @@ class RefinedFit:
     extrinsics: Extrinsics
     covariance: Array
     lane_yaw_rad: float
+    curvature_per_m: float
     positions_m: Array
     widths_m: Array
     blur_px: Array
@@ -97,7 +99,11 @@ class RefinedFit:
 
 
 def refine(
-    images: tuple[Image, Image], pattern: LanePattern, rig: StereoRig, start: Extrinsics
+    images: tuple[Image, Image],
+    pattern: LanePattern,
+    rig: StereoRig,
+    start: Extrinsics,
+    curvature_per_m: float | None = None,
 ) -> RefinedFit | None:
     """Fit the road to the grey values around the edges of the stripes.
 
@@ -106,6 +112,7 @@ def refine(
         pattern: The matched lines, for yaw and position of the stripes.
         rig: Intrinsics and baseline.
         start: Extrinsics to start from, good to a few pixels in the image.
+        curvature_per_m: Curvature of the lane to start from; None where the road is straight.
 
     Returns:
         The fit, or None when too few blocks of rows show both edges of a stripe, or the fit runs away.
@@ -117,7 +124,9 @@ def refine(
     yaw, *left_edges = lane_in_road(pattern, rig, start)
     n_stripes = len(left_edges)
     widths = _start_widths(images, pattern, rig, start)
-    road = np.array([*start.as_array(), yaw, *(np.array(left_edges) - widths / 2.0), *widths])
+    road = np.array(
+        [*start.as_array(), yaw, curvature_per_m or 0.0, *(np.array(left_edges) - widths / 2.0), *widths]
+    )
     steps = np.array([*_POSE_STEPS, *[_STRIPE_STEP] * (2 * n_stripes)])
     blur = np.full(2, _BLUR_START_PX)
     noise = 0.0  # not known before the first pass
@@ -126,15 +135,23 @@ def refine(
     for one in _PASSES:
         rows = all_rows[:, :: one.row_step]
         variations = np.concatenate([road[None], road + np.diag(steps), road - np.diag(steps)])
-        edges = predict_edges(variations, rig)
-        by_road = (edges[1 : len(road) + 1] - edges[len(road) + 1 :]) / (2.0 * steps).reshape(-1, 1, 1, 1, 1)
-        columns = edges[0, ..., :1, None] + edges[0, ..., 1:, None] * rows
+        middles = rows.mean(axis=1)
+        if curvature_per_m is None:
+            edges = predict_edges(variations, rig)
+            at_blocks = edges[..., :1] + edges[..., 1:] * middles
+            columns, slopes = edges[0, ..., :1, None] + edges[0, ..., 1:, None] * rows, edges[0, ..., 1]
+        else:
+            at_blocks = np.stack([bent_columns(variation, middles, rig) for variation in variations])
+            columns = bent_columns(road, rows.astype(np.float64), rig)
+            slopes = (columns[..., -1, -1] - columns[..., 0, 0]) / (rows[-1, -1] - rows[0, 0])
+        by_road = at_blocks[1 : len(road) + 1] - at_blocks[len(road) + 1 :]
+        by_road /= (2.0 * steps).reshape(-1, 1, 1, 1, 1)
         window = (one.half_width, one.added_blur)
         profile = _vignetting_profile(columns, rig)
         steepness = vignetting[:, None, None] * profile
-        blocks = measure_blocks(images, columns, edges[0, ..., 1], rows, blur, window, noise, steepness)
+        blocks = measure_blocks(images, columns, slopes, rows, blur, window, noise, steepness)
         noise = blocks.variance
-        solution = _solve(blocks, by_road, rows.mean(axis=1), one.reweightings)
+        solution = _solve(blocks, by_road, one.reweightings, curvature_per_m is not None)
         if solution is None:
             return None
         step, covariance, scale, used = solution
@@ -146,14 +163,15 @@ def refine(
             if one is not _PASSES[-1]:
                 loss = vignetting + _measure_vignetting(blocks, profile)
                 vignetting = np.clip(loss, 0.0, _MAX_VIGNETTING)
-        if not np.all(np.isfinite(road)) or road[0] <= 0.0 or np.any(road[_N_POSE + n_stripes :] <= 0.0):
+        if not np.all(np.isfinite(road)) or road[0] <= 0.0 or np.any(road[N_POSE + n_stripes :] <= 0.0):
             return None
     return RefinedFit(
         extrinsics=Extrinsics.from_array(road[:3]),
         covariance=(covariance[:3, :3] + covariance[:3, :3].T) / 2.0,
         lane_yaw_rad=float(road[3]),
-        positions_m=road[_N_POSE : _N_POSE + n_stripes],
-        widths_m=road[_N_POSE + n_stripes :],
+        curvature_per_m=float(road[_CURVATURE]),
+        positions_m=road[N_POSE : N_POSE + n_stripes],
+        widths_m=road[N_POSE + n_stripes :],
         blur_px=blur,
         noise_grey=float(np.sqrt(blocks.variance)),
         scale=scale,
@@ -162,7 +180,7 @@ def refine(
 
 
 def _solve(
-    blocks: Blocks, by_road: Array, middles: Array, reweightings: int
+    blocks: Blocks, by_road: Array, reweightings: int, bent: bool
 ) -> tuple[Array, Array, float, int] | None:
     """Solve for the change of all parameters, block by block weighted robustly.
 
@@ -180,8 +198,7 @@ def _solve(
     # Displacements (left edge, right edge, blur) by all parameters: (camera, stripe, block, 3, P).
     n_road = len(by_road)
     design = np.zeros((*blocks.gradient.shape, n_road + 2))
-    at_block = by_road[..., :1] + by_road[..., 1:] * middles
-    design[..., :2, :n_road] = np.moveaxis(at_block, (0, 3), (-1, -2))
+    design[..., :2, :n_road] = np.moveaxis(by_road, (0, 3), (-1, -2))
     for camera in range(2):
         design[camera, ..., 2, n_road + camera] = 1.0
     usable = usable & enough[:, None]
@@ -191,7 +208,9 @@ def _solve(
     transposed = np.swapaxes(design, -1, -2)
     normals = transposed @ information @ design
     sides = (transposed @ gradient[..., None])[..., 0]
-    free = np.concatenate([np.ones(_N_POSE, bool), np.tile(enough, 2), np.ones(2, bool)])
+    of_pose = np.ones(N_POSE, bool)
+    of_pose[_CURVATURE] = bent
+    free = np.concatenate([of_pose, np.tile(enough, 2), np.ones(2, bool)])
     weights = np.ones(len(sides))
     # A camera that the template fits worse (its lens is sharper or softer) has larger deviances in all
     # of its blocks: they weigh less, but are no outliers.

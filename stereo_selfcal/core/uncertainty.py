@@ -146,6 +146,7 @@ def _predict(parameters: Array, lines: tuple[ImageLine, ...], rig: StereoRig) ->
     """Return (u_mid, slope) of the four lines for (B, 6) parameters, shape (B, 8)."""
     # Stripes of no width: both edges are the line.
     roads = np.concatenate([parameters, np.zeros((len(parameters), 2))], axis=1)
+    roads = np.insert(roads, 4, 0.0, axis=1)  # straight
     lines_uv = predict_edges(roads, rig)[:, :, :, 0].reshape(len(parameters), 4, 2)
     v_mid = np.array([line.v_mid for line in lines])
     u_mid = lines_uv[..., 0] + lines_uv[..., 1] * v_mid

@@ -92,13 +92,13 @@ def test_edges_are_those_of_another_projection(rig):
     for _ in range(50):
         pitch, roll, yaw = rng.uniform(-reach, reach)
         middles = rng.uniform(0.8, 2.5, 2) * [1, -1]
-        roads.append([rng.uniform(0.8, 2.5), pitch, roll, yaw, *middles, *rng.uniform(0.05, 0.4, 2)])
+        roads.append([rng.uniform(0.8, 2.5), pitch, roll, yaw, 0.0, *middles, *rng.uniform(0.05, 0.4, 2)])
     predicted = predict_edges(np.array(roads), rig)
     rows = np.array([0.0, 240.0, rig.height - 1.0])
     for road, edges in zip(roads, predicted, strict=True):
         pose, yaw = Extrinsics(*road[:3]), road[3]
         for i, j, k in np.ndindex(2, 2, 2):
-            across = road[4 + j] + (0.5 - k) * road[6 + j]
+            across = road[5 + j] + (0.5 - k) * road[7 + j]
             # Positions are measured across the camera's x axis, those of the reference across the lane.
             slope, at_0 = image_line(rig, pose, CAMERAS[i], across * math.cos(yaw), yaw)
             a, m = edges[i, j, k]
@@ -106,7 +106,7 @@ def test_edges_are_those_of_another_projection(rig):
 
 
 def test_the_first_edge_is_the_left_one():
-    edges = predict_edges(np.array([[*POSE.as_array(), YAW, 1.6, -1.9, 0.12, 0.3]]), PAPER_RIG)[0]
+    edges = predict_edges(np.array([[*POSE.as_array(), YAW, 0.0, 1.6, -1.9, 0.12, 0.3]]), PAPER_RIG)[0]
     columns = edges[..., 0] + edges[..., 1] * 470.0
     assert np.all(columns[..., 0] < columns[..., 1])
 
@@ -377,3 +377,30 @@ def test_refinement_is_asked_for_accepted_frames_only(monkeypatch):
     monkeypatch.setattr(calibrator_module, "refine", never)
     grey = np.full((480, 640), 90, np.uint8)
     assert not Calibrator(PAPER_RIG).add(grey, grey).accepted
+
+
+# --- bends ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("curvature_per_m", [1 / 150, -1 / 400, 1 / 2000])
+def test_a_bend_is_fitted_with_its_curvature(curvature_per_m):
+    """Nine values, none farther off than four standard deviations: one in 1800 such tests would fail by chance."""
+    scene = scene_of(Road(curvature_per_m=curvature_per_m, texture_amplitude=0.0))
+    start = Extrinsics.from_array(scene.extrinsics.as_array() + GENETIC_OFF)
+    for seed in range(3):
+        result = refine(
+            noisy(pictures(scene), seed), lines_of(scene), scene.rig, start, 1.02 * curvature_per_m
+        )
+        assert result.curvature_per_m == pytest.approx(curvature_per_m, abs=3e-5)
+        assert np.all(np.abs(error_of(result, scene)) < 4.0 * std_of(result)), error_of(result, scene)
+
+
+def test_a_straight_road_that_might_bend_is_known_to_be_straight():
+    """Curvature moves both lines to one side, pitch to both: it costs hardly anything."""
+    scene = scene_of()
+    straight = fit(scene, noisy(pictures(scene), 0))
+    start = Extrinsics.from_array(scene.extrinsics.as_array() + GENETIC_OFF)
+    bent = refine(noisy(pictures(scene), 0), lines_of(scene), scene.rig, start, 0.0)
+    assert straight.curvature_per_m == 0.0
+    assert abs(bent.curvature_per_m) < 1e-4
+    assert np.all(std_of(bent) < 1.2 * std_of(straight))
