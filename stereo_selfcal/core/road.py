@@ -16,8 +16,8 @@ from .rig import StereoRig
 # Where a road line is evaluated to be drawn in the image [m ahead].
 _NEAR_M, _FAR_M = 5.0, 50.0
 _LEAST_FALL = 1e-3  # of a ray that is said to meet the road: 1000 camera heights away
-# Of the search for the column of a bent line in a row: each leaves an eighth of what was left before where the
-# lane has turned by 30 deg, far less before.
+# Of the search for the column of a bent line in a row: each leaves an eighth of what was left before where
+# the lane has turned by 30 deg, far less before.
 _BEND_ITERATIONS = 4
 
 N_POSE = 5  # parameters before those of the stripes

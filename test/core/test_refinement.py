@@ -384,7 +384,7 @@ def test_refinement_is_asked_for_accepted_frames_only(monkeypatch):
 
 @pytest.mark.parametrize("curvature_per_m", [1 / 150, -1 / 400, 1 / 2000])
 def test_a_bend_is_fitted_with_its_curvature(curvature_per_m):
-    """Nine values, none farther off than four standard deviations: one in 1800 such tests would fail by chance."""
+    """Nine values, none farther off than four standard deviations: one test in 1800 fails by chance."""
     scene = scene_of(Road(curvature_per_m=curvature_per_m, texture_amplitude=0.0))
     start = Extrinsics.from_array(scene.extrinsics.as_array() + GENETIC_OFF)
     for seed in range(3):
