@@ -71,9 +71,9 @@ class RayCaster:
             raise ConfigError(f"side is {side!r}, it must be one of {', '.join(get_args(Side))}")
         rig, pose = scene.rig, scene.extrinsics
         lane_from_camera = (
-            _rotation(0.0, 0.0, scene.lane_yaw_rad)
-            @ _rotation(0.0, pose.pitch_rad, 0.0)
-            @ _rotation(pose.roll_rad, 0.0, 0.0)
+            rotation(0.0, 0.0, scene.lane_yaw_rad)
+            @ rotation(0.0, pose.pitch_rad, 0.0)
+            @ rotation(pose.roll_rad, 0.0, 0.0)
         )
         forward, left, up = lane_from_camera.T
         half_baseline_m = rig.baseline_m / 2 if side == "left" else -rig.baseline_m / 2
@@ -215,7 +215,7 @@ class _Ground:
             if not rows.size:
                 continue
             part = slice(int(rows[0]), int(rows[-1]) + 1)
-            noise = _sample_tile(_texture_tile(seed, octave), lateral[part] / cell_m, along[part] / cell_m)
+            noise = sample_tile(texture_tile(seed, octave), lateral[part] / cell_m, along[part] / cell_m)
             fade = np.clip((1 - self.footprint_m[part] / cell_m) / (1 - TEXTURE_FADE_START), 0.0, 1.0)
             texture[part] += noise * fade
         texture /= math.sqrt(len(TEXTURE_CELLS_M))
@@ -232,8 +232,8 @@ def render(scene: Scene, rng: np.random.Generator) -> tuple[Frame, Frame]:
     Returns:
         Left and right image, (H, W) uint8 each. Same scene and state of ``rng``: same bytes.
     """
-    left = _quantise(render_camera(scene, "left"), scene.left, rng)
-    right = _quantise(render_camera(scene, "right"), scene.right, rng)
+    left = quantise(render_camera(scene, "left"), scene.left, rng)
+    right = quantise(render_camera(scene, "right"), scene.right, rng)
     return left, right
 
 
@@ -250,9 +250,9 @@ def render_camera(scene: Scene, side: Side) -> Picture:
     rig, photometry = scene.rig, scene.photometry(side)
     picture = _world_picture(scene, RayCaster(scene, side)).astype(np.float32)
     if photometry.psf_sigma_px > 0:
-        picture = _blur(_blur(picture, photometry.psf_sigma_px, axis=0), photometry.psf_sigma_px, axis=1)
+        picture = blur(blur(picture, photometry.psf_sigma_px, axis=0), photometry.psf_sigma_px, axis=1)
     if photometry.vignetting > 0:
-        picture *= _vignette(rig.width, rig.height, rig.cx, rig.cy, photometry.vignetting)
+        picture *= vignette(rig.width, rig.height, rig.cx, rig.cy, photometry.vignetting)
     picture *= np.float32(photometry.gain)
     picture += np.float32(photometry.offset)
     return picture
@@ -282,7 +282,7 @@ def _world_picture(scene: Scene, rays: RayCaster) -> Array:
     return picture
 
 
-def _quantise(picture: Picture, photometry: Photometry, rng: np.random.Generator) -> Frame:
+def quantise(picture: Picture, photometry: Photometry, rng: np.random.Generator) -> Frame:
     """Return the picture with noise as uint8, shape (H, W)."""
     if photometry.noise_fraction > 0:
         noise = rng.standard_normal(picture.shape, dtype=np.float32)
@@ -290,13 +290,13 @@ def _quantise(picture: Picture, photometry: Photometry, rng: np.random.Generator
     return np.rint(np.clip(picture, 0, 255)).astype(np.uint8)
 
 
-def _rotation(x_rad: float, y_rad: float, z_rad: float) -> Array:
+def rotation(x_rad: float, y_rad: float, z_rad: float) -> Array:
     """Return the rotation about an axis by the length of (x, y, z), right-handed, shape (3, 3)."""
     matrix, _ = cv2.Rodrigues(np.array([x_rad, y_rad, z_rad]))
     return np.asarray(matrix, np.float64)
 
 
-def _blur(picture: Picture, sigma_px: float, axis: int) -> Picture:
+def blur(picture: Picture, sigma_px: float, axis: int) -> Picture:
     """Blur along one axis with a Gaussian; the border is repeated beyond the image."""
     # Plain numpy, as cv2.GaussianBlur rounds differently from release to release.
     radius = math.ceil(BLUR_REACH_SIGMA * sigma_px)
@@ -342,14 +342,14 @@ def _painted_length(along_m: Array, line: LaneLine) -> Array:
 
 
 @lru_cache(maxsize=32)
-def _vignette(width: int, height: int, cx: float, cy: float, loss: float) -> Picture:
+def vignette(width: int, height: int, cx: float, cy: float, loss: float) -> Picture:
     """Return the factor on each pixel, 1 at the principal point, 1 - loss in the far corner."""
     square = (np.arange(width) - cx) ** 2 + ((np.arange(height) - cy) ** 2)[:, None]
     return np.asarray(1 - loss * square / square.max(), np.float32)
 
 
 @lru_cache(maxsize=64)
-def _texture_tile(seed: int, octave: int) -> Picture:
+def texture_tile(seed: int, octave: int) -> Picture:
     """Return one periodic tile of band-limited noise, unit variance, with its border repeated."""
     n = TEXTURE_TILE_CELLS
     tile = np.random.default_rng([seed, octave]).standard_normal((n, n))
@@ -362,7 +362,7 @@ def _texture_tile(seed: int, octave: int) -> Picture:
     return np.asarray(np.pad(tile, (0, 2), mode="wrap"), np.float32)
 
 
-def _sample_tile(tile: Picture, column: Array, row: Array) -> Picture:
+def sample_tile(tile: Picture, column: Array, row: Array) -> Picture:
     """Interpolate a periodic tile bilinearly at positions in cells, all of one shape."""
     # Plain numpy, as cv2.remap interpolates differently from release to release.
     column_px, row_px = _wrapped(column), _wrapped(row)

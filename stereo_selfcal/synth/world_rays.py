@@ -1,0 +1,170 @@
+"""Where the rays of a camera meet a road that is no plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from .ingredients import WorldScene
+from .renderer import rotation
+from .world import Side
+
+Array = npt.NDArray[np.float64]
+Single = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+
+# Samples of a pixel along its column. Along its row the area under an edge is exact.
+SUB_ROWS = 4
+
+# Farther than this the road is not drawn [m]: a lane is narrower than 3 px there.
+FARTHEST_M = 500.0
+
+# Newton's method on a piecewise parabolic road: from far for a dip, from near for a crest; it has
+# converged to well below a millimetre where the ray is not all but parallel to the road.
+NEWTON_STEPS = 8
+CONVERGED_M = 2e-3
+
+TINY_M = 1e-6
+
+
+class WorldRays:
+    """Rays of one camera: which way they go, and where they meet surfaces.
+
+    Args:
+        scene: The world.
+        side: Which camera.
+    """
+
+    def __init__(self, scene: WorldScene, side: Side) -> None:
+        rig, pose, camera = scene.rig, scene.pose, scene.camera(side)
+        lane_from_rig = (
+            rotation(0.0, 0.0, scene.lane_yaw_rad)
+            @ rotation(0.0, pose.pitch_rad, 0.0)
+            @ rotation(pose.roll_rad, 0.0, 0.0)
+        )
+        half_m = rig.baseline_m / 2 if side == "left" else -rig.baseline_m / 2
+        self.centre_m: Array = np.array([0.0, scene.lateral_offset_m, pose.height_m])
+        self.centre_m += half_m * lane_from_rig[:, 1]
+        self.lane_from_camera: Array = lane_from_rig @ rotation(camera.turned_rad, 0.0, 0.0)
+        self.rig, self.shape, self.lower_px = rig, scene.shape, camera.lower_px
+        forward, left, up = self.lane_from_camera.T
+        self._per_u, self._per_v = -left / rig.fx, -up / rig.fy
+        self._at_origin = forward - rig.cx * self._per_u - (rig.cy + camera.lower_px) * self._per_v
+
+    def directions(self, u: npt.ArrayLike, v: npt.ArrayLike) -> tuple[Array, Array, Array]:
+        """Return (x, y, z) of rays scaled to unit depth, broadcast."""
+        u, v = np.asarray(u, np.float64), np.asarray(v, np.float64)
+        x, y, z = (self._at_origin[i] + u * self._per_u[i] + v * self._per_v[i] for i in range(3))
+        return x, y, z
+
+    def project(self, points_m: npt.ArrayLike) -> Array:
+        """Return the pixels (n, 2) of points (n, 3) of the lane frame; NaN behind the camera."""
+        body = (np.asarray(points_m, np.float64) - self.centre_m) @ self.lane_from_camera
+        depth = np.where(body[:, 0] > 0.1, body[:, 0], np.nan)
+        u = self.rig.cx - self.rig.fx * body[:, 1] / depth
+        v = self.rig.cy - self.rig.fy * body[:, 2] / depth + self.lower_px
+        return np.stack([u, v], axis=1)
+
+    def meet(self, u: npt.ArrayLike, v: npt.ArrayLike, above_m: float = 0.0) -> tuple[Array, Array, Mask]:
+        """Intersect rays with the road, or with a surface ``above_m`` higher.
+
+        Returns:
+            Road coordinates s and d [m] of the broadcast shape, and whether the ray meets the surface;
+            where it does not, they are those of a far point.
+        """
+        dx, dy, dz = self.directions(u, v)
+        depth = (self.centre_m[2] - above_m) / np.maximum(-dz, 1e-9)
+        depth = np.minimum(depth, FARTHEST_M)
+        if self.shape.plane:
+            meets = depth < FARTHEST_M
+        else:
+            if self.shape.grade_change > 0:
+                depth = np.full_like(depth, FARTHEST_M)
+            for _ in range(NEWTON_STEPS if self.shape.grade_change else NEWTON_STEPS // 2):
+                over_m, per_depth = self._clearance(depth, dx, dy, dz, above_m)
+                depth = np.clip(depth - over_m / np.minimum(per_depth, -1e-6), 0.0, FARTHEST_M)
+            over_m, _ = self._clearance(depth, dx, dy, dz, above_m)
+            meets = (depth < FARTHEST_M) & (np.abs(over_m) < CONVERGED_M)
+        s, d = self.shape.locate(self.centre_m[0] + depth * dx, self.centre_m[1] + depth * dy)
+        return s, d, meets
+
+    def _clearance(self, depth: Array, dx: Array, dy: Array, dz: Array, above_m: float) -> tuple[Array, Array]:
+        """Return the height of the rays over a surface [m] and its derivative by depth."""
+        s, d = self.shape.locate(self.centre_m[0] + depth * dx, self.centre_m[1] + depth * dy)
+        height, per_s, per_d = self.shape.height(s, d)
+        bend = self.shape.curvature_per_m
+        if bend:
+            sine, cosine = np.sin(bend * s), np.cos(bend * s)
+            dx, dy = (dx * cosine + dy * sine) / (1 - bend * d), dy * cosine - dx * sine
+        over_m = self.centre_m[2] - above_m + depth * dz - height
+        return over_m, dz - per_s * dx - per_d * dy
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layer:
+    """A surface as a camera sees it, in sub-rows of pixels.
+
+    Attributes:
+        s: Positions along the road, (rows * SUB_ROWS, width) [m].
+        low: Lateral position of the right end of every sample, the same shape [m].
+        span: How far every sample extends laterally [m].
+        length: How far it extends along the road [m].
+        meets: Whether there is surface.
+    """
+
+    s: Single
+    low: Single
+    span: Single
+    length: Single
+    meets: Mask
+
+    @classmethod
+    def seen(cls, rays: WorldRays, first_row: int, above_m: float = 0.0) -> Layer:
+        """Intersect all rays from ``first_row`` down with the road, or a surface above it."""
+        rig = rays.rig
+        n_rows = (rig.height - first_row) * SUB_ROWS
+        v = first_row - 0.5 + (np.arange(n_rows)[:, None] + 0.5) / SUB_ROWS
+        s, d, meets = rays.meet(np.arange(rig.width + 1) - 0.5, v, above_m)
+        s32, d32 = s.astype(np.float32), d.astype(np.float32)
+        middle = 0.5 * (s32[:, 1:] + s32[:, :-1])
+        span = np.abs(d32[:, 1:] - d32[:, :-1]) + np.float32(TINY_M)
+        length = np.abs(np.gradient(middle, axis=0)) + np.float32(TINY_M)
+        low = np.minimum(d32[:, 1:], d32[:, :-1])
+        return cls(middle, low, span, length, meets[:, 1:] & meets[:, :-1])
+
+    def left_of(self, d_m: float, soft_m: float = 0.0) -> Single:
+        """Return how much of every sample lies to the left of a lateral position."""
+        if soft_m == 0:
+            share = (self.low + self.span - np.float32(d_m)) / self.span
+        else:
+            share = (self.low + self.span / 2 - np.float32(d_m)) / (self.span + np.float32(soft_m)) + 0.5
+        clipped: Single = np.clip(share, 0.0, 1.0).astype(np.float32)
+        return clipped
+
+    def between(self, right_m: float, left_m: float, soft_m: float = 0.0) -> Single:
+        """Return how much of every sample a band along the road covers."""
+        return self.left_of(right_m, soft_m) - self.left_of(left_m, soft_m)
+
+    def beyond(self, s_m: float | Single, soft_m: float = 0.0) -> Single:
+        """Return how much of every sample lies farther along the road than ``s_m``."""
+        share = (self.s - s_m) / (self.length + np.float32(soft_m)) + np.float32(0.5)
+        return np.clip(share, 0.0, 1.0).astype(np.float32)
+
+    @property
+    def d(self) -> Single:
+        """Lateral positions of the middles of the samples [m]."""
+        return self.low + self.span / 2
+
+    def pixels(self) -> tuple[Single, Single, Single]:
+        """Return s, d and the longer side of the footprint of whole pixels [m]."""
+        footprint = np.maximum(pixel_mean(self.span), SUB_ROWS * pixel_mean(self.length))
+        return pixel_mean(self.s), pixel_mean(self.d), footprint
+
+
+def pixel_mean(samples: Single) -> Single:
+    """Return the means of the sub-rows of pixels."""
+    n_rows, width = samples.shape
+    mean: Single = samples.reshape(n_rows // SUB_ROWS, SUB_ROWS, width).mean(axis=1, dtype=np.float32)
+    return mean
