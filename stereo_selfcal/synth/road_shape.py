@@ -118,7 +118,9 @@ def near_plane(shape: RoadShape, lane_m: tuple[float, float]) -> Array:
     return plane
 
 
-def pose_over_plane(pose: Extrinsics, lane_yaw_rad: float, lateral_offset_m: float, plane: Array) -> Extrinsics:
+def pose_over_plane(
+    pose: Extrinsics, lane_yaw_rad: float, lateral_offset_m: float, plane: Array
+) -> Extrinsics:
     """Return the pose of a rig over a plane of the lane frame.
 
     Args:

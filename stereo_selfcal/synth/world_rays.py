@@ -90,7 +90,9 @@ class WorldRays:
         s, d = self.shape.locate(self.centre_m[0] + depth * dx, self.centre_m[1] + depth * dy)
         return s, d, meets
 
-    def _clearance(self, depth: Array, dx: Array, dy: Array, dz: Array, above_m: float) -> tuple[Array, Array]:
+    def _clearance(
+        self, depth: Array, dx: Array, dy: Array, dz: Array, above_m: float
+    ) -> tuple[Array, Array]:
         """Return the height of the rays over a surface [m] and its derivative by depth."""
         s, d = self.shape.locate(self.centre_m[0] + depth * dx, self.centre_m[1] + depth * dy)
         height, per_s, per_d = self.shape.height(s, d)

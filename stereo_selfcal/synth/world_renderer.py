@@ -158,7 +158,9 @@ def _draw_wall(picture: Picture, scene: WorldScene, rays: WorldRays, wall: Wall)
     share = np.clip((top - up) / pixel + 0.5, 0, 1) * np.clip((up - base) / pixel + 0.5, 0, 1) * meets
     texture = noise_pattern(scene.texture_seed + WALL_SEED + 1, WALL_CELLS_M, along, up, size)
     # Foliage is darker below than above.
-    grey = wall.grey + 15 * np.tanh((up - wall.height_m / 2) / wall.height_m) + wall.texture_amplitude * texture
+    grey = (
+        wall.grey + 15 * np.tanh((up - wall.height_m / 2) / wall.height_m) + wall.texture_amplitude * texture
+    )
     picture += (share * (np.maximum(grey, 5.0) - picture)).astype(np.float32)
 
 

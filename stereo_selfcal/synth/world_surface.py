@@ -25,7 +25,9 @@ DAPPLED_SHARE = 0.5  # as much shade as sun
 WEAR_SEED, DAPPLE_SEED, WALL_SEED = 1_000_003, 2_000_003, 3_000_017
 
 
-def noise_pattern(seed: int, cells_m: tuple[float, ...], column_m: Single, row_m: Single, size_m: Single) -> Single:
+def noise_pattern(
+    seed: int, cells_m: tuple[float, ...], column_m: Single, row_m: Single, size_m: Single
+) -> Single:
     """Return band-limited noise of unit variance from near, which fades where pixels are too large.
 
     Args:
@@ -120,7 +122,9 @@ def _arrow(layer: Layer, arrow: Arrow) -> Single:
     neck_m, tip_m = arrow.s_m + arrow.length_m - arrow.head_m, arrow.s_m + arrow.length_m
     before_neck, before_tip = 1 - layer.beyond(neck_m), 1 - layer.beyond(tip_m)
     half_m = arrow.shaft_width_m / 2
-    shaft = layer.between(arrow.d_m - half_m, arrow.d_m + half_m) * (layer.beyond(arrow.s_m) - 1 + before_neck)
+    shaft = layer.between(arrow.d_m - half_m, arrow.d_m + half_m) * (
+        layer.beyond(arrow.s_m) - 1 + before_neck
+    )
     half_width = np.maximum((tip_m - layer.s) / arrow.head_m, 0) * (arrow.head_width_m / 2)
     inside = np.clip((half_width - np.abs(layer.d - arrow.d_m)) / layer.span + 0.5, 0.0, 1.0)
     head = inside * np.clip(before_tip - before_neck, 0.0, 1.0)

@@ -1,0 +1,186 @@
+"""Random worlds like real roads, good and bad mixed, each with its truth and the expected verdict.
+
+Of the random worlds :data:`GOOD_SHARE` are good (a calibration is expected), :data:`BAD_SHARE` are bad
+(a wrong calibration is the fault to be avoided), and the rest may be calibrated if that is right.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stereo_selfcal.core.errors import ConfigError
+from stereo_selfcal.core.extrinsics import Extrinsics
+from stereo_selfcal.core.rig import StereoRig
+
+from .ingredients import Camera, Paint, WorldScene
+from .renderer import Frame
+from .scenes import PAPER_RIG
+from .world import LaneLine, Photometry
+from .world_recipes import BAD, GOOD, INGREDIENTS, UNSURE, Expected, Ingredient
+from .world_renderer import render_scene
+
+GOOD_SHARE, BAD_SHARE = 0.60, 0.25
+MOST_INGREDIENTS = 4  # harmless ones in one world
+
+# Rig -> how often. The wide one is like KITTI's, the third like an off-the-shelf stereo camera.
+RIGS: dict[str, tuple[StereoRig, float]] = {
+    "paper": (PAPER_RIG, 0.6),
+    "kitti": (StereoRig(1242, 375, 721.5, 721.5, 609.6, 172.9, 0.537), 0.25),
+    "hd": (StereoRig(1280, 720, 700.0, 700.0, 639.5, 359.5, 0.30), 0.15),
+}
+
+HEIGHT_M = (0.8, 2.2)
+PITCH_DEG = (-3.0, 8.0)
+ROLL_DEG = 3.0
+YAW_DEG = 2.0
+OFFSET_M = 0.4
+LANE_WIDTH_M = (2.7, 3.75)
+LINE_WIDTH_M = (0.10, 0.30)
+NOISE_MAX = 0.10
+TEXTURE_MAX = 6.0
+BARE_SHARE = 0.15  # of the worlds: asphalt without any texture
+
+# Length of dash and gap [m] by national standard; None is a solid line.
+DASHES: dict[str, tuple[float, float] | None] = {
+    "solid": None,
+    "de_urban": (3.0, 6.0),  # RMS: urban
+    "de_rural": (4.0, 8.0),  # RMS: rural
+    "de_warning": (4.0, 2.0),  # RMS: warning line
+    "de_motorway": (6.0, 12.0),  # RMS: motorway
+    "us": (3.05, 9.14),  # MUTCD: 10 ft and 30 ft
+    "fr_t1": (3.0, 10.0),  # IISR: T1
+    "uk_1005": (2.0, 7.0),  # TSRGD: lane line
+    "jp": (5.0, 5.0),  # lane line on ordinary roads
+}
+SOLID_SHARE = 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """A stereo frame to be rendered and judged.
+
+    Attributes:
+        scene: What is seen.
+        truth: The pose a calibration should find; see :meth:`WorldScene.truth` for roads with height.
+        ingredients: Names of what is in it beyond painted lines on a plane.
+        expected: "accept", "either" or "refuse", the worst of its ingredients.
+        rig_name: Which of the rigs.
+    """
+
+    scene: WorldScene
+    truth: Extrinsics
+    ingredients: tuple[str, ...]
+    expected: Expected
+    rig_name: str
+
+
+def render_world(world: World, rng: np.random.Generator) -> tuple[Frame, Frame]:
+    """Render both cameras, (H, W) uint8 each; ``rng`` draws the noise."""
+    return render_scene(world.scene, rng)
+
+
+def random_world(rng: np.random.Generator) -> World:
+    """Draw a world: rig, pose, lane, lines, light, and what else is there."""
+    names = list(RIGS)
+    rig_name = names[int(rng.choice(len(names), p=[RIGS[name][1] for name in names]))]
+    scene = _random_base(rng, RIGS[rig_name][0])
+    draw = rng.random()
+    chosen = _draw(rng, GOOD, int(rng.integers(0, MOST_INGREDIENTS + 1)))
+    if draw > 1 - BAD_SHARE:
+        chosen += _draw(rng, BAD, 1)
+    elif draw > GOOD_SHARE:
+        chosen += _draw(rng, UNSURE, 1)
+    # What makes the road comes first: a kerb must know whether the road bends.
+    chosen.sort(key=lambda item: item.name not in ("bend", "slight_bend"))
+    return _world(scene, chosen, rng, rig_name)
+
+
+def named_world(name: str) -> World:
+    """Return the example world of one ingredient: a lane between solid lines and nothing else but it.
+
+    Args:
+        name: "plain", or the name of an ingredient.
+
+    Raises:
+        ConfigError: There is no such ingredient.
+    """
+    if name != "plain" and name not in INGREDIENTS:
+        raise ConfigError(f"there is no world {name!r}: they are plain, {', '.join(INGREDIENTS)}")
+    lines = (Paint(LaneLine(-1.75)), Paint(LaneLine(1.75)))
+    camera = Camera(Photometry(noise_fraction=0.01))
+    pose = Extrinsics(1.4, math.radians(3.0), math.radians(0.8))
+    scene = WorldScene(
+        PAPER_RIG, pose, (-1.75, 1.75), 0.01, 0.1, paints=lines, texture_seed=7, left=camera, right=camera
+    )
+    chosen = [] if name == "plain" else [INGREDIENTS[name]]
+    return _world(scene, chosen, np.random.default_rng(1), "paper")
+
+
+def _world(
+    scene: WorldScene, ingredients: list[Ingredient], rng: np.random.Generator, rig_name: str
+) -> World:
+    """Put ingredients into a scene, those that fit."""
+    present: list[Ingredient] = []
+    for item in ingredients:
+        changed = item.change(scene, rng)
+        if changed is not None:
+            scene = changed
+            present.append(item)
+    verdicts: tuple[Expected, ...] = ("accept", "either", "refuse")
+    expected = max((item.expected for item in present), key=verdicts.index, default="accept")
+    return World(scene, scene.truth(), tuple(item.name for item in present), expected, rig_name)
+
+
+def _draw(rng: np.random.Generator, items: tuple[Ingredient, ...], number: int) -> list[Ingredient]:
+    """Draw different ingredients by their weights."""
+    weights = np.array([item.weight for item in items])
+    chosen = rng.choice(len(items), size=number, replace=False, p=weights / weights.sum())
+    return [items[int(i)] for i in chosen]
+
+
+def _random_base(rng: np.random.Generator, rig: StereoRig) -> WorldScene:
+    """Draw a plane road with the lines of the own lane and sometimes of others, and a pose over it."""
+    half_m = float(rng.uniform(*LANE_WIDTH_M)) / 2
+    width_m = float(rng.uniform(*LINE_WIDTH_M))
+    grey = float(rng.uniform(175, 235))
+    asphalt = float(rng.uniform(65, 110))
+    borders = [-half_m, half_m]
+    if rng.random() < 0.4:
+        borders.append(half_m + 2 * half_m)  # the opposite lane's far line
+    if rng.random() < 0.2:
+        borders.append(-half_m - 2 * half_m)  # another lane on the right
+    # At least one of the own lane's lines is solid: with dashes alone little may be in view.
+    solid = int(rng.integers(2))
+    paints = []
+    for index, border in enumerate(borders):
+        dash, gap = None, None
+        if index != solid and rng.random() > SOLID_SHARE:
+            lengths = DASHES[str(rng.choice([name for name in DASHES if DASHES[name]]))]
+            dash, gap = lengths if lengths is not None else (None, None)
+        line = LaneLine(border, width_m, dash, gap, float(rng.uniform(0, 20)), grey)
+        paints.append(Paint(line))
+    pose = Extrinsics(
+        float(rng.uniform(*HEIGHT_M)),
+        math.radians(float(rng.uniform(*PITCH_DEG))),
+        math.radians(float(rng.uniform(-ROLL_DEG, ROLL_DEG))),
+    )
+    noise = float(rng.uniform(0, NOISE_MAX)) * float(rng.random())  # mild more often than strong
+    left = Photometry(vignetting=float(rng.uniform(0, 0.2)), noise_fraction=noise)
+    right = replace(left, gain=float(rng.uniform(0.95, 1.05)), offset=float(rng.uniform(0, 3)))
+    return WorldScene(
+        rig,
+        pose,
+        (-half_m, half_m),
+        math.radians(float(rng.uniform(-YAW_DEG, YAW_DEG))),
+        float(rng.uniform(-OFFSET_M, OFFSET_M)),
+        paints=tuple(paints),
+        asphalt_grey=asphalt,
+        texture_amplitude=0.0 if rng.random() < BARE_SHARE else float(rng.uniform(1.0, TEXTURE_MAX)),
+        texture_seed=int(rng.integers(2**16)),
+        sky_grey=float(rng.uniform(130, 220)),
+        left=Camera(left),
+        right=Camera(right),
+    )
