@@ -75,7 +75,7 @@ class RoadShape:
         across = np.clip(d, -CROSS_SLOPE_REACH_M, CROSS_SLOPE_REACH_M)
         x = across - self.crown_at_m
         length = np.sqrt(x * x + CROWN_ROUND_M**2)
-        height = odd * x - even * (length - CROWN_ROUND_M)
+        height: Array = odd * x - even * (length - CROWN_ROUND_M)
         per_d = np.where(across == d, odd - even * x / length, 0.0)
         ahead = np.maximum(s - self.grade_begins_m, 0.0)
         bend = np.minimum(ahead, self.grade_length_m)

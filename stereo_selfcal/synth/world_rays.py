@@ -152,12 +152,13 @@ class Layer:
     def beyond(self, s_m: float | Single, soft_m: float = 0.0) -> Single:
         """Return how much of every sample lies farther along the road than ``s_m``."""
         share = (self.s - s_m) / (self.length + np.float32(soft_m)) + np.float32(0.5)
-        return np.clip(share, 0.0, 1.0).astype(np.float32)
+        clipped: Single = np.clip(share, 0.0, 1.0).astype(np.float32)
+        return clipped
 
     @property
     def d(self) -> Single:
         """Lateral positions of the middles of the samples [m]."""
-        return self.low + self.span / 2
+        return self.low + self.span * np.float32(0.5)
 
     def pixels(self) -> tuple[Single, Single, Single]:
         """Return s, d and the longer side of the footprint of whole pixels [m]."""

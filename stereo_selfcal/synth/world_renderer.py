@@ -117,7 +117,7 @@ def _with_kerb(
     s, d, size = top.pixels()
     texture = noise_pattern(scene.texture_seed + 1, PAVEMENT_CELLS_M, d, s, size)
     hidden, on_top, pavement = (pixel_mean(share) for share in (hidden, on_top, pavement))
-    result = surface * (1 - hidden) + np.float32(kerb.face_grey) * (hidden - on_top)
+    result: Single = surface * (1 - hidden) + np.float32(kerb.face_grey) * (hidden - on_top)
     result += np.float32(kerb.top_grey) * (on_top - pavement)
     result += (kerb.behind_grey + np.float32(kerb.behind_texture) * texture) * pavement
     return result

@@ -57,11 +57,11 @@ def noise_pattern(
 def ground(scene: WorldScene, layer: Layer) -> Single:
     """Return the grey levels of the road's surface, whole pixels."""
     grey = np.full(layer.s.shape, scene.asphalt_grey, np.float32)
-    amplitude: Single | float = scene.texture_amplitude
+    amplitude = np.float32(scene.texture_amplitude) * np.ones_like(pixel_mean(grey))
     for band in scene.bands:
         share = layer.between(band.right_m, band.left_m)
         grey += share * (np.float32(band.grey) - grey)
-        amplitude = amplitude + pixel_mean(share) * (band.texture_amplitude - amplitude)
+        amplitude = amplitude + pixel_mean(share) * (np.float32(band.texture_amplitude) - amplitude)
     s, d, size = layer.pixels()
     wear = None
     for paint in scene.paints:
@@ -92,9 +92,10 @@ def painted(layer: Layer, line: LaneLine) -> Single:
     share = layer.between(line.right_edge_m, line.left_edge_m)
     if line.dash_m is None or line.gap_m is None:
         return share
-    half = layer.length / 2
+    half = layer.length * np.float32(0.5)
     length = _painted_length(layer.s + half, line) - _painted_length(layer.s - half, line)
-    return share * np.clip(length / layer.length, 0.0, 1.0)
+    dashed: Single = share * np.clip(length / layer.length, 0.0, 1.0)
+    return dashed
 
 
 def _painted_length(s: Single, line: LaneLine) -> Single:
