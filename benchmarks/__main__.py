@@ -24,6 +24,7 @@ from .recorded import recorded_table
 from .search import search_table
 from .speed import cost_tables, ratio_table, size_table
 from .table import Table
+from .worlds import world_tables
 
 SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "ratio": ratio_table,
@@ -37,6 +38,7 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "cost": cost_tables,
     "false_alarms": false_alarm_table,
     "recorded": recorded_table,
+    "worlds": world_tables,
 }
 # Drawn by a section, shown below its tables.
 PLOTS = {"limit": "limit.png", "peers": "peers.png", "search": "search.png", "sizes": "sizes.png"}
@@ -50,11 +52,13 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--poses", type=int, help="random poses per row")
     parser.add_argument("--draws", type=int, help="noise draws of the bias table")
     parser.add_argument("--seeds", type=int, help="runs of every optimiser")
+    parser.add_argument("--worlds", type=int, help="random worlds")
     chosen = parser.parse_args(arguments)
     unknown = [name for name in chosen.sections if name not in SECTIONS]
     if unknown:
         parser.error(f"there is no section {unknown[0]!r}: they are {', '.join(SECTIONS)}")
-    sizes = {name: getattr(chosen, name) for name in ("poses", "draws", "seeds") if getattr(chosen, name)}
+    names = ("poses", "draws", "seeds", "worlds")
+    sizes = {name: getattr(chosen, name) for name in names if getattr(chosen, name)}
     options = replace(QUICK if chosen.quick else Options(), **sizes)
     cv2.setNumThreads(1)
     options.folder.mkdir(parents=True, exist_ok=True)

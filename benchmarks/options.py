@@ -18,6 +18,7 @@ class Options:
         seeds: Runs of each optimiser per frame.
         repeats: Repetitions of a timing.
         false_alarms: Pictures without a road of each kind.
+        worlds: Random worlds.
         all_sizes: Whether to go through all image sizes, or the smallest two only.
         folder: Where tables and plots go.
     """
@@ -27,11 +28,19 @@ class Options:
     seeds: int = 50
     repeats: int = 20
     false_alarms: int = 200
+    worlds: int = 2000
     all_sizes: bool = True
     folder: Path = RESULTS
 
 
 # To see that everything runs; apart, so that nothing measured so thinly is quoted.
 QUICK = Options(
-    poses=5, draws=20, seeds=5, repeats=5, false_alarms=20, all_sizes=False, folder=RESULTS / "quick"
+    poses=5,
+    draws=20,
+    seeds=5,
+    repeats=5,
+    false_alarms=20,
+    worlds=60,
+    all_sizes=False,
+    folder=RESULTS / "quick",
 )

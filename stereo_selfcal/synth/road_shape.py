@@ -75,12 +75,12 @@ class RoadShape:
         across = np.clip(d, -CROSS_SLOPE_REACH_M, CROSS_SLOPE_REACH_M)
         x = across - self.crown_at_m
         length = np.sqrt(x * x + CROWN_ROUND_M**2)
-        height: Array = odd * x - even * (length - CROWN_ROUND_M)
-        per_d = np.where(across == d, odd - even * x / length, 0.0)
+        crowned = odd * x - even * (length - CROWN_ROUND_M)
+        per_d: Array = np.where(across == d, odd - even * x / length, 0.0)
         ahead = np.maximum(s - self.grade_begins_m, 0.0)
         bend = np.minimum(ahead, self.grade_length_m)
         per_s = self.grade_change * bend / self.grade_length_m
-        height = height + self.grade_change * (bend * bend / (2 * self.grade_length_m) + ahead - bend)
+        height: Array = crowned + self.grade_change * (bend * bend / (2 * self.grade_length_m) + ahead - bend)
         return height, per_s + 0 * per_d, per_d + 0 * per_s
 
     def place(self, s: npt.ArrayLike, d: npt.ArrayLike) -> tuple[Array, Array]:
@@ -114,8 +114,8 @@ def near_plane(shape: RoadShape, lane_m: tuple[float, float]) -> Array:
     x, y = shape.place(s, d)
     z, _, _ = shape.height(s, d)
     columns = np.stack([np.ones(x.size), x.ravel(), y.ravel()], axis=1)
-    plane: Array = np.linalg.lstsq(columns, z.ravel(), rcond=None)[0]
-    return plane
+    plane, *_ = np.linalg.lstsq(columns, z.ravel(), rcond=None)
+    return np.asarray(plane, np.float64)
 
 
 def pose_over_plane(

@@ -158,7 +158,8 @@ class Layer:
     @property
     def d(self) -> Single:
         """Lateral positions of the middles of the samples [m]."""
-        return self.low + self.span * np.float32(0.5)
+        middle: Single = self.low + self.span * np.float32(0.5)
+        return middle
 
     def pixels(self) -> tuple[Single, Single, Single]:
         """Return s, d and the longer side of the footprint of whole pixels [m]."""
