@@ -1,0 +1,93 @@
+"""Random and named worlds: what they are made of, and what is expected of them."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from stereo_selfcal.core.calibrator import calibrate
+from stereo_selfcal.core.errors import ConfigError
+from stereo_selfcal.synth.world_recipes import INGREDIENTS
+from stereo_selfcal.synth.worlds import (
+    BAD_SHARE,
+    DASHES,
+    HEIGHT_M,
+    RIGS,
+    named_world,
+    random_world,
+    render_world,
+)
+
+N_DRAWS = 400
+
+
+@pytest.fixture(scope="module")
+def worlds():
+    return [random_world(np.random.default_rng([1, index])) for index in range(N_DRAWS)]
+
+
+def test_shares_of_good_and_bad_are_as_stated(worlds):
+    count = Counter(world.expected for world in worlds)
+    assert count["refuse"] / N_DRAWS == pytest.approx(BAD_SHARE, abs=0.07)
+    assert 0.45 < count["accept"] / N_DRAWS < 0.65
+
+
+def test_every_ingredient_rig_and_dash_occurs(worlds):
+    assert {name for world in worlds for name in world.ingredients} == set(INGREDIENTS)
+    assert {world.rig_name for world in worlds} == set(RIGS)
+    dashes = {(p.line.dash_m, p.line.gap_m) for world in worlds for p in world.scene.paints if p.line.dash_m}
+    assert dashes == {lengths for lengths in DASHES.values() if lengths is not None}
+
+
+def test_drawn_values_are_in_their_ranges(worlds):
+    for world in worlds:
+        scene = world.scene
+        assert HEIGHT_M[0] <= scene.pose.height_m <= HEIGHT_M[1]
+        assert scene.left.photometry.noise_fraction <= 0.10
+        assert scene.truth() == world.truth
+        worst = {INGREDIENTS[name].expected for name in world.ingredients}
+        assert world.expected == "refuse" if "refuse" in worst else world.expected in ("accept", "either")
+
+
+def test_what_sets_the_same_is_in_a_world_once(worlds):
+    for world in worlds:
+        parts = [INGREDIENTS[name].part for name in world.ingredients if INGREDIENTS[name].part]
+        assert len(parts) == len(set(parts))
+
+
+def test_same_seed_same_world_and_same_bytes():
+    first, again = (random_world(np.random.default_rng(3)) for _ in range(2))
+    assert first == again
+    for one, other in zip(
+        render_world(first, np.random.default_rng(0)),
+        render_world(again, np.random.default_rng(0)),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("name", ["plain", *INGREDIENTS])
+def test_named_worlds_show_their_ingredient(name):
+    world = named_world(name)
+    assert world.ingredients == (() if name == "plain" else (name,))
+    assert world.expected == ("accept" if name == "plain" else INGREDIENTS[name].expected)
+    left, right = render_world(world, np.random.default_rng(0))
+    assert left.dtype == right.dtype == np.uint8
+    assert left.shape == (480, 640)
+    if name != "plain":
+        plain = render_world(named_world("plain"), np.random.default_rng(0))
+        assert (left != plain[0]).any() or (right != plain[1]).any()
+
+
+def test_unknown_world_is_refused():
+    with pytest.raises(ConfigError, match="kerb_for_line"):
+        named_world("volcano")
+
+
+@pytest.mark.parametrize("name", ["plain", "double_line", "kerb", "shadows_across", "crown"])
+def test_plain_good_worlds_calibrate_to_their_truth(name):
+    world = named_world(name)
+    result = calibrate(*render_world(world, np.random.default_rng(0)), world.scene.rig)
+    assert result.accepted, result.message
+    error = np.abs(result.extrinsics.as_array() - world.truth.as_array())
+    assert (error < [0.01, np.radians(0.05), np.radians(0.25)]).all()
