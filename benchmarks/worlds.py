@@ -122,7 +122,7 @@ def _by_expectation(verdicts: list[Verdict]) -> Table:
         f"Wrong: accepted and off by more than {WRONG_SIGMAS:g} reported standard deviations and by "
         f"more than {limits} ({', '.join(UNITS)}); gross: by more than {gross}. Good worlds (accept) are "
         f"drawn with a probability of {GOOD_SHARE:.0%}, bad ones (refuse) with {BAD_SHARE:.0%}; in the rest, "
-        "and where noise drowns the paint, a result is welcome if right (either). "
+        "and where noise drowns the paint or hardly any is in view, a result is welcome if right (either). "
         "Asked: 95 % of the good ones accepted, none wrong.",
     )
     groups: dict[str, Callable[[Verdict], bool]] = {

@@ -14,6 +14,7 @@ from stereo_selfcal.synth.worlds import (
     HEIGHT_M,
     RIGS,
     named_world,
+    painted_rows,
     random_world,
     render_world,
 )
@@ -91,3 +92,14 @@ def test_plain_good_worlds_calibrate_to_their_truth(name):
     assert result.accepted, result.message
     error = np.abs(result.extrinsics.as_array() - world.truth.as_array())
     assert (error < [0.01, np.radians(0.05), np.radians(0.25)]).all()
+
+
+def test_rows_of_paint_are_counted():
+    plain = named_world("plain")
+    left, right = render_world(plain, np.random.default_rng(0))
+    # To 80 m: the last rows before the horizon are not counted.
+    rows = [(image[260:] > 150).any(axis=1).sum() + 260 - 220 for image in (left, right)]
+    assert painted_rows(plain.scene) == pytest.approx(min(rows), abs=60)
+    assert painted_rows(named_world("missing_line").scene) == 0
+    bad = [random_world(np.random.default_rng([2, index])) for index in range(40)]
+    assert all(painted_rows(world.scene) > 30 for world in bad if world.expected == "accept")

@@ -1,7 +1,8 @@
 """Random worlds like real roads, good and bad mixed, each with its truth and the expected verdict.
 
-Of the random worlds :data:`GOOD_SHARE` are good (a calibration is expected), :data:`BAD_SHARE` are bad
-(a wrong calibration is the fault to be avoided), and the rest may be calibrated if that is right.
+With a probability of :data:`GOOD_SHARE` nothing in a world speaks against a calibration: one is expected,
+unless noise drowns the paint or too little of it is in view. With :data:`BAD_SHARE` something does: there a
+wrong calibration is the fault to be avoided. In the rest a calibration is welcome if it is right.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from stereo_selfcal.core.rig import StereoRig
 from .ingredients import Camera, Paint, WorldScene
 from .renderer import Frame
 from .scenes import PAPER_RIG
-from .world import LaneLine, Photometry
+from .world import LaneLine, Photometry, Side
+from .world_rays import WorldRays
 from .world_recipes import BAD, GOOD, INGREDIENTS, UNSURE, Expected, Ingredient
 from .world_renderer import render_scene
 
@@ -26,7 +28,12 @@ GOOD_SHARE, BAD_SHARE = 0.60, 0.25
 # A world is no longer good where the noise of a pixel exceeds half the contrast of its palest line in
 # the deepest shadow: the paper's own limit, noise of 20 % with paint 123 grey levels above asphalt, is 2.4.
 MIN_CONTRAST_TO_NOISE = 2.0
+# Nor where fewer rows than this share of the image show paint: one short dash is no line.
+MIN_ROWS = 0.1
+SEEN_M, SEEN_SAMPLES = (1.0, 80.0), 1500  # where to look for paint, in steps well below a row
 MOST_INGREDIENTS = 4  # harmless ones in one world
+
+SIDES: tuple[Side, ...] = ("left", "right")
 
 # Rig -> how often. The wide one is like KITTI's, the third like an off-the-shelf stereo camera.
 RIGS: dict[str, tuple[StereoRig, float]] = {
@@ -137,9 +144,31 @@ def _world(
             present.append(item)
     verdicts: tuple[Expected, ...] = ("accept", "either", "refuse")
     rank = max((verdicts.index(item.expected) for item in present), default=0)
-    if _contrast_to_noise(scene) < MIN_CONTRAST_TO_NOISE:
+    if _contrast_to_noise(scene) < MIN_CONTRAST_TO_NOISE or painted_rows(scene) < MIN_ROWS * scene.rig.height:
         rank = max(rank, verdicts.index("either"))
     return World(scene, scene.truth(), tuple(item.name for item in present), verdicts[rank], rig_name)
+
+
+def painted_rows(scene: WorldScene) -> float:
+    """Return how many rows show paint of a line, on the side and in the camera with fewer of them."""
+    s = np.geomspace(*SEEN_M, SEEN_SAMPLES)
+    worst = math.inf
+    for camera in SIDES:
+        rays = WorldRays(scene, camera)
+        best = {-1: 0.0, 1: 0.0}
+        for paint in scene.paints:
+            line = paint.line
+            x, y = scene.shape.place(s, line.offset_m)
+            z, _, _ = scene.shape.height(s, line.offset_m)
+            pixels = rays.project(np.stack([x, y, z], axis=1))
+            inside = np.all((pixels >= 0) & (pixels < (scene.rig.width, scene.rig.height)), axis=1)
+            if line.dash_m is not None and line.gap_m is not None:
+                inside &= (s - line.phase_m) % (line.dash_m + line.gap_m) < line.dash_m
+            rows = np.abs(np.diff(pixels[:, 1]))[inside[1:] & inside[:-1]].sum() * (1 - paint.worn)
+            side = 1 if line.offset_m > scene.lateral_offset_m else -1
+            best[side] = max(best[side], float(rows))
+        worst = min(worst, *best.values())
+    return worst
 
 
 def _contrast_to_noise(scene: WorldScene) -> float:
