@@ -18,7 +18,7 @@ from .ingredients import Car, Glare, GuardRail, Kerb, Wall, WorldScene
 from .renderer import Array, Frame, Picture, blur, quantise, vignette
 from .world import Side
 from .world_rays import Layer, Single, WorldRays, pixel_mean
-from .world_surface import WALL_SEED, ground, noise_pattern
+from .world_surface import WALL_SEED, ground, light, noise_pattern
 
 SKY_GRADIENT = 40.0  # as in plane scenes: grey levels per unit of slope
 SUB_SAMPLES = 3  # of a pixel of a car, along either axis
@@ -117,9 +117,9 @@ def _with_kerb(
     s, d, size = top.pixels()
     texture = noise_pattern(scene.texture_seed + 1, PAVEMENT_CELLS_M, d, s, size)
     hidden, on_top, pavement = (pixel_mean(share) for share in (hidden, on_top, pavement))
-    result: Single = surface * (1 - hidden) + np.float32(kerb.face_grey) * (hidden - on_top)
-    result += np.float32(kerb.top_grey) * (on_top - pavement)
-    result += (kerb.behind_grey + np.float32(kerb.behind_texture) * texture) * pavement
+    stone = np.float32(kerb.face_grey) * (hidden - on_top) + np.float32(kerb.top_grey) * (on_top - pavement)
+    stone += (kerb.behind_grey + np.float32(kerb.behind_texture) * texture) * pavement
+    result: Single = surface * (1 - hidden) + stone * light(scene, top)
     return result
 
 
@@ -224,14 +224,14 @@ def _draw_box(
     shade = shade + CAR_TEXTURE * noise_pattern(scene.texture_seed + 7, CAR_CELLS_M, across, lift, near)
     shape = (v1 - v0, SUB_SAMPLES, u1 - u0, SUB_SAMPLES)
     share = hit.reshape(shape).mean(axis=(1, 3))
-    light = (hit * shade).reshape(shape).mean(axis=(1, 3))
+    seen = (hit * shade).reshape(shape).mean(axis=(1, 3))
     part = picture[v0:v1, u0:u1]
-    part += (light - share * part).astype(np.float32)
+    part += (seen - share * part).astype(np.float32)
 
 
 def _glare(glare: Glare, shape: tuple[int, ...]) -> Picture:
     """Return the light a bright patch adds, (H, W)."""
     u = (np.arange(shape[1]) - glare.u_px) / glare.sigma_u_px
     v = (np.arange(shape[0]) - glare.v_px) / glare.sigma_v_px
-    light: npt.NDArray[np.float64] = glare.grey * np.exp(-0.5 * u * u) * np.exp(-0.5 * v * v)[:, None]
-    return light.astype(np.float32)
+    patch: npt.NDArray[np.float64] = glare.grey * np.exp(-0.5 * u * u) * np.exp(-0.5 * v * v)[:, None]
+    return patch.astype(np.float32)

@@ -76,8 +76,7 @@ def ground(scene: WorldScene, layer: Layer) -> Single:
     picture = pixel_mean(grey)
     if np.any(amplitude):
         picture += amplitude * noise_pattern(scene.texture_seed, TEXTURE_CELLS_M, d, s, size)
-    for shadow in scene.shadows:
-        picture *= 1 - (1 - np.float32(shadow.light)) * _shade(scene, layer, shadow)
+    picture *= light(scene, layer)
     for car in scene.cars:
         # The sun never reaches the road below a car.
         half_m = car.width_m / 2
@@ -85,6 +84,14 @@ def ground(scene: WorldScene, layer: Layer) -> Single:
         under *= layer.beyond(car.s_m - 0.1, 0.3) - layer.beyond(car.s_m + car.length_m, 0.3)
         picture *= 1 - np.float32(0.75) * pixel_mean(under)
     return picture
+
+
+def light(scene: WorldScene, layer: Layer) -> Single:
+    """Return the share of the light that every pixel of a surface gets in the shadows."""
+    left = np.ones_like(pixel_mean(layer.span))
+    for shadow in scene.shadows:
+        left *= 1 - (1 - np.float32(shadow.light)) * _shade(scene, layer, shadow)
+    return left
 
 
 def painted(layer: Layer, line: LaneLine) -> Single:
