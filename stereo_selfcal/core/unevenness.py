@@ -1,0 +1,177 @@
+"""The plane of a road that is none: robust fit to heights of cells, and what the unevenness leaves unknown.
+
+The heights of a road deviate from a plane like a surface of Brownian motion: the spectrum of roads falls with
+the square of the wave number (ISO 8608, waviness 2), which is a random walk, whose squared differences grow
+in proportion to the distance: ``E (e(a) - e(b))^2 = D |a - b|``. The walk starts on the road under the camera.
+The one number D is the road's; it is estimated by restricted likelihood from the heights themselves, after
+what the images' noise explains. The plane is the generalised least squares fit, and its covariance
+contains the noise and the road: another sensor, or the same one on the next stretch, fits another plane.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .extrinsics import Array
+
+# D [m^2/m] tried: from a hundredth of a good motorway to a field track. ISO 8608's class A has a
+# displacement spectrum of 16e-6 m^3 at 0.1 cycles/m: D = 2 pi^2 * 16e-8 = 3.2e-6, 6 mm between points 10 m apart;
+# each class has four times that of the one before it.
+_ROUGHNESS = 3.2e-6 * 4.0 ** np.arange(-5.0, 5.0, 0.5)
+_TYPICAL_ROUGHNESS = 1.3e-5  # class B, before the road's own is known
+_TUKEY_SIGMAS = 4.685  # 95 % efficient for Gaussian errors
+_REWEIGHTINGS = 8
+_SIGMA_OVER_MAD = 1.4826
+_LEAST_CELLS = 6  # twice the numbers of a plane
+_LEAST_CELLS_OF_SHAPE = 12  # twice the six numbers of a bent surface
+_LEAST_WEIGHT = 1e-3  # an outlier keeps a thousandth: matrices stay regular
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """Plane through heights of cells.
+
+    Attributes:
+        plane: (3,) coefficients of the design.
+        covariance: (3, 3) of them, noise and unevenness.
+        noise_covariance: (3, 3) by the noise alone.
+        roughness: D [m^2/m], mean of its posterior.
+        weights: (C,) robust weights, 0 ... 1.
+        residuals: (C,) heights over the plane [m]; NaN where not measured.
+        noise_variance: (C,) of them [m^2].
+    """
+
+    plane: Array
+    covariance: Array
+    noise_covariance: Array
+    roughness: float
+    weights: Array
+    residuals: Array
+    noise_variance: Array
+
+
+@dataclass(frozen=True, slots=True)
+class RoadShape:
+    """What of the road is no plane.
+
+    Attributes:
+        slope_change_rad: Slope of the far half of the corridor minus that of the near half, > 0: a dip.
+        slope_change_std_rad: Its standard deviation by the scatter of the cells.
+        crown_rad: Slope of the left half minus that of the right half, both outwards down > 0, over two.
+        crown_std_rad: Its standard deviation.
+        roughness: Mean squared difference of heights over distance [m^2/m].
+    """
+
+    slope_change_rad: float
+    slope_change_std_rad: float
+    crown_rad: float
+    crown_std_rad: float
+    roughness: float
+
+
+def fit_surface(heights: Array, variances: Array, design: Array, xy: Array) -> Surface | None:
+    """Fit the plane of a road.
+
+    Args:
+        heights: (C,) measured heights over a first plane [m]; NaN where a cell was not measured.
+        variances: (C,) of them by the noise of the images [m^2].
+        design: (C, 3) heights by the parameters of the plane.
+        xy: (C, 2) position of the cells, from the point under the camera [m].
+
+    Returns:
+        The plane, or None where the measured cells do not determine one.
+    """
+    seen = np.isfinite(heights) & np.isfinite(variances)
+    if np.count_nonzero(seen) < _LEAST_CELLS:
+        return None
+    y, x, noise, at = heights[seen], design[seen], variances[seen], xy[seen]
+    if np.linalg.matrix_rank(x / np.abs(x).max(axis=0)) < x.shape[1]:
+        return None
+    weights, allowed = _robust_weights(y, x, noise, at)
+    # An outlier is a cell with a larger variance: it tells less of the plane.
+    inflated = noise + allowed**2 * (1.0 / np.maximum(weights, _LEAST_WEIGHT) - 1.0)
+    reach = np.linalg.norm(at, axis=1)
+    kernel = 0.5 * (reach[:, None] + reach - np.linalg.norm(at[:, None] - at, axis=-1))
+    posterior = _roughness_posterior(y, x, inflated, kernel)
+    roughness = float(posterior @ _ROUGHNESS)
+    weighted = np.linalg.solve(roughness * kernel + np.diag(inflated), x).T
+    covariance = np.linalg.inv(weighted @ x)
+    solve = covariance @ weighted
+    plane = solve @ y
+    everywhere = np.zeros(len(heights))
+    everywhere[seen] = weights
+    return Surface(
+        plane=plane,
+        covariance=covariance,
+        noise_covariance=(solve * inflated) @ solve.T,
+        roughness=roughness,
+        weights=everywhere,
+        residuals=heights - design @ plane,
+        noise_variance=variances,
+    )
+
+
+def _robust_weights(y: Array, x: Array, noise: Array, at: Array) -> tuple[Array, Array]:
+    """Return the weights (S,) of a robust fit, from least absolute deviations on, and the scale (S,) of heights."""
+    sigma = np.sqrt(noise + _TYPICAL_ROUGHNESS * np.linalg.norm(at, axis=1))
+    target, rows = y / sigma, x / sigma[:, None]
+    weights, scale = np.ones(len(y)), 1.0
+    for i in range(2 * _REWEIGHTINGS):
+        normal = rows.T @ (weights[:, None] * rows)
+        residual = np.abs(target - rows @ (np.linalg.pinv(normal, hermitian=True) @ (rows.T @ (weights * target))))
+        scale = max(_SIGMA_OVER_MAD * float(np.median(residual)), 1e-9)
+        if i < _REWEIGHTINGS:
+            weights = 1.0 / np.maximum(residual, 0.1 * scale)
+        else:
+            weights = np.clip(1.0 - (residual / (_TUKEY_SIGMAS * scale)) ** 2, 0.0, None) ** 2
+    return weights, scale * sigma
+
+
+def _roughness_posterior(y: Array, x: Array, noise: Array, kernel: Array) -> Array:
+    """Return the probability of each roughness tried, by the contrasts that no plane changes."""
+    basis = np.linalg.qr(x, mode="complete")[0][:, x.shape[1] :]
+    contrast = basis.T @ y
+    by_noise, by_road = (basis.T * noise) @ basis, basis.T @ kernel @ basis
+    # One basis for both, so that every roughness is a division.
+    factor = np.linalg.cholesky(by_noise)
+    inner = np.linalg.solve(factor, np.linalg.solve(factor, by_road).T)
+    values, vectors = np.linalg.eigh((inner + inner.T) / 2.0)
+    rotated = vectors.T @ np.linalg.solve(factor, contrast)
+    variance = 1.0 + np.clip(values, 0.0, None)[:, None] * _ROUGHNESS
+    log_likelihood = -0.5 * (np.log(variance) + rotated[:, None] ** 2 / variance).sum(axis=0)
+    posterior: Array = np.exp(log_likelihood - log_likelihood.max())
+    return posterior / posterior.sum()
+
+
+def measure_shape(xy: Array, surface: Surface) -> RoadShape:
+    """Measure how the road bends along and across, from the heights of the cells over the plane.
+
+    Args:
+        xy: (C, 2) position of the cells [m].
+        surface: The plane and the cells.
+    """
+    seen = np.isfinite(surface.residuals) & (surface.weights > _LEAST_WEIGHT)
+    x, y = xy[seen].T
+    along, across = np.ptp(x) / 2.0, np.ptp(y) / 2.0
+    if len(x) < _LEAST_CELLS_OF_SHAPE or along == 0.0 or across == 0.0:
+        return RoadShape(0.0, math.inf, 0.0, math.inf, surface.roughness)
+    s, t = (x - np.mean(x)) / along, (y - np.mean(y)) / across
+    design = np.column_stack([np.ones_like(s), s, t, s * s, t * t])
+    weights = surface.weights[seen] / surface.noise_variance[seen]
+    heights = surface.residuals[seen]
+    inverse = np.linalg.pinv(design.T @ (weights[:, None] * design))
+    solution = inverse @ (design.T @ (weights * heights))
+    rest = heights - design @ solution
+    birge = max(1.0, float((weights * rest**2).sum()) / max(len(x) - design.shape[1], 1))
+    std = np.sqrt(np.diag(inverse) * birge)
+    # z = a s^2: the mean slopes of both halves differ by 2 a / half length; of one half against level, a / it.
+    return RoadShape(
+        slope_change_rad=float(2.0 * solution[3] / along),
+        slope_change_std_rad=float(2.0 * std[3] / along),
+        crown_rad=float(-solution[4] / across),
+        crown_std_rad=float(std[4] / across),
+        roughness=surface.roughness,
+    )
