@@ -21,7 +21,7 @@ from .corridor import FAR_M, HALF_WIDTH_M, Corridor, Floats, extrinsics_of, lay_
 from .extraction import Image
 from .extrinsics import Array, Extrinsics
 from .rig import StereoRig
-from .unevenness import RoadShape, Surface, fit_surface, measure_shape
+from .unevenness import Cells, RoadShape, Surface, fit_surface, measure_shape
 
 # Error of the start that is found by search: what the issue asks for (60 mm, 0.5 deg, 2 deg) and a quarter more.
 SEARCH_HEIGHT_M, SEARCH_PITCH_RAD, SEARCH_ROLL_RAD = 0.075, np.radians(0.65), np.radians(2.5)
@@ -154,12 +154,9 @@ def align_texture(
             cells = _measure(_warp(prepared, corridor, half), usable, corridor)
             # A disparity that is too large by a pixel is a road too high by this much.
             metres = rig.fx * rig.baseline_m / np.linalg.norm(plane) / (corridor.cell_rays @ plane)
-            surface = fit_surface(
-                np.where(cells.significant, cells.displacement * metres, np.nan),
-                cells.variance * metres**2,
-                corridor.cell_rays * metres[:, None],
-                corridor.cell_xy,
-            )
+            heights = np.where(cells.significant, cells.displacement * metres, np.nan)
+            road = Cells(heights, cells.variance * metres**2, metres, corridor.cell_xy)
+            surface = fit_surface(road, corridor.cell_rays * metres[:, None])
             if surface is None:
                 return None
             plane = plane + surface.plane
@@ -255,7 +252,7 @@ def _measure(warped: tuple[Floats, Floats], usable: Floats, corridor: Corridor) 
     safe = np.where(significant, in_cell, 1.0)
     displacement = np.clip(cells(gradient) / safe, -_STEP_LIMIT_PX, _STEP_LIMIT_PX)
     misfit = cells((gradient - common * corridor.to_segments(displacement)) ** 2)
-    promised = scale**2 * cells(information)
+    promised = np.maximum(scale**2 * cells(information), 1e-9)
     # Neighbours in a row are correlated, by the blur and by the road: how much, is one number for all cells.
     ratio = misfit[significant] / promised[significant]
     inflation = float(np.mean(ratio)) if ratio.size else 1.0

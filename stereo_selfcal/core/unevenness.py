@@ -22,12 +22,36 @@ from .extrinsics import Array
 # each class has four times that of the one before it.
 _ROUGHNESS = 3.2e-6 * 4.0 ** np.arange(-5.0, 5.0, 0.5)
 _TYPICAL_ROUGHNESS = 1.3e-5  # class B, before the road's own is known
+# Error of disparity every cell has beyond the noise [px], from none to bad rectification (calibrations of
+# cameras leave a tenth of a pixel): shine that moves with the camera, unlike blur, distortion.
+_MISMATCH_PX = np.array([0.0, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32])
+_TYPICAL_MISMATCH_PX = 0.05
+# Parabolic camber of a two-lane road, 2.5 % at its edge 3.5 m from the crown: z = -0.0036 y^2.
+_CAMBER_PER_M = 0.0036
+_PROFILE_LENGTH_M = 1.0  # wheel tracks and gutters are half a metre to a metre wide
 _TUKEY_SIGMAS = 4.685  # 95 % efficient for Gaussian errors
 _REWEIGHTINGS = 8
 _SIGMA_OVER_MAD = 1.4826
 _LEAST_CELLS = 6  # twice the numbers of a plane
 _LEAST_CELLS_OF_SHAPE = 12  # twice the six numbers of a bent surface
 _LEAST_WEIGHT = 1e-3  # an outlier keeps a thousandth: matrices stay regular
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cells:
+    """Heights of the cells of a road.
+
+    Attributes:
+        heights: (C,) over a first plane [m]; NaN where a cell was not measured.
+        variances: (C,) of them by the noise of the images [m^2].
+        metres: (C,) height by which a pixel of disparity moves a cell [m].
+        xy: (C, 2) position, from the point under the camera [m].
+    """
+
+    heights: Array
+    variances: Array
+    metres: Array
+    xy: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +63,7 @@ class Surface:
         covariance: (3, 3) of them, noise and unevenness.
         noise_covariance: (3, 3) by the noise alone.
         roughness: D [m^2/m], mean of its posterior.
+        mismatch_px: Error of each cell's disparity beyond the noise, standard deviation.
         weights: (C,) robust weights, 0 ... 1.
         residuals: (C,) heights over the plane [m]; NaN where not measured.
         noise_variance: (C,) of them [m^2].
@@ -48,6 +73,7 @@ class Surface:
     covariance: Array
     noise_covariance: Array
     roughness: float
+    mismatch_px: float
     weights: Array
     residuals: Array
     noise_variance: Array
@@ -63,6 +89,7 @@ class RoadShape:
         crown_rad: Slope of the left half minus that of the right half, both outwards down > 0, over two.
         crown_std_rad: Its standard deviation.
         roughness: Mean squared difference of heights over distance [m^2/m].
+        mismatch_px: Error of the cells' disparities that neither noise nor road explains [px].
     """
 
     slope_change_rad: float
@@ -70,80 +97,92 @@ class RoadShape:
     crown_rad: float
     crown_std_rad: float
     roughness: float
+    mismatch_px: float
 
 
-def fit_surface(heights: Array, variances: Array, design: Array, xy: Array) -> Surface | None:
+def fit_surface(cells: Cells, design: Array) -> Surface | None:
     """Fit the plane of a road.
 
     Args:
-        heights: (C,) measured heights over a first plane [m]; NaN where a cell was not measured.
-        variances: (C,) of them by the noise of the images [m^2].
+        cells: What was measured.
         design: (C, 3) heights by the parameters of the plane.
-        xy: (C, 2) position of the cells, from the point under the camera [m].
 
     Returns:
         The plane, or None where the measured cells do not determine one.
     """
-    seen = np.isfinite(heights) & np.isfinite(variances)
+    seen = np.isfinite(cells.heights) & np.isfinite(cells.variances)
     if np.count_nonzero(seen) < _LEAST_CELLS:
         return None
-    y, x, noise, at = heights[seen], design[seen], variances[seen], xy[seen]
+    y, x, noise, at = cells.heights[seen], design[seen], cells.variances[seen], cells.xy[seen]
     if np.linalg.matrix_rank(x / np.abs(x).max(axis=0)) < x.shape[1]:
         return None
-    weights, allowed = _robust_weights(y, x, noise, at)
+    # What runs along the road: camber, gutters, ruts. It begins beside the camera, where the plane is meant.
+    lateral = at[:, 1]
+    bent = _CAMBER_PER_M * lateral**2
+    alike = np.exp(-0.5 * ((lateral[:, None] - lateral) / _PROFILE_LENGTH_M) ** 2)
+    profile = bent[:, None] * bent * alike
+    reach = np.linalg.norm(at, axis=1)
+    typical = noise + (_TYPICAL_MISMATCH_PX * cells.metres[seen]) ** 2 + _TYPICAL_ROUGHNESS * reach + bent**2
+    weights, allowed = _robust_weights(y, x, np.sqrt(typical))
     # An outlier is a cell with a larger variance: it tells less of the plane.
     inflated = noise + allowed**2 * (1.0 / np.maximum(weights, _LEAST_WEIGHT) - 1.0)
-    reach = np.linalg.norm(at, axis=1)
     kernel = 0.5 * (reach[:, None] + reach - np.linalg.norm(at[:, None] - at, axis=-1))
-    posterior = _roughness_posterior(y, x, inflated, kernel)
-    roughness = float(posterior @ _ROUGHNESS)
-    weighted = np.linalg.solve(roughness * kernel + np.diag(inflated), x).T
+    roughness, mismatch = _likely(y, x, inflated, profile, kernel, cells.metres[seen])
+    inflated = inflated + (mismatch * cells.metres[seen]) ** 2
+    total = roughness * kernel + profile + np.diag(inflated)
+    weighted = np.linalg.solve(total, x).T
     covariance = np.linalg.inv(weighted @ x)
     solve = covariance @ weighted
     plane = solve @ y
-    everywhere = np.zeros(len(heights))
+    everywhere = np.zeros(len(cells.heights))
     everywhere[seen] = weights
     return Surface(
         plane=plane,
         covariance=covariance,
         noise_covariance=(solve * inflated) @ solve.T,
         roughness=roughness,
+        mismatch_px=mismatch,
         weights=everywhere,
-        residuals=heights - design @ plane,
-        noise_variance=variances,
+        residuals=cells.heights - design @ plane,
+        noise_variance=cells.variances + (mismatch * cells.metres) ** 2,
     )
 
 
-def _robust_weights(y: Array, x: Array, noise: Array, at: Array) -> tuple[Array, Array]:
+def _robust_weights(y: Array, x: Array, sigma: Array) -> tuple[Array, Array]:
     """Return the weights (S,) of a robust fit, from least absolute deviations on, and the scale (S,) of heights."""
-    sigma = np.sqrt(noise + _TYPICAL_ROUGHNESS * np.linalg.norm(at, axis=1))
-    target, rows = y / sigma, x / sigma[:, None]
+    rows, target = x / sigma[:, None], y / sigma
     weights, scale = np.ones(len(y)), 1.0
     for i in range(2 * _REWEIGHTINGS):
         normal = rows.T @ (weights[:, None] * rows)
-        residual = np.abs(target - rows @ (np.linalg.pinv(normal, hermitian=True) @ (rows.T @ (weights * target))))
+        residual = np.abs(target - rows @ np.linalg.solve(normal, rows.T @ (weights * target)))
         scale = max(_SIGMA_OVER_MAD * float(np.median(residual)), 1e-9)
         if i < _REWEIGHTINGS:
             weights = 1.0 / np.maximum(residual, 0.1 * scale)
         else:
-            weights = np.clip(1.0 - (residual / (_TUKEY_SIGMAS * scale)) ** 2, 0.0, None) ** 2
+            weights = np.clip(1.0 - (residual / (_TUKEY_SIGMAS * scale)) ** 2, _LEAST_WEIGHT, None) ** 2
     return weights, scale * sigma
 
 
-def _roughness_posterior(y: Array, x: Array, noise: Array, kernel: Array) -> Array:
-    """Return the probability of each roughness tried, by the contrasts that no plane changes."""
+def _likely(
+    y: Array, x: Array, noise: Array, profile: Array, kernel: Array, metres: Array
+) -> tuple[float, float]:
+    """Return roughness [m^2/m] and mismatch [px]: means of their posterior, by the contrasts no plane changes."""
     basis = np.linalg.qr(x, mode="complete")[0][:, x.shape[1] :]
-    contrast = basis.T @ y
-    by_noise, by_road = (basis.T * noise) @ basis, basis.T @ kernel @ basis
-    # One basis for both, so that every roughness is a division.
-    factor = np.linalg.cholesky(by_noise)
-    inner = np.linalg.solve(factor, np.linalg.solve(factor, by_road).T)
-    values, vectors = np.linalg.eigh((inner + inner.T) / 2.0)
-    rotated = vectors.T @ np.linalg.solve(factor, contrast)
-    variance = 1.0 + np.clip(values, 0.0, None)[:, None] * _ROUGHNESS
-    log_likelihood = -0.5 * (np.log(variance) + rotated[:, None] ** 2 / variance).sum(axis=0)
-    posterior: Array = np.exp(log_likelihood - log_likelihood.max())
-    return posterior / posterior.sum()
+    contrast, by_road, by_profile = basis.T @ y, basis.T @ kernel @ basis, basis.T @ profile @ basis
+    log_likelihood = np.empty((len(_MISMATCH_PX), len(_ROUGHNESS)))
+    for i, mismatch in enumerate(_MISMATCH_PX):
+        by_noise = (basis.T * (noise + (mismatch * metres) ** 2)) @ basis + by_profile
+        # One basis for noise and road, so that every roughness is a division.
+        factor = np.linalg.cholesky(by_noise)
+        inverse = np.linalg.inv(factor)
+        values, vectors = np.linalg.eigh(inverse @ by_road @ inverse.T)
+        rotated = vectors.T @ (inverse @ contrast)
+        variance = 1.0 + np.clip(values, 0.0, None)[:, None] * _ROUGHNESS
+        log_likelihood[i] = -0.5 * (np.log(variance) + rotated[:, None] ** 2 / variance).sum(axis=0)
+        log_likelihood[i] -= np.log(np.diag(factor)).sum()
+    posterior = np.exp(log_likelihood - log_likelihood.max())
+    posterior /= posterior.sum()
+    return float(posterior.sum(axis=0) @ _ROUGHNESS), float(np.sqrt(posterior.sum(axis=1) @ _MISMATCH_PX**2))
 
 
 def measure_shape(xy: Array, surface: Surface) -> RoadShape:
@@ -157,7 +196,7 @@ def measure_shape(xy: Array, surface: Surface) -> RoadShape:
     x, y = xy[seen].T
     along, across = np.ptp(x) / 2.0, np.ptp(y) / 2.0
     if len(x) < _LEAST_CELLS_OF_SHAPE or along == 0.0 or across == 0.0:
-        return RoadShape(0.0, math.inf, 0.0, math.inf, surface.roughness)
+        return RoadShape(0.0, math.inf, 0.0, math.inf, surface.roughness, surface.mismatch_px)
     s, t = (x - np.mean(x)) / along, (y - np.mean(y)) / across
     design = np.column_stack([np.ones_like(s), s, t, s * s, t * t])
     weights = surface.weights[seen] / surface.noise_variance[seen]
@@ -174,4 +213,5 @@ def measure_shape(xy: Array, surface: Surface) -> RoadShape:
         crown_rad=float(-solution[4] / across),
         crown_std_rad=float(std[4] / across),
         roughness=surface.roughness,
+        mismatch_px=surface.mismatch_px,
     )
