@@ -34,7 +34,9 @@ _SEARCH_THINNING = 3
 # Blur along the row [px]: below 0.8 px the interpolation is not the same for all parts of a pixel; above 1.2 px
 # fine grains are lost.
 _BLUR_PX = 1.0
-_PASSES = ((2, 1), (1, 2))  # thinning of the samples, passes
+# Thinning of the samples; its passes, and which of them is the last.
+_PASSES = ((2, (False,)), (1, (False, True)))
+_SPARE_ROWS = 6  # above the corridor of the first pass, for those after it
 _STEP_LIMIT_PX = 2.0  # a cell does not move farther in one pass: beyond, the gradient says nothing
 
 _SATURATED = 250  # clipping begins a few levels before 255, by noise and interpolation
@@ -54,9 +56,9 @@ _FLANKS_M = (0.2, 0.45)
 _PAINT_SIGMAS = 5.0
 _PAINT_MARGIN_M = 0.12
 
-# Enough texture: the issue's tolerance between stripes and texture (30 mm, 0.25 deg, 0.8 deg) is three standard
-# deviations or more; and over all cells together texture stands out of the noise.
-MAX_STD = np.array([0.010, np.radians(0.083), np.radians(0.27)])
+# Enough texture: half the issue's tolerance between stripes and texture (30 mm, 0.25 deg, 0.8 deg), so that a right
+# estimate is not refused by the texture's own error more often than once in twenty times.
+MAX_STD = np.array([0.015, np.radians(0.125), np.radians(0.4)])
 MIN_SIGMAS = 8.0
 MIN_CELL_SHARE = 0.4
 
@@ -142,26 +144,29 @@ def align_texture(
     plane = _search(images, rig, plane_of(start, rig), layout)
     if plane is None:
         return None
-    prepared = _prepare(images, _BLUR_PX)
-    for thinning, passes in _PASSES:
+    prepared: _Prepared | None = None
+    for thinning, final in _PASSES:
         corridor = lay_out(rig, extrinsics_of(plane, rig), *layout, thinning=thinning)
         if corridor is None:
             return None
         half = _half_disparity(corridor, plane, rig)
         usable = _usable(images, corridor, half, rig, keep_paint)
-        for _ in range(passes):
+        if prepared is None:
+            prepared = _prepare(images, _BLUR_PX, corridor)
+        for last in final:
             half = _half_disparity(corridor, plane, rig)
             cells = _measure(_warp(prepared, corridor, half), usable, corridor)
             # A disparity that is too large by a pixel is a road too high by this much.
             metres = rig.fx * rig.baseline_m / np.linalg.norm(plane) / (corridor.cell_rays @ plane)
             heights = np.where(cells.significant, cells.displacement * metres, np.nan)
             road = Cells(heights, cells.variance * metres**2, metres, corridor.cell_xy)
-            surface = fit_surface(road, corridor.cell_rays * metres[:, None])
+            surface = fit_surface(road, corridor.cell_rays * metres[:, None], final=last)
             if surface is None:
                 return None
             plane = plane + surface.plane
             if not np.all(np.isfinite(plane)) or plane[2] >= 0.0:
                 return None
+    assert prepared is not None and surface is not None
     return _report(rig, plane, corridor, surface, cells, prepared, half)
 
 
@@ -184,17 +189,34 @@ class _Cells:
     weights: Floats
 
 
-def _prepare(images: tuple[Image, Image], blur_px: float) -> tuple[Floats, Floats]:
-    """Blur both images along the rows; grey value and its derivative as channels, (H, W, 2)."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Prepared:
+    """Both images, blurred along the rows, from a row on: grey value and its derivative as channels.
+
+    Attributes:
+        first_row: Row of the image that is row 0 here.
+        left: (H, W, 2).
+        right: (H, W, 2).
+    """
+
+    first_row: int
+    left: Floats
+    right: Floats
+
+
+def _prepare(images: tuple[Image, Image], blur_px: float, corridor: Corridor) -> _Prepared:
+    """Blur both images along the rows where the corridor is, and derive them."""
+    first = max(0, int(corridor.v.min()) - _SPARE_ROWS)
     radius = int(np.ceil(4.0 * blur_px))
     kernel = cv2.getGaussianKernel(2 * radius + 1, blur_px, cv2.CV_32F).ravel()
     x = np.arange(-radius, radius + 1)
     slope = (x * kernel / blur_px**2).astype(np.float32)  # correlated, not convolved: rises to the right
+    one = np.ones(1, np.float32)
     both = []
     for image in images:
-        channels = [cv2.sepFilter2D(image, cv2.CV_32F, k, np.ones(1, np.float32)) for k in (kernel, slope)]
-        both.append(cv2.merge(channels))
-    return both[0], both[1]
+        part = image[first:]
+        both.append(cv2.merge([cv2.sepFilter2D(part, cv2.CV_32F, k, one) for k in (kernel, slope)]))
+    return _Prepared(first, both[0], both[1])
 
 
 def _sample(image: npt.NDArray[np.generic], u: Floats, v: Floats, how: int = cv2.INTER_CUBIC) -> Floats:
@@ -215,12 +237,10 @@ def _half_disparity(corridor: Corridor, plane: Array, rig: StereoRig) -> Floats:
     return half
 
 
-def _warp(prepared: tuple[Floats, Floats], corridor: Corridor, half: Floats) -> tuple[Floats, Floats]:
+def _warp(prepared: _Prepared, corridor: Corridor, half: Floats) -> tuple[Floats, Floats]:
     """Sample grey values and derivatives of both images where the plane puts them, (2, N) each."""
-    return (
-        _sample(prepared[0], corridor.u + half, corridor.v),
-        _sample(prepared[1], corridor.u - half, corridor.v),
-    )
+    v = corridor.v - np.float32(prepared.first_row)
+    return _sample(prepared.left, corridor.u + half, v), _sample(prepared.right, corridor.u - half, v)
 
 
 def _measure(warped: tuple[Floats, Floats], usable: Floats, corridor: Corridor) -> _Cells:
@@ -336,8 +356,9 @@ def _search(
     candidates = (changes[0][:, None, None] + changes[1][None, :, None] + changes[2][None, None]).reshape(-1, 3)
     displacements = candidates @ corridor.cell_rays.T
     most = int(np.ceil(np.abs(displacements).max())) + 1
-    grey = tuple(cv2.GaussianBlur(image, _SEARCH_KERNEL, _SEARCH_BLUR_PX) for image in images)
-    correlations = _correlate(grey, corridor, _half_disparity(corridor, start, rig), range(-most, most + 1))
+    first = int(corridor.v.min())
+    grey = [cv2.GaussianBlur(image[first:], _SEARCH_KERNEL, _SEARCH_BLUR_PX) for image in images]
+    correlations = _correlate(grey, first, corridor, _half_disparity(corridor, start, rig), most)
     position = displacements + most
     below = position.astype(np.intp)
     part = position - below
@@ -347,32 +368,30 @@ def _search(
     return best
 
 
-def _correlate(
-    grey: tuple[Floats, Floats], corridor: Corridor, half: Floats, shifts: range
-) -> Array:
-    """Correlate both images, cell by cell, with the right one shifted; shape (shifts, C)."""
-    def centred(values: Floats) -> Floats:
-        mean = corridor.segment_sums(values) / corridor.lengths
-        rest = values - corridor.to_samples(mean)
-        rest[corridor.n_samples :] = 0.0
-        return rest
+def _correlate(grey: list[Image], first_row: int, corridor: Corridor, half: Floats, most: int) -> Array:
+    """Correlate both images, cell by cell, with the right one shifted by -most ... most; (shifts, C)."""
+    v = corridor.v - np.float32(first_row)
+    inside = (np.arange(len(v)) < corridor.n_samples).astype(np.float32)
 
-    left = centred(_sample(grey[0], corridor.u + half, corridor.v, cv2.INTER_LINEAR))
+    def centred(image: Image, u: Floats) -> Floats:
+        values = _sample(image, u, v, cv2.INTER_LINEAR).astype(np.float32)
+        return (values - corridor.to_samples(corridor.segment_sums(values) / corridor.lengths)) * inside
+
+    left = centred(grey[0], corridor.u + half)
     of_left = corridor.cell_sums(corridor.segment_sums(left * left))
     correlations = []
-    for shift in shifts:
-        u = corridor.u - half - np.float32(shift)
-        right = centred(_sample(grey[1], u, corridor.v, cv2.INTER_LINEAR))
+    for shift in range(-most, most + 1):
+        right = centred(grey[1], corridor.u - half - np.float32(shift))
         of_right = corridor.cell_sums(corridor.segment_sums(right * right))
         both = corridor.cell_sums(corridor.segment_sums(left * right))
         correlations.append(both / np.sqrt(of_left * of_right + 1e-6))
     return np.array(correlations)
 
 
-def _correlation(warped: tuple[Floats, Floats], weights: Floats, corridor: Corridor) -> float:
+def _correlation(left: Floats, right: Floats, weights: Floats, corridor: Corridor) -> float:
     """Return the correlation of both images over all cells, rows' means removed."""
     sums = corridor.segment_sums
-    (left, _), (right, _) = warped
+    left, right = left[0], right[0]
     total = np.maximum(sums(weights), 1e-6)
     w_left, w_right = weights * left, weights * right
     s_left, s_right = sums(w_left), sums(w_right)
@@ -387,7 +406,7 @@ def _report(
     corridor: Corridor,
     surface: Surface,
     cells: _Cells,
-    prepared: tuple[Floats, Floats],
+    prepared: _Prepared,
     half: Floats,
 ) -> TextureFit:
     """Turn the last pass into what is returned."""
@@ -401,17 +420,19 @@ def _report(
     )
     covariance = by_plane @ surface.covariance @ by_plane.T
     noise = np.sqrt(np.diag(by_plane @ surface.noise_covariance @ by_plane.T))
-    correlations = [
-        _correlation(_warp(prepared, corridor, half + np.float32(shift)), cells.weights, corridor)
-        for shift in (0.0, _DECORRELATED_PX / 2.0, -_DECORRELATED_PX / 2.0)
+    left, right = _warp(prepared, corridor, half)
+    v = corridor.v - np.float32(prepared.first_row)
+    elsewhere = [
+        _correlation(left, _sample(prepared.right, corridor.u - half - np.float32(shift), v), cells.weights, corridor)
+        for shift in (_DECORRELATED_PX, -_DECORRELATED_PX)
     ]
     agreeing = surface.weights * corridor.cell_area
     quality = TextureQuality(
         sigmas=cells.sigmas,
         cell_share=float(agreeing.sum() / corridor.cell_area.sum()),
         pixel_share=float(cells.weights.sum()) / corridor.n_samples,
-        correlation=correlations[0],
-        correlation_elsewhere=max(correlations[1:]),
+        correlation=_correlation(left, right, cells.weights, corridor),
+        correlation_elsewhere=max(elsewhere),
         noise_std=(float(noise[0]), float(noise[1]), float(noise[2])),
     )
     return TextureFit(

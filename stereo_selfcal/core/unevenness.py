@@ -1,8 +1,8 @@
 """The plane of a road that is none: robust fit to heights of cells, and what the unevenness leaves unknown.
 
-The heights of a road deviate from a plane like a surface of Brownian motion: the spectrum of roads falls with
-the square of the wave number (ISO 8608, waviness 2), which is a random walk, whose squared differences grow
-in proportion to the distance: ``E (e(a) - e(b))^2 = D |a - b|``. The walk starts on the road under the camera.
+The heights of a road deviate from a plane like fractional Brownian motion: the spectrum of roads falls with a
+power of the wave number, so squared differences of heights grow with a power of the distance,
+``E (e(a) - e(b))^2 = D |a - b|^1.5``. The walk starts on the road under the camera.
 The one number D is the road's; it is estimated by restricted likelihood from the heights themselves, after
 what the images' noise explains. The plane is the generalised least squares fit, and its covariance
 contains the noise and the road: another sensor, or the same one on the next stretch, fits another plane.
@@ -17,11 +17,17 @@ import numpy as np
 
 from .extrinsics import Array
 
-# D [m^2/m] tried: from a hundredth of a good motorway to a field track. ISO 8608's class A has a
-# displacement spectrum of 16e-6 m^3 at 0.1 cycles/m: D = 2 pi^2 * 16e-8 = 3.2e-6, 6 mm between points 10 m apart;
-# each class has four times that of the one before it.
-_ROUGHNESS = 3.2e-6 * 4.0 ** np.arange(-5.0, 5.0, 0.5)
-_TYPICAL_ROUGHNESS = 1.3e-5  # class B, before the road's own is known
+# The spectrum of a road falls with its waviness as the power: 2 in ISO 8608's definition, 2.5 in the middle of what
+# is measured (1.5 to 3.5, the smoother the road, the steeper). Squared differences of heights grow with the
+# power of waviness - 1 of the distance.
+_WAVINESS = 2.5
+_EXPONENT = _WAVINESS - 1.0
+# D tried: class A of ISO 8608 has a spectrum of 16e-6 m^3 at 0.1 cycles/m, and twice the integral of the spectrum
+# times (1 - cos) over all wave numbers is 2.7e-6 m^2 / m^1.5: 9 mm between points 10 m apart. Each class
+# has four times that of the one before it; tried from a thousandth, a plane in practice, to a field track.
+_CLASS_A = 2.7e-6
+_ROUGHNESS = _CLASS_A * 4.0 ** np.arange(-5.0, 5.0, 0.5)
+_TYPICAL_ROUGHNESS = 4.0 * _CLASS_A  # class B, before the road's own is known
 # Error of disparity every cell has beyond the noise [px], from none to bad rectification (calibrations of
 # cameras leave a tenth of a pixel): shine that moves with the camera, unlike blur, distortion.
 _MISMATCH_PX = np.array([0.0, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32])
@@ -62,7 +68,7 @@ class Surface:
         plane: (3,) coefficients of the design.
         covariance: (3, 3) of them, noise and unevenness.
         noise_covariance: (3, 3) by the noise alone.
-        roughness: D [m^2/m], mean of its posterior.
+        roughness: D [m^2/m^1.5], mean of its posterior.
         mismatch_px: Error of each cell's disparity beyond the noise, standard deviation.
         weights: (C,) robust weights, 0 ... 1.
         residuals: (C,) heights over the plane [m]; NaN where not measured.
@@ -88,7 +94,7 @@ class RoadShape:
         slope_change_std_rad: Its standard deviation by the scatter of the cells.
         crown_rad: Slope of the left half minus that of the right half, both outwards down > 0, over two.
         crown_std_rad: Its standard deviation.
-        roughness: Mean squared difference of heights over distance [m^2/m].
+        roughness: Mean squared difference of heights over distance^1.5 [m^2/m^1.5].
         mismatch_px: Error of the cells' disparities that neither noise nor road explains [px].
     """
 
@@ -100,12 +106,13 @@ class RoadShape:
     mismatch_px: float
 
 
-def fit_surface(cells: Cells, design: Array) -> Surface | None:
+def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface | None:
     """Fit the plane of a road.
 
     Args:
         cells: What was measured.
         design: (C, 3) heights by the parameters of the plane.
+        final: Whether to estimate the road's own roughness; else a typical one serves.
 
     Returns:
         The plane, or None where the measured cells do not determine one.
@@ -122,12 +129,16 @@ def fit_surface(cells: Cells, design: Array) -> Surface | None:
     alike = np.exp(-0.5 * ((lateral[:, None] - lateral) / _PROFILE_LENGTH_M) ** 2)
     profile = bent[:, None] * bent * alike
     reach = np.linalg.norm(at, axis=1)
-    typical = noise + (_TYPICAL_MISMATCH_PX * cells.metres[seen]) ** 2 + _TYPICAL_ROUGHNESS * reach + bent**2
+    typical = noise + (_TYPICAL_MISMATCH_PX * cells.metres[seen]) ** 2 + _TYPICAL_ROUGHNESS * reach**_EXPONENT + bent**2
     weights, allowed = _robust_weights(y, x, np.sqrt(typical))
     # An outlier is a cell with a larger variance: it tells less of the plane.
     inflated = noise + allowed**2 * (1.0 / np.maximum(weights, _LEAST_WEIGHT) - 1.0)
-    kernel = 0.5 * (reach[:, None] + reach - np.linalg.norm(at[:, None] - at, axis=-1))
-    roughness, mismatch = _likely(y, x, inflated, profile, kernel, cells.metres[seen])
+    distance = np.linalg.norm(at[:, None] - at, axis=-1)
+    growth = reach**_EXPONENT
+    kernel = 0.5 * (growth[:, None] + growth - distance**_EXPONENT)
+    roughness, mismatch = _TYPICAL_ROUGHNESS, _TYPICAL_MISMATCH_PX
+    if final:
+        roughness, mismatch = _likely(y, x, inflated, profile, kernel, cells.metres[seen])
     inflated = inflated + (mismatch * cells.metres[seen]) ** 2
     total = roughness * kernel + profile + np.diag(inflated)
     weighted = np.linalg.solve(total, x).T
@@ -166,7 +177,7 @@ def _robust_weights(y: Array, x: Array, sigma: Array) -> tuple[Array, Array]:
 def _likely(
     y: Array, x: Array, noise: Array, profile: Array, kernel: Array, metres: Array
 ) -> tuple[float, float]:
-    """Return roughness [m^2/m] and mismatch [px]: means of their posterior, by the contrasts no plane changes."""
+    """Return roughness [m^2/m^1.5] and mismatch [px]: means of their posterior, by the contrasts no plane changes."""
     basis = np.linalg.qr(x, mode="complete")[0][:, x.shape[1] :]
     contrast, by_road, by_profile = basis.T @ y, basis.T @ kernel @ basis, basis.T @ profile @ basis
     log_likelihood = np.empty((len(_MISMATCH_PX), len(_ROUGHNESS)))
