@@ -38,6 +38,7 @@ _PROFILE_LENGTH_M = 1.0  # wheel tracks and gutters are half a metre to a metre 
 _TUKEY_SIGMAS = 4.685  # 95 % efficient for Gaussian errors
 _REWEIGHTINGS = 8
 _SIGMA_OVER_MAD = 1.4826
+_WORST_STD_M = 0.3  # two kerbs: a cell that cannot tell them apart says nothing of the road
 _LEAST_CELLS = 6  # twice the numbers of a plane
 _LEAST_CELLS_OF_SHAPE = 12  # twice the six numbers of a bent surface
 _LEAST_WEIGHT = 1e-3  # an outlier keeps a thousandth: matrices stay regular
@@ -117,7 +118,7 @@ def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface |
     Returns:
         The plane, or None where the measured cells do not determine one.
     """
-    seen = np.isfinite(cells.heights) & np.isfinite(cells.variances)
+    seen = np.isfinite(cells.heights) & (cells.variances < _WORST_STD_M**2)  # false for NaN as well
     if np.count_nonzero(seen) < _LEAST_CELLS:
         return None
     y, x, noise, at = cells.heights[seen], design[seen], cells.variances[seen], cells.xy[seen]
