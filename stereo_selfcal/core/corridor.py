@@ -28,7 +28,7 @@ FAR_M = 30.0
 CELL_WIDTH_M = 1.0
 CELL_RATIO = 1.15
 # Samples closer on the road than this bring nothing new: the grains of asphalt are 5 to 16 mm.
-SPACING_M = 0.016
+SPACING_M = 0.025
 # Nearer to the horizon than this many pixels of disparity a tenth of a pixel is a tenth of the distance.
 _LEAST_DISPARITY_PX = 1.0
 _MARGIN_PX = 8  # reach of interpolation and blur

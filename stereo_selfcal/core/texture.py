@@ -25,6 +25,7 @@ from .unevenness import Cells, RoadShape, Surface, fit_surface, measure_shape
 
 # Error of the start that is found by search: what the issue asks for (60 mm, 0.5 deg, 2 deg) and a quarter more.
 SEARCH_HEIGHT_M, SEARCH_PITCH_RAD, SEARCH_ROLL_RAD = 0.075, np.radians(0.65), np.radians(2.5)
+_Layout = tuple[float, tuple[float, float], float]  # arguments of lay_out: yaw, limits, far end
 _SEARCHED = np.array([SEARCH_HEIGHT_M, SEARCH_PITCH_RAD, SEARCH_ROLL_RAD])
 _MOST_RUN = 2.0  # times the search range: farther from the start it has run away
 _SEARCH_BLUR_PX = 2.0  # correlation then has its peak over 2 px to either side
@@ -33,11 +34,11 @@ _SEARCH_STEP_PX = 1.0
 _SEARCH_MOST_STEPS = 7  # to either side of the start, of each of the three numbers
 _SEARCH_THINNING = 3
 
-# Blur along the row [px]: below 0.8 px the interpolation is not the same for all parts of a pixel; above 1.2 px
-# fine grains are lost.
-_BLUR_PX = 1.0
-# Thinning of the samples; its passes, and which of them is the last.
-_PASSES = ((2, (False,)), (1, (False, True)))
+# Below a blur of 0.8 px the interpolation is not the same for all parts of a pixel; above 1.2 px fine grains are lost.
+# Blur along the row [px] and thinning of the samples in each pass. Where the first attempt does not find enough
+# texture, the second gives up detail for a noise that is less by the root of the blur, and takes all samples.
+_ATTEMPTS = ((1.0, (2, 1)), (3.0, (1,)))
+_MOST_STEP_PX = 4.0  # beyond, the plane is not the one that was found
 # OpenCV interpolates at multiples of 1 / 32 px: an error of 0.009 px of a sample, of a cell's hundreds less than this.
 _FINEST_PX = 1e-3
 _SPARE_ROWS = 6  # above the corridor of the first pass, for those after it
@@ -49,10 +50,10 @@ _TUKEY = 4.685
 _ABS_OF_SIGMA = 0.798  # mean absolute value of a Gaussian, sqrt(2 / pi)
 _CELL_SIGMAS = 3.0  # significance of a cell's texture: one cell in 700 without any passes
 _LEAST_SEGMENTS = 3
-# Sum of the squared autocorrelation, at whole pixels, of the derivative of noise blurred by 1 px: so many samples
-# count as one. It is an upper bound for samples farther apart.
+# Sum of the squared autocorrelation, at whole pixels, of the derivative of noise, per pixel of its blur: so many
+# samples count as one. It is an upper bound for samples farther apart.
 _CORRELATED_SAMPLES = 1.88
-_DECORRELATED_PX = 6.0  # correlation elsewhere is taken this far from the alignment, on both sides
+_DECORRELATED_PX = 6.0  # correlation elsewhere is taken this far from the alignment
 
 # Stripes: brighter than the road on both sides at these distances [m] (stripes are 6 to 54 cm wide), by this many
 # standard deviations of what the road does there.
@@ -76,7 +77,7 @@ class TextureQuality:
         cell_share: Part of the corridor's area in cells with significant texture that agree with the plane.
         pixel_share: Part of the samples that were used: not saturated, no paint, no outlier.
         correlation: Of the grey values of both images, rows' means removed, after alignment.
-        correlation_elsewhere: The larger one of those 6 px to either side.
+        correlation_elsewhere: The same with the right image moved by 6 px.
         noise_std: (height [m], pitch [rad], roll [rad]) standard deviations by the images' noise alone.
     """
 
@@ -145,34 +146,55 @@ def align_texture(
         The fit with its verdict, or None where nothing could be aligned.
     """
     layout = (lane_yaw_rad, limits_m, far_m)
-    plane = _search(images, rig, plane_of(start, rig), layout)
-    if plane is None:
+    searched = _search(images, rig, plane_of(start, rig), layout)
+    if searched is None:
         return None
-    prepared: _Prepared | None = None
-    for thinning, final in _PASSES:
+    best = None
+    for blur, thinnings in _ATTEMPTS:
+        fit = _align(images, rig, searched, layout, blur, thinnings, keep_paint)
+        if fit is None or not np.all(np.abs(fit.extrinsics.as_array() - start.as_array()) < _MOST_RUN * _SEARCHED):
+            continue
+        best = fit
+        if fit.enough_texture:
+            break
+    return best
+
+
+def _align(
+    images: tuple[Image, Image],
+    rig: StereoRig,
+    plane: Array,
+    layout: _Layout,
+    blur_px: float,
+    thinnings: tuple[int, ...],
+    keep_paint: bool,
+) -> TextureFit | None:
+    """Align from a plane on that is good to about a pixel: one pass for each thinning, and a last one."""
+    prepared = None
+    for thinning in thinnings:
         corridor = lay_out(rig, extrinsics_of(plane, rig), *layout, thinning=thinning)
         if corridor is None:
             return None
         half = _half_disparity(corridor, plane, rig)
         usable = _usable(images, corridor, half, rig, keep_paint)
         if prepared is None:
-            prepared = _prepare(images, _BLUR_PX, corridor)
-        for last in final:
+            prepared = _prepare(images, blur_px, corridor)
+        for last in (False, True) if thinning == thinnings[-1] else (False,):
             half = _half_disparity(corridor, plane, rig)
-            cells = _measure(_warp(prepared, corridor, half), usable, corridor)
+            warped = _warp(prepared, corridor, half)
+            cells = _measure(warped, usable, corridor, blur_px)
             # A disparity that is too large by a pixel is a road too high by this much.
             metres = rig.fx * rig.baseline_m / np.linalg.norm(plane) / (corridor.cell_rays @ plane)
             heights = np.where(cells.significant, cells.displacement * metres, np.nan)
             road = Cells(heights, cells.variance * metres**2, metres, corridor.cell_xy)
             surface = fit_surface(road, corridor.cell_rays * metres[:, None], final=last)
-            if surface is None:
+            if surface is None or np.abs(corridor.cell_rays @ surface.plane).max() > _MOST_STEP_PX:
                 return None
             plane = plane + surface.plane
-            moved = np.abs(extrinsics_of(plane, rig).as_array() - start.as_array())
-            if not np.all(moved < _MOST_RUN * _SEARCHED):  # NaN as well
-                return None
-    assert prepared is not None and surface is not None
-    return _report(rig, plane, corridor, surface, cells, prepared, half)
+    v = corridor.v - np.float32(prepared.first_row)
+    shifted = _sample(prepared.right, corridor.u - half - np.float32(_DECORRELATED_PX), v)
+    correlations = [_correlation(warped[0], right, cells.weights, corridor) for right in (warped[1], shifted)]
+    return _report(rig, plane, corridor, surface, cells, (correlations[0], correlations[1]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -248,7 +270,7 @@ def _warp(prepared: _Prepared, corridor: Corridor, half: Floats) -> tuple[Floats
     return _sample(prepared.left, corridor.u + half, v), _sample(prepared.right, corridor.u - half, v)
 
 
-def _measure(warped: tuple[Floats, Floats], usable: Floats, corridor: Corridor) -> _Cells:
+def _measure(warped: tuple[Floats, Floats], usable: Floats, corridor: Corridor, blur_px: float) -> _Cells:
     """Fit the displacement of every cell, samples weighted robustly."""
     (left, by_left), (right, by_right) = warped
     gain = np.float32(_gain(left, right, usable, corridor))
@@ -271,7 +293,7 @@ def _measure(warped: tuple[Floats, Floats], usable: Floats, corridor: Corridor) 
     common = sums(w_left * by_right) - s_left * s_right / total
     # Of noise alone, the products of gradients have a mean of zero and this variance.
     alone = (sums(w_left * by_left) - s_left**2 / total) * (sums(w_right * by_right) - s_right**2 / total)
-    alone = np.clip(alone, 0.0, None) * _CORRELATED_SAMPLES / total
+    alone = np.clip(alone, 0.0, None) * (_CORRELATED_SAMPLES * blur_px) / total
     in_cell, spread = cells(common), np.sqrt(cells(alone))
     significant = (in_cell > _CELL_SIGMAS * spread) & (corridor.cell_lengths >= _LEAST_SEGMENTS)
     safe = np.where(significant, in_cell, 1.0)
@@ -281,8 +303,7 @@ def _measure(warped: tuple[Floats, Floats], usable: Floats, corridor: Corridor) 
     # Neighbours in a row are correlated, by the blur and by the road: how much, is one number for all cells.
     ratio = misfit[significant] / promised[significant]
     inflation = float(np.mean(ratio)) if ratio.size else 1.0
-    relative_common = common / corridor.to_segments(scale**2)
-    sigmas = float(relative_common.sum() / max(np.sqrt((relative_common**2).sum()), 1e-12))
+    sigmas = float((in_cell / scale**2).sum() / max(np.sqrt((spread**2 / scale**4).sum()), 1e-12))
     variance = inflation * promised / safe**2 + _FINEST_PX**2
     return _Cells(displacement, variance, significant, sigmas, weights)
 
@@ -346,7 +367,7 @@ def _paint(
 
 
 def _search(
-    images: tuple[Image, Image], rig: StereoRig, start: Array, layout: tuple[float, tuple[float, float], float]
+    images: tuple[Image, Image], rig: StereoRig, start: Array, layout: _Layout
 ) -> Array | None:
     """Try planes around the start; return the one under which the most cells correlate."""
     pose = extrinsics_of(start, rig)
@@ -414,8 +435,7 @@ def _report(
     corridor: Corridor,
     surface: Surface,
     cells: _Cells,
-    prepared: _Prepared,
-    half: Floats,
+    correlations: tuple[float, float],
 ) -> TextureFit:
     """Turn the last pass into what is returned."""
     pose = extrinsics_of(plane, rig)
@@ -428,19 +448,13 @@ def _report(
     )
     covariance = by_plane @ surface.covariance @ by_plane.T
     noise = np.sqrt(np.diag(by_plane @ surface.noise_covariance @ by_plane.T))
-    left, right = _warp(prepared, corridor, half)
-    v = corridor.v - np.float32(prepared.first_row)
-    elsewhere = [
-        _correlation(left, _sample(prepared.right, corridor.u - half - np.float32(shift), v), cells.weights, corridor)
-        for shift in (_DECORRELATED_PX, -_DECORRELATED_PX)
-    ]
     agreeing = surface.weights * corridor.cell_area
     quality = TextureQuality(
         sigmas=cells.sigmas,
         cell_share=float(agreeing.sum() / corridor.cell_area.sum()),
         pixel_share=float(cells.weights.sum()) / corridor.n_samples,
-        correlation=_correlation(left, right, cells.weights, corridor),
-        correlation_elsewhere=max(elsewhere),
+        correlation=correlations[0],
+        correlation_elsewhere=correlations[1],
         noise_std=(float(noise[0]), float(noise[1]), float(noise[2])),
     )
     return TextureFit(
