@@ -30,10 +30,11 @@ _ROUGHNESS = _CLASS_A * 4.0 ** np.arange(-5.0, 5.0, 0.5)
 _TYPICAL_ROUGHNESS = 4.0 * _CLASS_A  # class B, before the road's own is known
 # Error of disparity every cell has beyond the noise [px], from none to bad rectification (calibrations of
 # cameras leave a tenth of a pixel): shine that moves with the camera, unlike blur, distortion.
-_MISMATCH_PX = np.array([0.0, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32])
+_MISMATCH_PX = np.array([0.0, 0.02, 0.06, 0.2])
 _TYPICAL_MISMATCH_PX = 0.05
 # Parabolic camber of a two-lane road, 2.5 % at its edge 3.5 m from the crown: z = -0.0036 y^2.
 _CAMBER_PER_M = 0.0036
+_PROFILES = np.array([0.125, 0.35, 1.0, 2.8])  # times that: from a plane in practice to a village street
 _PROFILE_LENGTH_M = 1.0  # wheel tracks and gutters are half a metre to a metre wide
 _TUKEY_SIGMAS = 4.685  # 95 % efficient for Gaussian errors
 _REWEIGHTINGS = 8
@@ -137,11 +138,11 @@ def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface |
     distance = np.linalg.norm(at[:, None] - at, axis=-1)
     growth = reach**_EXPONENT
     kernel = 0.5 * (growth[:, None] + growth - distance**_EXPONENT)
-    roughness, mismatch = _TYPICAL_ROUGHNESS, _TYPICAL_MISMATCH_PX
+    roughness, mismatch, bend = _TYPICAL_ROUGHNESS, _TYPICAL_MISMATCH_PX, 1.0
     if final:
-        roughness, mismatch = _likely(y, x, inflated, profile, kernel, cells.metres[seen])
+        roughness, mismatch, bend = _likely(y, x, inflated, profile, kernel, cells.metres[seen])
     inflated = inflated + (mismatch * cells.metres[seen]) ** 2
-    total = roughness * kernel + profile + np.diag(inflated)
+    total = roughness * kernel + bend**2 * profile + np.diag(inflated)
     weighted = np.linalg.solve(total, x).T
     covariance = np.linalg.inv(weighted @ x)
     solve = covariance @ weighted
@@ -177,24 +178,29 @@ def _robust_weights(y: Array, x: Array, sigma: Array) -> tuple[Array, Array]:
 
 def _likely(
     y: Array, x: Array, noise: Array, profile: Array, kernel: Array, metres: Array
-) -> tuple[float, float]:
-    """Return roughness [m^2/m^1.5] and mismatch [px]: means of their posterior, by the contrasts no plane changes."""
+) -> tuple[float, float, float]:
+    """Return roughness [m^2/m^1.5], mismatch [px] and factor on the profile: means of their posterior.
+
+    It is the restricted likelihood: of the contrasts that no plane changes. All tried values are equally probable
+    before.
+    """
     basis = np.linalg.qr(x, mode="complete")[0][:, x.shape[1] :]
     contrast, by_road, by_profile = basis.T @ y, basis.T @ kernel @ basis, basis.T @ profile @ basis
-    log_likelihood = np.empty((len(_MISMATCH_PX), len(_ROUGHNESS)))
-    for i, mismatch in enumerate(_MISMATCH_PX):
-        by_noise = (basis.T * (noise + (mismatch * metres) ** 2)) @ basis + by_profile
-        # One basis for noise and road, so that every roughness is a division.
-        factor = np.linalg.cholesky(by_noise)
-        inverse = np.linalg.inv(factor)
-        values, vectors = np.linalg.eigh(inverse @ by_road @ inverse.T)
-        rotated = vectors.T @ (inverse @ contrast)
-        variance = 1.0 + np.clip(values, 0.0, None)[:, None] * _ROUGHNESS
-        log_likelihood[i] = -0.5 * (np.log(variance) + rotated[:, None] ** 2 / variance).sum(axis=0)
-        log_likelihood[i] -= np.log(np.diag(factor)).sum()
+    by_noise, by_mismatch = (basis.T * noise) @ basis, (basis.T * metres**2) @ basis
+    tried = [(mismatch, bend) for mismatch in _MISMATCH_PX for bend in _PROFILES]
+    fixed = np.array([by_noise + mismatch**2 * by_mismatch + bend**2 * by_profile for mismatch, bend in tried])
+    # One basis for everything else and the road, so that every roughness is a division.
+    factor = np.linalg.cholesky(fixed)
+    inverse = np.linalg.inv(factor)
+    values, vectors = np.linalg.eigh(inverse @ by_road @ np.swapaxes(inverse, 1, 2))
+    rotated = np.einsum("kji,kj->ki", vectors, inverse @ contrast)
+    variance = 1.0 + np.clip(values, 0.0, None)[..., None] * _ROUGHNESS
+    log_likelihood = -0.5 * (np.log(variance) + rotated[..., None] ** 2 / variance).sum(axis=1)
+    log_likelihood -= np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)[:, None]
     posterior = np.exp(log_likelihood - log_likelihood.max())
     posterior /= posterior.sum()
-    return float(posterior.sum(axis=0) @ _ROUGHNESS), float(np.sqrt(posterior.sum(axis=1) @ _MISMATCH_PX**2))
+    squares = posterior.sum(axis=1) @ np.array(tried) ** 2
+    return float(posterior.sum(axis=0) @ _ROUGHNESS), float(np.sqrt(squares[0])), float(np.sqrt(squares[1]))
 
 
 def measure_shape(xy: Array, surface: Surface) -> RoadShape:
