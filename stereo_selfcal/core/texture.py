@@ -21,6 +21,7 @@ from .corridor import FAR_M, HALF_WIDTH_M, Corridor, Floats, extrinsics_of, lay_
 from .extraction import Image
 from .extrinsics import Array, Extrinsics
 from .rig import StereoRig
+from .sampling import half_disparity, prepare, sample, usable_samples, warp
 from .unevenness import Cells, RoadShape, Surface, fit_surface, measure_shape
 
 # Error of the start that is found by search: what the issue asks for (60 mm, 0.5 deg, 2 deg) and a quarter more.
@@ -41,11 +42,8 @@ _ATTEMPTS = ((1.0, (2, 1)), (3.0, (1,)))
 _MOST_STEP_PX = 4.0  # beyond, the plane is not the one that was found
 # OpenCV interpolates at multiples of 1 / 32 px: an error of 0.009 px of a sample, of a cell's hundreds less than this.
 _FINEST_PX = 1e-3
-_SPARE_ROWS = 6  # above the corridor of the first pass, for those after it
 _STEP_LIMIT_PX = 2.0  # a cell does not move farther in one pass: beyond, the gradient says nothing
 
-_SATURATED = 250  # clipping begins a few levels before 255, by noise and interpolation
-_DARK = 3
 _TUKEY = 4.685
 _ABS_OF_SIGMA = 0.798  # mean absolute value of a Gaussian, sqrt(2 / pi)
 _CELL_SIGMAS = 3.0  # significance of a cell's texture: one cell in 700 without any passes
@@ -54,12 +52,6 @@ _LEAST_SEGMENTS = 3
 # samples count as one. It is an upper bound for samples farther apart.
 _CORRELATED_SAMPLES = 1.88
 _DECORRELATED_PX = 6.0  # correlation elsewhere is taken this far from the alignment
-
-# Stripes: brighter than the road on both sides at these distances [m] (stripes are 6 to 54 cm wide), by this many
-# standard deviations of what the road does there.
-_FLANKS_M = (0.2, 0.45)
-_PAINT_SIGMAS = 5.0
-_PAINT_MARGIN_M = 0.12
 
 # Enough texture: half the issue's tolerance between stripes and texture (30 mm, 0.25 deg, 0.8 deg), so that a right
 # estimate is not refused by the texture's own error more often than once in twenty times.
@@ -175,13 +167,13 @@ def _align(
         corridor = lay_out(rig, extrinsics_of(plane, rig), *layout, thinning=thinning)
         if corridor is None:
             return None
-        half = _half_disparity(corridor, plane, rig)
-        usable = _usable(images, corridor, half, rig, keep_paint)
+        half = half_disparity(corridor, plane, rig)
+        usable = usable_samples(images, corridor, half, rig, keep_paint)
         if prepared is None:
-            prepared = _prepare(images, blur_px, corridor)
+            prepared = prepare(images, blur_px, corridor)
         for last in (False, True) if thinning == thinnings[-1] else (False,):
-            half = _half_disparity(corridor, plane, rig)
-            warped = _warp(prepared, corridor, half)
+            half = half_disparity(corridor, plane, rig)
+            warped = warp(prepared, corridor, half)
             cells = _measure(warped, usable, corridor, blur_px)
             # A disparity that is too large by a pixel is a road too high by this much.
             metres = rig.fx * rig.baseline_m / np.linalg.norm(plane) / (corridor.cell_rays @ plane)
@@ -192,7 +184,7 @@ def _align(
                 return None
             plane = plane + surface.plane
     v = corridor.v - np.float32(prepared.first_row)
-    shifted = _sample(prepared.right, corridor.u - half - np.float32(_DECORRELATED_PX), v)
+    shifted = sample(prepared.right, corridor.u - half - np.float32(_DECORRELATED_PX), v)
     correlations = [_correlation(warped[0], right, cells.weights, corridor) for right in (warped[1], shifted)]
     return _report(rig, plane, corridor, surface, cells, (correlations[0], correlations[1]))
 
@@ -214,60 +206,6 @@ class _Cells:
     significant: npt.NDArray[np.bool_]
     sigmas: float
     weights: Floats
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Prepared:
-    """Both images, blurred along the rows, from a row on: grey value and its derivative as channels.
-
-    Attributes:
-        first_row: Row of the image that is row 0 here.
-        left: (H, W, 2).
-        right: (H, W, 2).
-    """
-
-    first_row: int
-    left: Floats
-    right: Floats
-
-
-def _prepare(images: tuple[Image, Image], blur_px: float, corridor: Corridor) -> _Prepared:
-    """Blur both images along the rows where the corridor is, and derive them."""
-    first = max(0, int(corridor.v.min()) - _SPARE_ROWS)
-    radius = int(np.ceil(4.0 * blur_px))
-    kernel = cv2.getGaussianKernel(2 * radius + 1, blur_px, cv2.CV_32F).ravel()
-    x = np.arange(-radius, radius + 1)
-    slope = (x * kernel / blur_px**2).astype(np.float32)  # correlated, not convolved: rises to the right
-    one = np.ones(1, np.float32)
-    both = []
-    for image in images:
-        part = image[first:]
-        both.append(cv2.merge([cv2.sepFilter2D(part, cv2.CV_32F, k, one) for k in (kernel, slope)]))
-    return _Prepared(first, both[0], both[1])
-
-
-def _sample(image: npt.NDArray[np.generic], u: Floats, v: Floats, how: int = cv2.INTER_CUBIC) -> Floats:
-    """Sample an image (H, W) or (H, W, 2) at N points, (N,) or (2, N)."""
-    shape = (-1, 256)
-    sampled = cv2.remap(image, u.reshape(shape), v.reshape(shape), how, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
-    if image.ndim == 2:
-        return np.asarray(sampled.reshape(-1))
-    return np.ascontiguousarray(sampled.reshape(-1, 2).T)
-
-
-def _half_disparity(corridor: Corridor, plane: Array, rig: StereoRig) -> Floats:
-    """Return half the disparity of the plane at each sample [px], (N,)."""
-    base = plane[0] + plane[1] * rig.cx / rig.fx + plane[2] * rig.cy / rig.fy
-    half: Floats = corridor.v * np.float32(-plane[2] / rig.fy / 2.0)
-    half += corridor.u * np.float32(-plane[1] / rig.fx / 2.0)
-    half += np.float32(base / 2.0)
-    return half
-
-
-def _warp(prepared: _Prepared, corridor: Corridor, half: Floats) -> tuple[Floats, Floats]:
-    """Sample grey values and derivatives of both images where the plane puts them, (2, N) each."""
-    v = corridor.v - np.float32(prepared.first_row)
-    return _sample(prepared.left, corridor.u + half, v), _sample(prepared.right, corridor.u - half, v)
 
 
 def _measure(warped: tuple[Floats, Floats], usable: Floats, corridor: Corridor, blur_px: float) -> _Cells:
@@ -319,53 +257,6 @@ def _gain(left: Floats, right: Floats, usable: Floats, corridor: Corridor) -> fl
     return float(np.clip((spreads[1] / spreads[0]) ** 0.25, 0.5, 2.0))
 
 
-def _usable(
-    images: tuple[Image, Image], corridor: Corridor, half: Floats, rig: StereoRig, keep_paint: bool
-) -> Floats:
-    """Return 1 for samples that are neither saturated nor paint, else 0."""
-    usable = np.ones(len(corridor.u), dtype=bool)
-    usable[corridor.n_samples :] = False
-    v = corridor.v.astype(np.intp)
-    px_per_m = half * np.float32(2.0 / rig.baseline_m)  # disparity over baseline
-    for image, sign in zip(images, (1.0, -1.0), strict=True):
-        exact = corridor.u + np.float32(sign) * half
-        u = np.rint(exact).astype(np.intp)
-        inside = (u >= 0) & (u < rig.width)
-        u = np.clip(u, 0, rig.width - 1)
-        grey = image[v, u]
-        usable &= inside & (grey < _SATURATED) & (grey > _DARK)
-        if not keep_paint and sign > 0.0:  # paint is seen alike by both
-            usable &= ~_paint(cv2.blur(image, (3, 3)), u, v, px_per_m)
-    return usable.astype(np.float32)
-
-
-def _paint(
-    image: Image, u: npt.NDArray[np.intp], v: npt.NDArray[np.intp], px_per_m: Floats
-) -> npt.NDArray[np.bool_]:
-    """Find samples that are brighter than the road on both sides of them."""
-    grey = image[v, u].astype(np.int16)
-    paint = np.zeros(len(u), dtype=bool)
-    last = image.shape[1] - 1
-    for flank_m in _FLANKS_M:
-        reach = (flank_m * px_per_m).astype(np.intp)
-        beside = np.maximum(image[v, np.clip(u - reach, 0, last)], image[v, np.clip(u + reach, 0, last)])
-        contrast = grey - beside
-        # The road itself, below the median, where no paint is: a quarter of a Gaussian lies below -0.674 sigma.
-        quarter, half = np.percentile(contrast[::7], (25, 50))
-        sigma = max((half - quarter) / 0.674, 1.0)
-        paint |= contrast > half + _PAINT_SIGMAS * sigma
-    if not paint.any():
-        return paint
-    # A margin to both sides, in whole samples of the row.
-    spread = np.flatnonzero(paint)
-    margin = np.maximum(1, (_PAINT_MARGIN_M * px_per_m[spread]).astype(np.intp))
-    edge = np.zeros(len(u) + 1, dtype=np.int32)
-    np.add.at(edge, np.maximum(spread - margin, 0), 1)
-    np.add.at(edge, np.minimum(spread + margin + 1, len(u)), -1)
-    widened: npt.NDArray[np.bool_] = np.cumsum(edge[:-1]) > 0
-    return widened
-
-
 def _search(
     images: tuple[Image, Image], rig: StereoRig, start: Array, layout: _Layout
 ) -> Array | None:
@@ -387,7 +278,7 @@ def _search(
     most = int(np.ceil(np.abs(displacements).max())) + 1
     first = int(corridor.v.min())
     grey = [cv2.GaussianBlur(image[first:], _SEARCH_KERNEL, _SEARCH_BLUR_PX) for image in images]
-    correlations = _correlate(grey, first, corridor, _half_disparity(corridor, start, rig), most)
+    correlations = _correlate(grey, first, corridor, half_disparity(corridor, start, rig), most)
     position = displacements + most
     below = position.astype(np.intp)
     part = position - below
@@ -403,7 +294,7 @@ def _correlate(grey: list[Image], first_row: int, corridor: Corridor, half: Floa
     inside = (np.arange(len(v)) < corridor.n_samples).astype(np.float32)
 
     def centred(image: Image, u: Floats) -> Floats:
-        values = _sample(image, u, v, cv2.INTER_LINEAR).astype(np.float32)
+        values = sample(image, u, v, cv2.INTER_LINEAR).astype(np.float32)
         return (values - corridor.to_samples(corridor.segment_sums(values) / corridor.lengths)) * inside
 
     left = centred(grey[0], corridor.u + half)

@@ -1,0 +1,125 @@
+"""Samples of both images where a plane puts them, and which of them show asphalt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from .corridor import Corridor, Floats
+from .extraction import Image
+from .extrinsics import Array
+from .rig import StereoRig
+
+_SPARE_ROWS = 6  # above the corridor of the first pass, for those after it
+_SATURATED = 250  # clipping begins a few levels before 255, by noise and interpolation
+_DARK = 3
+
+# Stripes: brighter than the road on both sides at these distances [m] (stripes are 6 to 54 cm wide), by this many
+# standard deviations of what the road does there.
+_FLANKS_M = (0.2, 0.45)
+_PAINT_SIGMAS = 5.0
+_PAINT_MARGIN_M = 0.12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prepared:
+    """Both images, blurred along the rows, from a row on: grey value and its derivative as channels.
+
+    Attributes:
+        first_row: Row of the image that is row 0 here.
+        left: (H, W, 2).
+        right: (H, W, 2).
+    """
+
+    first_row: int
+    left: Floats
+    right: Floats
+
+
+def prepare(images: tuple[Image, Image], blur_px: float, corridor: Corridor) -> Prepared:
+    """Blur both images along the rows where the corridor is, and derive them."""
+    first = max(0, int(corridor.v.min()) - _SPARE_ROWS)
+    radius = int(np.ceil(4.0 * blur_px))
+    kernel = cv2.getGaussianKernel(2 * radius + 1, blur_px, cv2.CV_32F).ravel()
+    x = np.arange(-radius, radius + 1)
+    slope = (x * kernel / blur_px**2).astype(np.float32)  # correlated, not convolved: rises to the right
+    one = np.ones(1, np.float32)
+    both = []
+    for image in images:
+        part = image[first:]
+        both.append(cv2.merge([cv2.sepFilter2D(part, cv2.CV_32F, k, one) for k in (kernel, slope)]))
+    return Prepared(first, both[0], both[1])
+
+
+def sample(image: npt.NDArray[np.generic], u: Floats, v: Floats, how: int = cv2.INTER_CUBIC) -> Floats:
+    """Sample an image (H, W) or (H, W, 2) at N points, (N,) or (2, N)."""
+    shape = (-1, 256)
+    sampled = cv2.remap(image, u.reshape(shape), v.reshape(shape), how, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+    if image.ndim == 2:
+        return np.asarray(sampled.reshape(-1))
+    return np.ascontiguousarray(sampled.reshape(-1, image.shape[2]).T)
+
+
+def half_disparity(corridor: Corridor, plane: Array, rig: StereoRig) -> Floats:
+    """Return half the disparity of the plane at each sample [px], (N,)."""
+    base = plane[0] + plane[1] * rig.cx / rig.fx + plane[2] * rig.cy / rig.fy
+    half: Floats = corridor.v * np.float32(-plane[2] / rig.fy / 2.0)
+    half += corridor.u * np.float32(-plane[1] / rig.fx / 2.0)
+    half += np.float32(base / 2.0)
+    return half
+
+
+def warp(prepared: Prepared, corridor: Corridor, half: Floats) -> tuple[Floats, Floats]:
+    """Sample grey values and derivatives of both images where the plane puts them, (2, N) each."""
+    v = corridor.v - np.float32(prepared.first_row)
+    return sample(prepared.left, corridor.u + half, v), sample(prepared.right, corridor.u - half, v)
+
+
+def usable_samples(
+    images: tuple[Image, Image], corridor: Corridor, half: Floats, rig: StereoRig, keep_paint: bool
+) -> Floats:
+    """Return 1 for samples that are neither saturated nor paint, else 0."""
+    usable = np.ones(len(corridor.u), dtype=bool)
+    usable[corridor.n_samples :] = False
+    v = corridor.v.astype(np.intp)
+    px_per_m = half * np.float32(2.0 / rig.baseline_m)  # disparity over baseline
+    for image, sign in zip(images, (1.0, -1.0), strict=True):
+        exact = corridor.u + np.float32(sign) * half
+        u = np.rint(exact).astype(np.intp)
+        inside = (u >= 0) & (u < rig.width)
+        u = np.clip(u, 0, rig.width - 1)
+        grey = image[v, u]
+        usable &= inside & (grey < _SATURATED) & (grey > _DARK)
+        if not keep_paint and sign > 0.0:  # paint is seen alike by both
+            usable &= ~_paint(cv2.blur(image, (3, 3)), u, v, px_per_m)
+    return usable.astype(np.float32)
+
+
+def _paint(
+    image: Image, u: npt.NDArray[np.intp], v: npt.NDArray[np.intp], px_per_m: Floats
+) -> npt.NDArray[np.bool_]:
+    """Find samples that are brighter than the road on both sides of them."""
+    grey = image[v, u].astype(np.int16)
+    paint = np.zeros(len(u), dtype=bool)
+    last = image.shape[1] - 1
+    for flank_m in _FLANKS_M:
+        reach = (flank_m * px_per_m).astype(np.intp)
+        beside = np.maximum(image[v, np.clip(u - reach, 0, last)], image[v, np.clip(u + reach, 0, last)])
+        contrast = grey - beside
+        # The road itself, below the median, where no paint is: a quarter of a Gaussian lies below -0.674 sigma.
+        quarter, half = np.percentile(contrast[::7], (25, 50))
+        sigma = max((half - quarter) / 0.674, 1.0)
+        paint |= contrast > half + _PAINT_SIGMAS * sigma
+    if not paint.any():
+        return paint
+    # A margin to both sides, in whole samples of the row.
+    spread = np.flatnonzero(paint)
+    margin = np.maximum(1, (_PAINT_MARGIN_M * px_per_m[spread]).astype(np.intp))
+    edge = np.zeros(len(u) + 1, dtype=np.int32)
+    np.add.at(edge, np.maximum(spread - margin, 0), 1)
+    np.add.at(edge, np.minimum(spread + margin + 1, len(u)), -1)
+    widened: npt.NDArray[np.bool_] = np.cumsum(edge[:-1]) > 0
+    return widened
