@@ -1,7 +1,7 @@
 """Vertical offset between the images of a pair: zero where they are rectified.
 
-Measured on the road, whose disparity is known once the plane is; the rows of both images are moved against each
-other until the grey values agree.
+Measured on the road, whose disparity is known once the plane is; the rows of both images are moved against
+each other until the grey values agree.
 """
 
 from __future__ import annotations
@@ -22,10 +22,13 @@ _KERNEL = (9, 9)
 _MOST_PX = 4  # searched, in whole rows, to either side: more is seen by the eye
 _PASSES = 3
 _THINNING = 2
-_LEAST_CELLS = 6
+_LEAST_CELLS = 12  # six for each of the two numbers: their scatter is the uncertainty
 _LEAST_INFORMATION = 0.2  # of a cell's vertical gradients, what the horizontal ones do not explain
 _CELL_SIGMAS = 3.0
-_CORRELATED_SAMPLES = 4.0  # of noise blurred by 1 px in both directions, 4 pi sigma^2 pixels, of every second pixel
+_CORRELATED_SAMPLES = (
+    4.0  # of noise blurred by 1 px in both directions, 4 pi sigma^2 pixels, of every second pixel
+)
+_QUANTISATION = 1.0 / 12.0 / 6.0  # variance of a whole grey value, less by the blur
 _TUKEY_SIGMAS = 4.685
 _REWEIGHTINGS = 8
 _SIGMA_OVER_MAD = 1.4826
@@ -108,7 +111,9 @@ def _with_slopes(image: Image) -> Floats:
     return np.asarray(cv2.merge([smooth, *along]))
 
 
-def _search(left: Floats, right: Floats, corridor: Corridor, half: Floats, v: Floats, usable: Floats) -> float:
+def _search(
+    left: Floats, right: Floats, corridor: Corridor, half: Floats, v: Floats, usable: Floats
+) -> float:
     """Return the offset in whole rows at which both images correlate best, summed over the cells."""
     best = []
     fixed, moving = (np.ascontiguousarray(image[..., 0]) for image in (left, right))
@@ -116,7 +121,7 @@ def _search(left: Floats, right: Floats, corridor: Corridor, half: Floats, v: Fl
     for rows in range(-_MOST_PX, _MOST_PX + 1):
         moved = sample(moving, corridor.u - half, v + np.float32(rows), cv2.INTER_LINEAR)
         squares = [_products(a, b, usable, corridor) for a, b in ((reference, moved), (moved, moved))]
-        best.append(float((squares[0] / np.sqrt(squares[1] + 1e-3)).sum()))
+        best.append(float((squares[0] / np.sqrt(np.maximum(squares[1], 1.0))).sum()))
     return float(np.argmax(best) - _MOST_PX)
 
 
@@ -128,12 +133,14 @@ def _products(a: Floats, b: Floats, weights: Floats, corridor: Corridor) -> Arra
 def _segment_products(a: Floats, b: Floats, weights: Floats, corridor: Corridor) -> Array:
     sums = corridor.segment_sums
     weighted = weights * a
-    products: Array = sums(weighted * b) - sums(weighted) * sums(weights * b) / np.maximum(sums(weights), 1e-6)
+    products: Array = sums(weighted * b) - sums(weighted) * sums(weights * b) / np.maximum(
+        sums(weights), 1e-6
+    )
     return products
 
 
 def _displacements(left: Floats, right: Floats, usable: Floats, corridor: Corridor) -> tuple[Array, Array]:
-    """Return the vertical displacement of the cells [px] and its variance; infinite where there is no texture."""
+    """Return the vertical displacement of the cells [px] and its variance; infinite without texture."""
     scale = np.sqrt(
         _products(left[0], left[0], usable, corridor).sum()
         / max(_products(right[0], right[0], usable, corridor).sum(), 1e-6)
@@ -145,7 +152,7 @@ def _displacements(left: Floats, right: Floats, usable: Floats, corridor: Corrid
     # Gradients of one image by those of the other: noise alone leaves nothing.
     common = np.array([[_products(a, b, usable, corridor) for b in right[1:]] for a in left[1:]])
     common = (common + common.swapaxes(0, 1)) / 2
-    alone = [_products(image[2], image[2], usable, corridor) for image in (left, right)]
+    alone = [np.clip(_products(image[2], image[2], usable, corridor), 0.0, None) for image in (left, right)]
     count = np.maximum(corridor.cell_sums(corridor.segment_sums(usable)), 1.0)
     seen = common[1, 1] > _CELL_SIGMAS * np.sqrt(alone[0] * alone[1] * _CORRELATED_SAMPLES / count)
     seen &= common[0, 0] > 0.0
@@ -154,7 +161,7 @@ def _displacements(left: Floats, right: Floats, usable: Floats, corridor: Corrid
     along = common[0, 1] / np.where(seen, common[0, 0], 1.0)
     rest = gradient[1] - along * gradient[0]
     safe = np.where(seen, by_row, 1.0)
-    noise = _products(difference, difference, usable, corridor) / count
+    noise = np.maximum(_products(difference, difference, usable, corridor) / count, _QUANTISATION)
     # The right image lies lower by the displacement: its grey values there, less those on the left, fall.
     return np.where(seen, rest / safe, 0.0), np.where(seen, noise / safe, np.inf)
 
@@ -179,7 +186,7 @@ def _combine(cells: Array, variance: Array, columns: Array) -> VerticalOffset | 
             weights = 1.0 / np.maximum(residual, 0.1 * scale)
         else:
             weights = np.clip(1.0 - (residual / (_TUKEY_SIGMAS * scale)) ** 2, 0.0, None) ** 2
-    covariance = np.linalg.pinv(normal, hermitian=True) * scale**2
+    covariance = np.linalg.pinv(normal, hermitian=True) * scale**2 * len(target) / (len(target) - 2)
     std = np.sqrt(np.diag(covariance))
     used = int(np.count_nonzero(weights))
     return VerticalOffset(float(solution[0]), float(std[0]), float(solution[1]), float(std[1]), used)

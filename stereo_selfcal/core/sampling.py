@@ -17,8 +17,8 @@ _SPARE_ROWS = 6  # above the corridor of the first pass, for those after it
 _SATURATED = 250  # clipping begins a few levels before 255, by noise and interpolation
 _DARK = 3
 
-# Stripes: brighter than the road on both sides at these distances [m] (stripes are 6 to 54 cm wide), by this many
-# standard deviations of what the road does there.
+# Stripes: brighter than the road on both sides at these distances [m] (stripes are 6 to 54 cm wide), by this
+# many standard deviations of what the road does there.
 _FLANKS_M = (0.2, 0.45)
 _PAINT_SIGMAS = 5.0
 _PAINT_MARGIN_M = 0.12
@@ -51,13 +51,13 @@ def prepare(images: tuple[Image, Image], blur_px: float, corridor: Corridor) -> 
     for image in images:
         part = image[first:]
         both.append(cv2.merge([cv2.sepFilter2D(part, cv2.CV_32F, k, one) for k in (kernel, slope)]))
-    return Prepared(first, both[0], both[1])
+    return Prepared(first, np.asarray(both[0], np.float32), np.asarray(both[1], np.float32))
 
 
-def sample(image: npt.NDArray[np.generic], u: Floats, v: Floats, how: int = cv2.INTER_CUBIC) -> Floats:
+def sample(image: Floats | Image, u: Floats, v: Floats, how: int = cv2.INTER_CUBIC) -> Floats:
     """Sample an image (H, W) or (H, W, 2) at N points, (N,) or (2, N)."""
     shape = (-1, 256)
-    sampled = cv2.remap(image, u.reshape(shape), v.reshape(shape), how, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+    sampled = cv2.remap(image, u.reshape(shape), v.reshape(shape), how, borderMode=cv2.BORDER_REPLICATE)
     if image.ndim == 2:
         return np.asarray(sampled.reshape(-1))
     return np.ascontiguousarray(sampled.reshape(-1, image.shape[2]).T)
@@ -72,10 +72,24 @@ def half_disparity(corridor: Corridor, plane: Array, rig: StereoRig) -> Floats:
     return half
 
 
-def warp(prepared: Prepared, corridor: Corridor, half: Floats) -> tuple[Floats, Floats]:
-    """Sample grey values and derivatives of both images where the plane puts them, (2, N) each."""
+def warp(
+    prepared: Prepared, corridor: Corridor, half: Floats, vertical_px: float = 0.0, shift_px: float = 0.0
+) -> tuple[Floats, Floats]:
+    """Sample grey values and derivatives of both images where the plane puts them, (2, N) each.
+
+    Args:
+        prepared: The images.
+        corridor: Where to sample.
+        half: (N,) half the disparity [px].
+        vertical_px: Row of a point in the right image minus that in the left one.
+        shift_px: Wrong disparity added, to see what changes.
+    """
     v = corridor.v - np.float32(prepared.first_row)
-    return sample(prepared.left, corridor.u + half, v), sample(prepared.right, corridor.u - half, v)
+    half = half + np.float32(shift_px / 2.0)
+    tilt = np.float32(vertical_px / 2.0)
+    return sample(prepared.left, corridor.u + half, v - tilt), sample(
+        prepared.right, corridor.u - half, v + tilt
+    )
 
 
 def usable_samples(
@@ -94,7 +108,7 @@ def usable_samples(
         grey = image[v, u]
         usable &= inside & (grey < _SATURATED) & (grey > _DARK)
         if not keep_paint and sign > 0.0:  # paint is seen alike by both
-            usable &= ~_paint(cv2.blur(image, (3, 3)), u, v, px_per_m)
+            usable &= ~_paint(np.asarray(cv2.blur(image, (3, 3)), np.uint8), u, v, px_per_m)
     return usable.astype(np.float32)
 
 
@@ -109,7 +123,7 @@ def _paint(
         reach = (flank_m * px_per_m).astype(np.intp)
         beside = np.maximum(image[v, np.clip(u - reach, 0, last)], image[v, np.clip(u + reach, 0, last)])
         contrast = grey - beside
-        # The road itself, below the median, where no paint is: a quarter of a Gaussian lies below -0.674 sigma.
+        # The road itself, below the median, where no paint is: a quarter of a Gaussian lies below -0.674.
         quarter, half = np.percentile(contrast[::7], (25, 50))
         sigma = max((half - quarter) / 0.674, 1.0)
         paint |= contrast > half + _PAINT_SIGMAS * sigma

@@ -5,8 +5,8 @@ of grey values (Lucas and Kanade, IJCAI 1981), both images moved by half the dis
 blurs both alike. Cell by cell, the differences give the height of the road over the plane; how the cells make
 one plane, and how sure it is, is :mod:`stereo_selfcal.core.unevenness`.
 
-Noise that is independent in the two cameras does not pass for texture: the information of a cell is the product
-of the gradients in the left and in the right image, which noise alone leaves at zero.
+Noise that is independent in the two cameras does not pass for texture: the information of a cell is the
+product of the gradients in the left and in the right image, which noise alone leaves at zero.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from .rig import StereoRig
 from .sampling import half_disparity, prepare, sample, usable_samples, warp
 from .unevenness import Cells, RoadShape, Surface, fit_surface, measure_shape
 
-# Error of the start that is found by search: what the issue asks for (60 mm, 0.5 deg, 2 deg) and a quarter more.
+# Error of the start that is found by search: a kerb's (60 mm), a frame's pitching (0.5 deg), another lane's
+# cross slope (2 deg), and a quarter more.
 SEARCH_HEIGHT_M, SEARCH_PITCH_RAD, SEARCH_ROLL_RAD = 0.075, np.radians(0.65), np.radians(2.5)
 _Layout = tuple[float, tuple[float, float], float]  # arguments of lay_out: yaw, limits, far end
 _SEARCHED = np.array([SEARCH_HEIGHT_M, SEARCH_PITCH_RAD, SEARCH_ROLL_RAD])
@@ -35,12 +36,12 @@ _SEARCH_STEP_PX = 1.0
 _SEARCH_MOST_STEPS = 7  # to either side of the start, of each of the three numbers
 _SEARCH_THINNING = 3
 
-# Below a blur of 0.8 px the interpolation is not the same for all parts of a pixel; above 1.2 px fine grains are lost.
-# Blur along the row [px] and thinning of the samples in each pass. Where the first attempt does not find enough
-# texture, the second gives up detail for a noise that is less by the root of the blur, and takes all samples.
+# Blur along the row [px] and thinning of the samples in each pass. With less blur than a pixel, interpolation
+# does not treat all parts of a pixel alike. Where the first attempt does not find enough texture, the
+# second gives up detail for a noise that is less by the root of the blur.
 _ATTEMPTS = ((1.0, (2, 1)), (3.0, (1,)))
 _MOST_STEP_PX = 4.0  # beyond, the plane is not the one that was found
-# OpenCV interpolates at multiples of 1 / 32 px: an error of 0.009 px of a sample, of a cell's hundreds less than this.
+# OpenCV interpolates at multiples of 1 / 32 px: an error of 0.009 px of a sample; of a cell's hundreds, this.
 _FINEST_PX = 1e-3
 _STEP_LIMIT_PX = 2.0  # a cell does not move farther in one pass: beyond, the gradient says nothing
 
@@ -48,13 +49,13 @@ _TUKEY = 4.685
 _ABS_OF_SIGMA = 0.798  # mean absolute value of a Gaussian, sqrt(2 / pi)
 _CELL_SIGMAS = 3.0  # significance of a cell's texture: one cell in 700 without any passes
 _LEAST_SEGMENTS = 3
-# Sum of the squared autocorrelation, at whole pixels, of the derivative of noise, per pixel of its blur: so many
-# samples count as one. It is an upper bound for samples farther apart.
+# Sum of the squared autocorrelation, at whole pixels, of the derivative of noise, per pixel of its blur: so
+# many samples count as one. It is an upper bound for samples farther apart.
 _CORRELATED_SAMPLES = 1.88
 _DECORRELATED_PX = 6.0  # correlation elsewhere is taken this far from the alignment
 
-# Enough texture: half the issue's tolerance between stripes and texture (30 mm, 0.25 deg, 0.8 deg), so that a right
-# estimate is not refused by the texture's own error more often than once in twenty times.
+# Enough texture: half the tolerance between stripes and texture (30 mm, 0.25 deg, 0.8 deg), so that the
+# texture's own error does not refuse a right estimate more often than once in twenty times.
 MAX_STD = np.array([0.015, np.radians(0.125), np.radians(0.4)])
 MIN_SIGMAS = 8.0
 MIN_CELL_SHARE = 0.4
@@ -69,7 +70,7 @@ class TextureQuality:
         cell_share: Part of the corridor's area in cells with significant texture that agree with the plane.
         pixel_share: Part of the samples that were used: not saturated, no paint, no outlier.
         correlation: Of the grey values of both images, rows' means removed, after alignment.
-        correlation_elsewhere: The same with the right image moved by 6 px.
+        correlation_elsewhere: The same with a disparity that is wrong by 6 px.
         noise_std: (height [m], pitch [rad], roll [rad]) standard deviations by the images' noise alone.
     """
 
@@ -122,6 +123,7 @@ def align_texture(
     limits_m: tuple[float, float] = (-HALF_WIDTH_M, HALF_WIDTH_M),
     far_m: float = FAR_M,
     keep_paint: bool = False,
+    vertical_px: float = 0.0,
 ) -> TextureFit | None:
     """Align the grey values of the road before the camera.
 
@@ -133,6 +135,7 @@ def align_texture(
         limits_m: Right and left limit of the corridor beside the camera [m], left positive.
         far_m: End of the corridor [m].
         keep_paint: Whether to use painted stripes as well; without them the answer is independent of theirs.
+        vertical_px: Row of a point in the right image minus that in the left one, where it is known.
 
     Returns:
         The fit with its verdict, or None where nothing could be aligned.
@@ -143,8 +146,10 @@ def align_texture(
         return None
     best = None
     for blur, thinnings in _ATTEMPTS:
-        fit = _align(images, rig, searched, layout, blur, thinnings, keep_paint)
-        if fit is None or not np.all(np.abs(fit.extrinsics.as_array() - start.as_array()) < _MOST_RUN * _SEARCHED):
+        fit = _align(images, rig, searched, layout, blur, thinnings, keep_paint, vertical_px)
+        if fit is None or not np.all(
+            np.abs(fit.extrinsics.as_array() - start.as_array()) < _MOST_RUN * _SEARCHED
+        ):
             continue
         best = fit
         if fit.enough_texture:
@@ -160,10 +165,12 @@ def _align(
     blur_px: float,
     thinnings: tuple[int, ...],
     keep_paint: bool,
+    vertical_px: float,
 ) -> TextureFit | None:
     """Align from a plane on that is good to about a pixel: one pass for each thinning, and a last one."""
     prepared = None
-    for thinning in thinnings:
+    for i, thinning in enumerate(thinnings):
+        last = i == len(thinnings) - 1
         corridor = lay_out(rig, extrinsics_of(plane, rig), *layout, thinning=thinning)
         if corridor is None:
             return None
@@ -171,22 +178,23 @@ def _align(
         usable = usable_samples(images, corridor, half, rig, keep_paint)
         if prepared is None:
             prepared = prepare(images, blur_px, corridor)
-        for last in (False, True) if thinning == thinnings[-1] else (False,):
+        for final in (False, True) if last else (False,):
             half = half_disparity(corridor, plane, rig)
-            warped = warp(prepared, corridor, half)
+            warped = warp(prepared, corridor, half, vertical_px)
             cells = _measure(warped, usable, corridor, blur_px)
             # A disparity that is too large by a pixel is a road too high by this much.
             metres = rig.fx * rig.baseline_m / np.linalg.norm(plane) / (corridor.cell_rays @ plane)
             heights = np.where(cells.significant, cells.displacement * metres, np.nan)
             road = Cells(heights, cells.variance * metres**2, metres, corridor.cell_xy)
-            surface = fit_surface(road, corridor.cell_rays * metres[:, None], final=last)
+            surface = fit_surface(road, corridor.cell_rays * metres[:, None], final=final)
             if surface is None or np.abs(corridor.cell_rays @ surface.plane).max() > _MOST_STEP_PX:
                 return None
             plane = plane + surface.plane
-    v = corridor.v - np.float32(prepared.first_row)
-    shifted = sample(prepared.right, corridor.u - half - np.float32(_DECORRELATED_PX), v)
-    correlations = [_correlation(warped[0], right, cells.weights, corridor) for right in (warped[1], shifted)]
-    return _report(rig, plane, corridor, surface, cells, (correlations[0], correlations[1]))
+        if last:
+            wrong = warp(prepared, corridor, half, vertical_px, _DECORRELATED_PX)
+            correlations = [_correlation(*pair, cells.weights, corridor) for pair in (warped, wrong)]
+            return _report(rig, plane, corridor, surface, cells, (correlations[0], correlations[1]))
+    return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -257,9 +265,7 @@ def _gain(left: Floats, right: Floats, usable: Floats, corridor: Corridor) -> fl
     return float(np.clip((spreads[1] / spreads[0]) ** 0.25, 0.5, 2.0))
 
 
-def _search(
-    images: tuple[Image, Image], rig: StereoRig, start: Array, layout: _Layout
-) -> Array | None:
+def _search(images: tuple[Image, Image], rig: StereoRig, start: Array, layout: _Layout) -> Array | None:
     """Try planes around the start; return the one under which the most cells correlate."""
     pose = extrinsics_of(start, rig)
     corridor = lay_out(rig, pose, *layout, thinning=_SEARCH_THINNING)
@@ -273,11 +279,14 @@ def _search(
         reach = float(np.abs(corridor.cell_rays @ change).max())
         n = min(_SEARCH_MOST_STEPS, int(np.ceil(reach / _SEARCH_STEP_PX)))
         changes.append(np.linspace(-1.0, 1.0, 2 * n + 1)[:, None] * change)
-    candidates = (changes[0][:, None, None] + changes[1][None, :, None] + changes[2][None, None]).reshape(-1, 3)
+    candidates = (changes[0][:, None, None] + changes[1][None, :, None] + changes[2][None, None]).reshape(
+        -1, 3
+    )
     displacements = candidates @ corridor.cell_rays.T
     most = int(np.ceil(np.abs(displacements).max())) + 1
     first = int(corridor.v.min())
-    grey = [cv2.GaussianBlur(image[first:], _SEARCH_KERNEL, _SEARCH_BLUR_PX) for image in images]
+    blurred = (cv2.GaussianBlur(image[first:], _SEARCH_KERNEL, _SEARCH_BLUR_PX) for image in images)
+    grey = [np.asarray(image, np.uint8) for image in blurred]
     correlations = _correlate(grey, first, corridor, half_disparity(corridor, start, rig), most)
     position = displacements + most
     below = position.astype(np.intp)
@@ -316,7 +325,9 @@ def _correlation(left: Floats, right: Floats, weights: Floats, corridor: Corrido
     w_left, w_right = weights * left, weights * right
     s_left, s_right = sums(w_left), sums(w_right)
     both = (sums(w_left * right) - s_left * s_right / total).sum()
-    squares = (sums(w_left * left) - s_left**2 / total).sum() * (sums(w_right * right) - s_right**2 / total).sum()
+    squares = (sums(w_left * left) - s_left**2 / total).sum() * (
+        sums(w_right * right) - s_right**2 / total
+    ).sum()
     return float(both / np.sqrt(squares + 1e-6))
 
 
@@ -333,7 +344,8 @@ def _report(
     step = 1e-6 * float(np.linalg.norm(plane))
     by_plane = np.column_stack(
         [
-            (extrinsics_of(plane + s, rig).as_array() - extrinsics_of(plane - s, rig).as_array()) / (2.0 * step)
+            (extrinsics_of(plane + s, rig).as_array() - extrinsics_of(plane - s, rig).as_array())
+            / (2.0 * step)
             for s in np.eye(3) * step
         ]
     )

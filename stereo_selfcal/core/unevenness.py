@@ -17,13 +17,13 @@ import numpy as np
 
 from .extrinsics import Array
 
-# The spectrum of a road falls with its waviness as the power: 2 in ISO 8608's definition, 2.5 in the middle of what
-# is measured (1.5 to 3.5, the smoother the road, the steeper). Squared differences of heights grow with the
+# The spectrum of a road falls with its waviness as the power: 2 in ISO 8608's definition, 2.5 in the middle of
+# what is measured (1.5 to 3.5, the smoother the road, the steeper). Squared differences of heights grow with the
 # power of waviness - 1 of the distance.
 _WAVINESS = 2.5
 _EXPONENT = _WAVINESS - 1.0
-# D tried: class A of ISO 8608 has a spectrum of 16e-6 m^3 at 0.1 cycles/m, and twice the integral of the spectrum
-# times (1 - cos) over all wave numbers is 2.7e-6 m^2 / m^1.5: 9 mm between points 10 m apart. Each class
+# D tried: class A of ISO 8608 has a spectrum of 16e-6 m^3 at 0.1 cycles/m, and twice the integral of the
+# spectrum times (1 - cos) over all wave numbers is 2.7e-6 m^2 / m^1.5: 9 mm between points 10 m apart. Each class
 # has four times that of the one before it; tried from a thousandth, a plane in practice, to a field track.
 _CLASS_A = 2.7e-6
 _ROUGHNESS = _CLASS_A * 4.0 ** np.arange(-5.0, 5.0, 0.5)
@@ -131,7 +131,12 @@ def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface |
     alike = np.exp(-0.5 * ((lateral[:, None] - lateral) / _PROFILE_LENGTH_M) ** 2)
     profile = bent[:, None] * bent * alike
     reach = np.linalg.norm(at, axis=1)
-    typical = noise + (_TYPICAL_MISMATCH_PX * cells.metres[seen]) ** 2 + _TYPICAL_ROUGHNESS * reach**_EXPONENT + bent**2
+    typical = (
+        noise
+        + (_TYPICAL_MISMATCH_PX * cells.metres[seen]) ** 2
+        + _TYPICAL_ROUGHNESS * reach**_EXPONENT
+        + bent**2
+    )
     weights, allowed = _robust_weights(y, x, np.sqrt(typical))
     # An outlier is a cell with a larger variance: it tells less of the plane.
     inflated = noise + allowed**2 * (1.0 / np.maximum(weights, _LEAST_WEIGHT) - 1.0)
@@ -162,7 +167,7 @@ def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface |
 
 
 def _robust_weights(y: Array, x: Array, sigma: Array) -> tuple[Array, Array]:
-    """Return the weights (S,) of a robust fit, from least absolute deviations on, and the scale (S,) of heights."""
+    """Return the weights (S,) of a robust fit, from least absolute deviations on, and the scale (S,)."""
     rows, target = x / sigma[:, None], y / sigma
     weights, scale = np.ones(len(y)), 1.0
     for i in range(2 * _REWEIGHTINGS):
@@ -181,14 +186,16 @@ def _likely(
 ) -> tuple[float, float, float]:
     """Return roughness [m^2/m^1.5], mismatch [px] and factor on the profile: means of their posterior.
 
-    It is the restricted likelihood: of the contrasts that no plane changes. All tried values are equally probable
-    before.
+    It is the restricted likelihood: of the contrasts that no plane changes. Before, all values tried are
+    equally probable.
     """
     basis = np.linalg.qr(x, mode="complete")[0][:, x.shape[1] :]
     contrast, by_road, by_profile = basis.T @ y, basis.T @ kernel @ basis, basis.T @ profile @ basis
     by_noise, by_mismatch = (basis.T * noise) @ basis, (basis.T * metres**2) @ basis
     tried = [(mismatch, bend) for mismatch in _MISMATCH_PX for bend in _PROFILES]
-    fixed = np.array([by_noise + mismatch**2 * by_mismatch + bend**2 * by_profile for mismatch, bend in tried])
+    fixed = np.array(
+        [by_noise + mismatch**2 * by_mismatch + bend**2 * by_profile for mismatch, bend in tried]
+    )
     # One basis for everything else and the road, so that every roughness is a division.
     factor = np.linalg.cholesky(fixed)
     inverse = np.linalg.inv(factor)
@@ -224,7 +231,7 @@ def measure_shape(xy: Array, surface: Surface) -> RoadShape:
     rest = heights - design @ solution
     birge = max(1.0, float((weights * rest**2).sum()) / max(len(x) - design.shape[1], 1))
     std = np.sqrt(np.diag(inverse) * birge)
-    # z = a s^2: the mean slopes of both halves differ by 2 a / half length; of one half against level, a / it.
+    # z = a s^2: the mean slopes of both halves differ by 2 a / half length; one has a / half length.
     return RoadShape(
         slope_change_rad=float(2.0 * solution[3] / along),
         slope_change_std_rad=float(2.0 * std[3] / along),
