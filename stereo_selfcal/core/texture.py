@@ -49,14 +49,17 @@ _TUKEY = 4.685
 _ABS_OF_SIGMA = 0.798  # mean absolute value of a Gaussian, sqrt(2 / pi)
 _CELL_SIGMAS = 3.0  # significance of a cell's texture: one cell in 700 without any passes
 _LEAST_SEGMENTS = 3
+_ROUNDING = 1.0 / 12.0  # variance of rounding to whole grey levels: less is the steps of a smooth shade
 # Sum of the squared autocorrelation, at whole pixels, of the derivative of noise, per pixel of its blur: so
 # many samples count as one. It is an upper bound for samples farther apart.
 _CORRELATED_SAMPLES = 1.88
 _DECORRELATED_PX = 6.0  # correlation elsewhere is taken this far from the alignment
 
-# Enough texture: half the tolerance between stripes and texture (30 mm, 0.25 deg, 0.8 deg), so that the
-# texture's own error does not refuse a right estimate more often than once in twenty times.
-MAX_STD = np.array([0.015, np.radians(0.125), np.radians(0.4)])
+# What stripes and texture have to agree within (height [m], pitch, roll [rad]); beyond, it is another road.
+AGREEMENT = np.array([0.030, np.radians(0.25), np.radians(0.8)])
+# Enough texture: noise decides less than a third of that, one false alarm in 370. The whole uncertainty, with
+# the road's own shape, has to be below it: else the comparison says nothing.
+MAX_NOISE_STD = AGREEMENT / 3.0
 MIN_SIGMAS = 8.0
 MIN_CELL_SHARE = 0.4
 
@@ -106,12 +109,17 @@ class TextureFit:
 
     @property
     def enough_texture(self) -> bool:
-        """Whether the estimate can be compared with another one."""
-        std = np.sqrt(np.diag(self.covariance))
-        quality = self.quality
+        """Whether both images see the same texture, on enough of the road, for an estimate."""
         return bool(
-            np.all(std <= MAX_STD) and quality.sigmas >= MIN_SIGMAS and quality.cell_share >= MIN_CELL_SHARE
+            np.all(np.array(self.quality.noise_std) <= MAX_NOISE_STD)
+            and self.quality.sigmas >= MIN_SIGMAS
+            and self.quality.cell_share >= MIN_CELL_SHARE
         )
+
+    @property
+    def even_enough(self) -> bool:
+        """Whether the corridor is plane enough for the estimate to be compared with another one."""
+        return bool(np.all(np.diag(self.covariance) <= AGREEMENT**2))
 
 
 def align_texture(
@@ -144,17 +152,17 @@ def align_texture(
     searched = _search(images, rig, plane_of(start, rig), layout)
     if searched is None:
         return None
-    best = None
+    first = None
     for blur, thinnings in _ATTEMPTS:
         fit = _align(images, rig, searched, layout, blur, thinnings, keep_paint, vertical_px)
         if fit is None or not np.all(
             np.abs(fit.extrinsics.as_array() - start.as_array()) < _MOST_RUN * _SEARCHED
         ):
             continue
-        best = fit
         if fit.enough_texture:
-            break
-    return best
+            return fit
+        first = first or fit
+    return first
 
 
 def _align(
@@ -178,7 +186,7 @@ def _align(
         usable = usable_samples(images, corridor, half, rig, keep_paint)
         if prepared is None:
             prepared = prepare(images, blur_px, corridor)
-        for final in (False, True) if last else (False,):
+        for final in (False, True)[: 1 + last]:
             half = half_disparity(corridor, plane, rig)
             warped = warp(prepared, corridor, half, vertical_px)
             cells = _measure(warped, usable, corridor, blur_px)
@@ -193,6 +201,7 @@ def _align(
         if last:
             wrong = warp(prepared, corridor, half, vertical_px, _DECORRELATED_PX)
             correlations = [_correlation(*pair, cells.weights, corridor) for pair in (warped, wrong)]
+            assert surface is not None  # there was a pass
             return _report(rig, plane, corridor, surface, cells, (correlations[0], correlations[1]))
     return None
 
@@ -242,6 +251,8 @@ def _measure(warped: tuple[Floats, Floats], usable: Floats, corridor: Corridor, 
     alone = np.clip(alone, 0.0, None) * (_CORRELATED_SAMPLES * blur_px) / total
     in_cell, spread = cells(common), np.sqrt(cells(alone))
     significant = (in_cell > _CELL_SIGMAS * spread) & (corridor.cell_lengths >= _LEAST_SEGMENTS)
+    rounding = _ROUNDING / (4.0 * np.sqrt(np.pi) * blur_px**3)  # variance of its derivative, blurred
+    significant &= in_cell > rounding * cells(total)
     safe = np.where(significant, in_cell, 1.0)
     displacement = np.clip(cells(gradient) / safe, -_STEP_LIMIT_PX, _STEP_LIMIT_PX)
     misfit = cells((gradient - common * corridor.to_segments(displacement)) ** 2)

@@ -17,14 +17,14 @@ import numpy as np
 
 from .extrinsics import Array
 
-# The spectrum of a road falls with its waviness as the power: 2 in ISO 8608's definition, 2.5 in the middle of
-# what is measured (1.5 to 3.5, the smoother the road, the steeper). Squared differences of heights grow with the
-# power of waviness - 1 of the distance.
+# The spectrum of a road falls with its waviness as the power: 2 in ISO 8608's definition, 2.5 in the middle
+# of what is measured (1.5 to 3.5, the smoother the road, the steeper). Squared differences of heights grow
+# with the power of waviness - 1 of the distance.
 _WAVINESS = 2.5
 _EXPONENT = _WAVINESS - 1.0
 # D tried: class A of ISO 8608 has a spectrum of 16e-6 m^3 at 0.1 cycles/m, and twice the integral of the
-# spectrum times (1 - cos) over all wave numbers is 2.7e-6 m^2 / m^1.5: 9 mm between points 10 m apart. Each class
-# has four times that of the one before it; tried from a thousandth, a plane in practice, to a field track.
+# spectrum times (1 - cos) over all wave numbers is 2.7e-6 m^2 / m^1.5: 9 mm between points 10 m apart. Each
+# class has four times that of the one before it; tried from a thousandth, a plane in practice, to a field.
 _CLASS_A = 2.7e-6
 _ROUGHNESS = _CLASS_A * 4.0 ** np.arange(-5.0, 5.0, 0.5)
 _TYPICAL_ROUGHNESS = 4.0 * _CLASS_A  # class B, before the road's own is known
@@ -42,6 +42,7 @@ _SIGMA_OVER_MAD = 1.4826
 _WORST_STD_M = 0.3  # two kerbs: a cell that cannot tell them apart says nothing of the road
 _LEAST_CELLS = 6  # twice the numbers of a plane
 _LEAST_CELLS_OF_SHAPE = 12  # twice the six numbers of a bent surface
+_OUTLIER_WEIGHT = 0.5  # Tukey's at 2.5 robust standard deviations
 _LEAST_WEIGHT = 1e-3  # an outlier keeps a thousandth: matrices stay regular
 
 
@@ -94,7 +95,7 @@ class RoadShape:
     Attributes:
         slope_change_rad: Slope of the far half of the corridor minus that of the near half, > 0: a dip.
         slope_change_std_rad: Its standard deviation by the scatter of the cells.
-        crown_rad: Slope of the left half minus that of the right half, both outwards down > 0, over two.
+        crown_rad: Slope of both halves outwards, down > 0, over that of the plane.
         crown_std_rad: Its standard deviation.
         roughness: Mean squared difference of heights over distance^1.5 [m^2/m^1.5].
         mismatch_px: Error of the cells' disparities that neither noise nor road explains [px].
@@ -137,12 +138,14 @@ def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface |
         + _TYPICAL_ROUGHNESS * reach**_EXPONENT
         + bent**2
     )
-    weights, allowed = _robust_weights(y, x, np.sqrt(typical))
+    weights, off = _robust_weights(y, x, np.sqrt(typical))
     # An outlier is a cell with a larger variance: it tells less of the plane.
-    inflated = noise + allowed**2 * (1.0 / np.maximum(weights, _LEAST_WEIGHT) - 1.0)
-    distance = np.linalg.norm(at[:, None] - at, axis=-1)
+    # No part of that for the others: it would pass for noise what is the road's shape.
+    outlier = weights < _OUTLIER_WEIGHT
+    inflated = noise + np.where(outlier, off**2 / np.maximum(weights, _LEAST_WEIGHT), 0.0)
+    apart = np.linalg.norm(at[:, None] - at, axis=-1)
     growth = reach**_EXPONENT
-    kernel = 0.5 * (growth[:, None] + growth - distance**_EXPONENT)
+    kernel = 0.5 * (growth[:, None] + growth - apart**_EXPONENT)
     roughness, mismatch, bend = _TYPICAL_ROUGHNESS, _TYPICAL_MISMATCH_PX, 1.0
     if final:
         roughness, mismatch, bend = _likely(y, x, inflated, profile, kernel, cells.metres[seen])
@@ -167,7 +170,7 @@ def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface |
 
 
 def _robust_weights(y: Array, x: Array, sigma: Array) -> tuple[Array, Array]:
-    """Return the weights (S,) of a robust fit, from least absolute deviations on, and the scale (S,)."""
+    """Return the weights (S,) of a robust fit, from least absolute deviations on, and the distances (S,)."""
     rows, target = x / sigma[:, None], y / sigma
     weights, scale = np.ones(len(y)), 1.0
     for i in range(2 * _REWEIGHTINGS):
@@ -178,7 +181,7 @@ def _robust_weights(y: Array, x: Array, sigma: Array) -> tuple[Array, Array]:
             weights = 1.0 / np.maximum(residual, 0.1 * scale)
         else:
             weights = np.clip(1.0 - (residual / (_TUKEY_SIGMAS * scale)) ** 2, _LEAST_WEIGHT, None) ** 2
-    return weights, scale * sigma
+    return weights, residual * sigma
 
 
 def _likely(
