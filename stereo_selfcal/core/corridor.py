@@ -29,8 +29,9 @@ CELL_WIDTH_M = 1.0
 CELL_RATIO = 1.15
 # Samples closer on the road than this bring nothing new: the grains of asphalt are 5 to 16 mm.
 SPACING_M = 0.025
-# Nearer to the horizon than this many pixels of disparity a tenth of a pixel is a tenth of the distance.
-_LEAST_DISPARITY_PX = 1.0
+# At this disparity a tenth of a pixel is a fortieth of the camera's height, 35 mm: as much as what is to be
+# told by it. Farther away nothing is learned.
+_LEAST_DISPARITY_PX = 4.0
 _MARGIN_PX = 8  # reach of interpolation and blur
 _LEAST_SAMPLES = 6  # of a row in a cell: fewer than that have no mean to be removed
 _ALIGN = 256  # samples are shaped (N / 256, 256): OpenCV's images have at most 32 767 columns

@@ -81,7 +81,7 @@ def vertical_offset(
     if corridor is None:
         return None
     half = half_disparity(corridor, plane, rig)
-    usable = usable_samples(images, corridor, half, rig, keep_paint=True)
+    usable = usable_samples(images, corridor, half, rig, None)
     first = max(0, int(corridor.v.min()) - 2 * _MOST_PX)
     left, right = (_with_slopes(image[first:]) for image in images)
     v = corridor.v - np.float32(first)

@@ -21,7 +21,8 @@ _DARK = 3
 # many standard deviations of what the road does there.
 _FLANKS_M = (0.2, 0.45)
 _PAINT_SIGMAS = 5.0
-_PAINT_MARGIN_M = 0.12
+_SMEAR_SIGMAS = 3.0  # of 120 grey levels of contrast, a tenth of one is left there
+_PAINT_MARGIN_M = 0.06  # the edges of worn paint are ragged
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,9 +94,9 @@ def warp(
 
 
 def usable_samples(
-    images: tuple[Image, Image], corridor: Corridor, half: Floats, rig: StereoRig, keep_paint: bool
+    images: tuple[Image, Image], corridor: Corridor, half: Floats, rig: StereoRig, blur_px: float | None
 ) -> Floats:
-    """Return 1 for samples that are neither saturated nor paint, else 0."""
+    """Return 1 for samples that are neither saturated nor, where a blur is given, reached by paint."""
     usable = np.ones(len(corridor.u), dtype=bool)
     usable[corridor.n_samples :] = False
     v = corridor.v.astype(np.intp)
@@ -107,13 +108,13 @@ def usable_samples(
         u = np.clip(u, 0, rig.width - 1)
         grey = image[v, u]
         usable &= inside & (grey < _SATURATED) & (grey > _DARK)
-        if not keep_paint and sign > 0.0:  # paint is seen alike by both
-            usable &= ~_paint(np.asarray(cv2.blur(image, (3, 3)), np.uint8), u, v, px_per_m)
+        if blur_px is not None and sign > 0.0:  # paint is seen alike by both
+            usable &= ~_paint(np.asarray(cv2.blur(image, (3, 3)), np.uint8), u, v, px_per_m, blur_px)
     return usable.astype(np.float32)
 
 
 def _paint(
-    image: Image, u: npt.NDArray[np.intp], v: npt.NDArray[np.intp], px_per_m: Floats
+    image: Image, u: npt.NDArray[np.intp], v: npt.NDArray[np.intp], px_per_m: Floats, blur_px: float
 ) -> npt.NDArray[np.bool_]:
     """Find samples that are brighter than the road on both sides of them."""
     grey = image[v, u].astype(np.int16)
@@ -129,11 +130,14 @@ def _paint(
         paint |= contrast > half + _PAINT_SIGMAS * sigma
     if not paint.any():
         return paint
-    # A margin to both sides, in whole samples of the row.
-    spread = np.flatnonzero(paint)
-    margin = np.maximum(1, (_PAINT_MARGIN_M * px_per_m[spread]).astype(np.intp))
-    edge = np.zeros(len(u) + 1, dtype=np.int32)
-    np.add.at(edge, np.maximum(spread - margin, 0), 1)
-    np.add.at(edge, np.minimum(spread + margin + 1, len(u)), -1)
-    widened: npt.NDArray[np.bool_] = np.cumsum(edge[:-1]) > 0
+    # A margin to both sides along the row: what the blur smears, and the ragged edge.
+    at = np.flatnonzero(paint)
+    margin = (_PAINT_MARGIN_M * px_per_m[at]).astype(np.intp) + int(np.ceil(_SMEAR_SIGMAS * blur_px)) + 1
+    first = int(v.min())
+    width = last + 2
+    row = (v[at] - first) * width
+    size = (int(v.max()) - first + 1) * width
+    ends = np.bincount(row + np.maximum(u[at] - margin, 0), minlength=size)
+    ends -= np.bincount(row + np.minimum(u[at] + margin + 1, last + 1), minlength=size)
+    widened: npt.NDArray[np.bool_] = np.cumsum(ends)[(v - first) * width + u] > 0
     return widened

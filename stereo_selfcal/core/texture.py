@@ -183,7 +183,7 @@ def _align(
         if corridor is None:
             return None
         half = half_disparity(corridor, plane, rig)
-        usable = usable_samples(images, corridor, half, rig, keep_paint)
+        usable = usable_samples(images, corridor, half, rig, None if keep_paint else blur_px)
         if prepared is None:
             prepared = prepare(images, blur_px, corridor)
         for final in (False, True)[: 1 + last]:
