@@ -16,7 +16,9 @@ from stereo_selfcal.core.unevenness import Cells, fit_surface
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import PAPER_RIG, random_scene
 
-FRAMES = Path(__file__).resolve().parents[4] / "shared" / "data" / "kitti_frames"
+# Beside the checkout, or beside the folder it is in.
+_PLACES = [folder / "shared" / "data" / "kitti_frames" for folder in Path(__file__).resolve().parents[3:5]]
+FRAMES = next((place for place in _PLACES if place.is_dir()), _PLACES[0])
 START_ERROR = np.array([0.06, math.radians(0.5), math.radians(2.0)])
 TOLERANCE = np.array([0.03, math.radians(0.25), math.radians(0.8)])
 
