@@ -1,0 +1,382 @@
+"""The road plane from the grey values of the asphalt: both images aligned under one plane.
+
+The disparity of a plane is linear in the image, so three numbers describe it: Gauss-Newton on the differences
+of grey values (Lucas and Kanade, IJCAI 1981), both images moved by half the disparity so that interpolation
+blurs both alike. Cell by cell, the differences give the height of the road over the plane; how the cells make
+one plane, and how sure it is, is :mod:`stereo_selfcal.core.unevenness`.
+
+Noise that is independent in the two cameras does not pass for texture: the information of a cell is the
+product of the gradients in the left and in the right image, which noise alone leaves at zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from .corridor import FAR_M, HALF_WIDTH_M, Corridor, Floats, extrinsics_of, lay_out, plane_of
+from .extraction import Image
+from .extrinsics import Array, Extrinsics
+from .rig import StereoRig
+from .sampling import half_disparity, prepare, sample, usable_samples, warp
+from .unevenness import Cells, RoadShape, Surface, fit_surface, measure_shape
+
+# Error of the start that is found by search: a kerb's (60 mm), a frame's pitching (0.5 deg), another lane's
+# cross slope (2 deg), and a quarter more.
+SEARCH_HEIGHT_M, SEARCH_PITCH_RAD, SEARCH_ROLL_RAD = 0.075, np.radians(0.65), np.radians(2.5)
+_Layout = tuple[float, tuple[float, float], float]  # arguments of lay_out: yaw, limits, far end
+_SEARCHED = np.array([SEARCH_HEIGHT_M, SEARCH_PITCH_RAD, SEARCH_ROLL_RAD])
+_MOST_RUN = 2.0  # times the search range: farther from the start it has run away
+_SEARCH_BLUR_PX = 2.0  # correlation then has its peak over 2 px to either side
+_SEARCH_KERNEL = (13, 1)
+_SEARCH_STEP_PX = 1.0
+_SEARCH_MOST_STEPS = 7  # to either side of the start, of each of the three numbers
+_SEARCH_THINNING = 3
+
+# Blur along the row [px] and thinning of the samples in each pass. With less blur than a pixel, interpolation
+# does not treat all parts of a pixel alike. Where the first attempt does not find enough texture, the
+# second gives up detail for a noise that is less by the root of the blur.
+_ATTEMPTS = ((1.0, (2, 1)), (3.0, (1,)))
+_MOST_STEP_PX = 4.0  # beyond, the plane is not the one that was found
+# OpenCV interpolates at multiples of 1 / 32 px: an error of 0.009 px of a sample; of a cell's hundreds, this.
+_FINEST_PX = 1e-3
+_STEP_LIMIT_PX = 2.0  # a cell does not move farther in one pass: beyond, the gradient says nothing
+
+_TUKEY = 4.685
+_ABS_OF_SIGMA = 0.798  # mean absolute value of a Gaussian, sqrt(2 / pi)
+_CELL_SIGMAS = 3.0  # significance of a cell's texture: one cell in 700 without any passes
+_LEAST_SEGMENTS = 3
+_ROUNDING = 1.0 / 12.0  # variance of rounding to whole grey levels: less is the steps of a smooth shade
+# Sum of the squared autocorrelation, at whole pixels, of the derivative of noise, per pixel of its blur: so
+# many samples count as one. It is an upper bound for samples farther apart.
+_CORRELATED_SAMPLES = 1.88
+_DECORRELATED_PX = 6.0  # correlation elsewhere is taken this far from the alignment
+
+# What stripes and texture have to agree within (height [m], pitch, roll [rad]); beyond, it is another road.
+AGREEMENT = np.array([0.030, np.radians(0.25), np.radians(0.8)])
+# Enough texture: noise decides less than a third of that, one false alarm in 370. The whole uncertainty, with
+# the road's own shape, has to be below it: else the comparison says nothing.
+MAX_NOISE_STD = AGREEMENT / 3.0
+MIN_SIGMAS = 8.0
+MIN_CELL_SHARE = 0.4
+
+
+@dataclass(frozen=True, slots=True)
+class TextureQuality:
+    """Whether the road has enough texture, as figures.
+
+    Attributes:
+        sigmas: Texture common to both images over its own standard error, all cells together.
+        cell_share: Part of the corridor's area in cells with significant texture that agree with the plane.
+        pixel_share: Part of the samples that were used: not saturated, no paint, no outlier.
+        correlation: Of the grey values of both images, rows' means removed, after alignment.
+        correlation_elsewhere: The same with a disparity that is wrong by 6 px.
+        noise_std: (height [m], pitch [rad], roll [rad]) standard deviations by the images' noise alone.
+    """
+
+    sigmas: float
+    cell_share: float
+    pixel_share: float
+    correlation: float
+    correlation_elsewhere: float
+    noise_std: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TextureFit:
+    """Outcome of the alignment.
+
+    Attributes:
+        extrinsics: Height, pitch and roll over the plane of the corridor.
+        covariance: (3, 3) of them.
+        quality: Whether there is enough texture, as figures.
+        shape: What is no plane.
+        cells_xy_m: (C, 2) middle of the cells on the road.
+        cells_height_m: (C,) height over the plane; NaN without texture.
+        cells_weight: (C,) 0 ... 1.
+    """
+
+    extrinsics: Extrinsics
+    covariance: Array
+    quality: TextureQuality
+    shape: RoadShape
+    cells_xy_m: Array
+    cells_height_m: Array
+    cells_weight: Array
+
+    @property
+    def enough_texture(self) -> bool:
+        """Whether both images see the same texture, on enough of the road, for an estimate."""
+        return bool(
+            np.all(np.array(self.quality.noise_std) <= MAX_NOISE_STD)
+            and self.quality.sigmas >= MIN_SIGMAS
+            and self.quality.cell_share >= MIN_CELL_SHARE
+        )
+
+    @property
+    def even_enough(self) -> bool:
+        """Whether the corridor is plane enough for the estimate to be compared with another one."""
+        return bool(np.all(np.diag(self.covariance) <= AGREEMENT**2))
+
+
+def align_texture(
+    images: tuple[Image, Image],
+    rig: StereoRig,
+    start: Extrinsics,
+    lane_yaw_rad: float = 0.0,
+    *,
+    limits_m: tuple[float, float] = (-HALF_WIDTH_M, HALF_WIDTH_M),
+    far_m: float = FAR_M,
+    keep_paint: bool = False,
+    vertical_px: float = 0.0,
+) -> TextureFit | None:
+    """Align the grey values of the road before the camera.
+
+    Args:
+        images: Left and right image, (H, W) uint8.
+        rig: Intrinsics and baseline.
+        start: Extrinsics to start from, within 60 mm, 0.5 deg and 2 deg.
+        lane_yaw_rad: Heading of the camera against the lane.
+        limits_m: Right and left limit of the corridor beside the camera [m], left positive.
+        far_m: End of the corridor [m].
+        keep_paint: Whether to use painted stripes as well; without them the answer is independent of theirs.
+        vertical_px: Row of a point in the right image minus that in the left one, where it is known.
+
+    Returns:
+        The fit with its verdict, or None where nothing could be aligned.
+    """
+    layout = (lane_yaw_rad, limits_m, far_m)
+    searched = _search(images, rig, plane_of(start, rig), layout)
+    if searched is None:
+        return None
+    first = None
+    for blur, thinnings in _ATTEMPTS:
+        fit = _align(images, rig, searched, layout, blur, thinnings, keep_paint, vertical_px)
+        if fit is None or not np.all(
+            np.abs(fit.extrinsics.as_array() - start.as_array()) < _MOST_RUN * _SEARCHED
+        ):
+            continue
+        if fit.enough_texture:
+            return fit
+        first = first or fit
+    return first
+
+
+def _align(
+    images: tuple[Image, Image],
+    rig: StereoRig,
+    plane: Array,
+    layout: _Layout,
+    blur_px: float,
+    thinnings: tuple[int, ...],
+    keep_paint: bool,
+    vertical_px: float,
+) -> TextureFit | None:
+    """Align from a plane on that is good to about a pixel: one pass for each thinning, and a last one."""
+    prepared = None
+    for i, thinning in enumerate(thinnings):
+        last = i == len(thinnings) - 1
+        corridor = lay_out(rig, extrinsics_of(plane, rig), *layout, thinning=thinning)
+        if corridor is None:
+            return None
+        half = half_disparity(corridor, plane, rig)
+        usable = usable_samples(images, corridor, half, rig, None if keep_paint else blur_px)
+        if prepared is None:
+            prepared = prepare(images, blur_px, corridor)
+        for final in (False, True)[: 1 + last]:
+            half = half_disparity(corridor, plane, rig)
+            warped = warp(prepared, corridor, half, vertical_px)
+            cells = _measure(warped, usable, corridor, blur_px)
+            # A disparity that is too large by a pixel is a road too high by this much.
+            metres = rig.fx * rig.baseline_m / np.linalg.norm(plane) / (corridor.cell_rays @ plane)
+            heights = np.where(cells.significant, cells.displacement * metres, np.nan)
+            road = Cells(heights, cells.variance * metres**2, metres, corridor.cell_xy)
+            surface = fit_surface(road, corridor.cell_rays * metres[:, None], final=final)
+            if surface is None or np.abs(corridor.cell_rays @ surface.plane).max() > _MOST_STEP_PX:
+                return None
+            plane = plane + surface.plane
+        if last:
+            wrong = warp(prepared, corridor, half, vertical_px, _DECORRELATED_PX)
+            correlations = [_correlation(*pair, cells.weights, corridor) for pair in (warped, wrong)]
+            assert surface is not None  # there was a pass
+            return _report(rig, plane, corridor, surface, cells, (correlations[0], correlations[1]))
+    return None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Cells:
+    """What the cells say about the plane under which both images were sampled.
+
+    Attributes:
+        displacement: (C,) disparity over that of the plane [px].
+        variance: (C,) of it by the noise [px^2].
+        significant: (C,) whether the cell has texture.
+        sigmas: Texture over its standard error, all cells together.
+        weights: (N,) of the samples.
+    """
+
+    displacement: Array
+    variance: Array
+    significant: npt.NDArray[np.bool_]
+    sigmas: float
+    weights: Floats
+
+
+def _measure(warped: tuple[Floats, Floats], usable: Floats, corridor: Corridor, blur_px: float) -> _Cells:
+    """Fit the displacement of every cell, samples weighted robustly."""
+    (left, by_left), (right, by_right) = warped
+    gain = np.float32(_gain(left, right, usable, corridor))
+    left, by_left = left * gain, by_left * gain
+    right, by_right = right / gain, by_right / gain
+    difference, slope = left - right, (by_left + by_right) / 2
+    sums, cells = corridor.segment_sums, corridor.cell_sums
+    count = np.maximum(sums(usable), 1e-6)
+    rest = (difference - corridor.to_samples(sums(usable * difference) / count)) * usable
+    per_cell = np.maximum(cells(count), 1.0)
+    scale = np.maximum(cells(sums(np.abs(rest))) / per_cell / _ABS_OF_SIGMA, 0.1)
+    relative = rest * corridor.to_samples(corridor.to_segments(1.0 / (_TUKEY * scale)))
+    weights = np.clip(1.0 - relative * relative, 0.0, None) ** 2 * usable
+    # Sums of a segment, means removed.
+    total = np.maximum(sums(weights), 1e-6)
+    w_slope, w_left, w_right = weights * slope, weights * by_left, weights * by_right
+    s_slope, s_left, s_right = sums(w_slope), sums(w_left), sums(w_right)
+    gradient = -(sums(w_slope * difference) - s_slope * sums(weights * difference) / total)
+    information = sums(w_slope * slope) - s_slope**2 / total
+    common = sums(w_left * by_right) - s_left * s_right / total
+    # Of noise alone, the products of gradients have a mean of zero and this variance.
+    alone = (sums(w_left * by_left) - s_left**2 / total) * (sums(w_right * by_right) - s_right**2 / total)
+    alone = np.clip(alone, 0.0, None) * (_CORRELATED_SAMPLES * blur_px) / total
+    in_cell, spread = cells(common), np.sqrt(cells(alone))
+    significant = (in_cell > _CELL_SIGMAS * spread) & (corridor.cell_lengths >= _LEAST_SEGMENTS)
+    rounding = _ROUNDING / (4.0 * np.sqrt(np.pi) * blur_px**3)  # variance of its derivative, blurred
+    significant &= in_cell > rounding * cells(total)
+    safe = np.where(significant, in_cell, 1.0)
+    displacement = np.clip(cells(gradient) / safe, -_STEP_LIMIT_PX, _STEP_LIMIT_PX)
+    misfit = cells((gradient - common * corridor.to_segments(displacement)) ** 2)
+    promised = np.maximum(scale**2 * cells(information), 1e-9)
+    # Neighbours in a row are correlated, by the blur and by the road: how much, is one number for all cells.
+    ratio = misfit[significant] / promised[significant]
+    inflation = float(np.mean(ratio)) if ratio.size else 1.0
+    sigmas = float((in_cell / scale**2).sum() / max(np.sqrt((spread**2 / scale**4).sum()), 1e-12))
+    variance = inflation * promised / safe**2 + _FINEST_PX**2
+    return _Cells(displacement, variance, significant, sigmas, weights)
+
+
+def _gain(left: Floats, right: Floats, usable: Floats, corridor: Corridor) -> float:
+    """Return the root of the ratio of contrasts, right over left: it makes both alike."""
+    spreads = []
+    for grey in (left, right):
+        weighted = usable * grey
+        total = np.maximum(corridor.segment_sums(usable), 1e-6)
+        squares = corridor.segment_sums(weighted * grey) - corridor.segment_sums(weighted) ** 2 / total
+        spreads.append(max(float(squares.sum()), 1e-6))
+    return float(np.clip((spreads[1] / spreads[0]) ** 0.25, 0.5, 2.0))
+
+
+def _search(images: tuple[Image, Image], rig: StereoRig, start: Array, layout: _Layout) -> Array | None:
+    """Try planes around the start; return the one under which the most cells correlate."""
+    pose = extrinsics_of(start, rig)
+    corridor = lay_out(rig, pose, *layout, thinning=_SEARCH_THINNING)
+    if corridor is None:
+        return None
+    changes = []
+    for index, size in enumerate((SEARCH_HEIGHT_M, SEARCH_PITCH_RAD, SEARCH_ROLL_RAD)):
+        moved = pose.as_array()
+        moved[index] += size
+        change = plane_of(Extrinsics.from_array(moved), rig) - start
+        reach = float(np.abs(corridor.cell_rays @ change).max())
+        n = min(_SEARCH_MOST_STEPS, int(np.ceil(reach / _SEARCH_STEP_PX)))
+        changes.append(np.linspace(-1.0, 1.0, 2 * n + 1)[:, None] * change)
+    candidates = (changes[0][:, None, None] + changes[1][None, :, None] + changes[2][None, None]).reshape(
+        -1, 3
+    )
+    displacements = candidates @ corridor.cell_rays.T
+    most = int(np.ceil(np.abs(displacements).max())) + 1
+    first = int(corridor.v.min())
+    blurred = (cv2.GaussianBlur(image[first:], _SEARCH_KERNEL, _SEARCH_BLUR_PX) for image in images)
+    grey = [np.asarray(image, np.uint8) for image in blurred]
+    correlations = _correlate(grey, first, corridor, half_disparity(corridor, start, rig), most)
+    position = displacements + most
+    below = position.astype(np.intp)
+    part = position - below
+    cell = np.arange(len(corridor.cell_xy))
+    score = ((1.0 - part) * correlations[below, cell] + part * correlations[below + 1, cell]).sum(axis=1)
+    best: Array = start + candidates[int(np.argmax(score))]
+    return best
+
+
+def _correlate(grey: list[Image], first_row: int, corridor: Corridor, half: Floats, most: int) -> Array:
+    """Correlate both images, cell by cell, with the right one shifted by -most ... most; (shifts, C)."""
+    v = corridor.v - np.float32(first_row)
+    inside = (np.arange(len(v)) < corridor.n_samples).astype(np.float32)
+
+    def centred(image: Image, u: Floats) -> Floats:
+        values = sample(image, u, v, cv2.INTER_LINEAR).astype(np.float32)
+        return (values - corridor.to_samples(corridor.segment_sums(values) / corridor.lengths)) * inside
+
+    left = centred(grey[0], corridor.u + half)
+    of_left = corridor.cell_sums(corridor.segment_sums(left * left))
+    correlations = []
+    for shift in range(-most, most + 1):
+        right = centred(grey[1], corridor.u - half - np.float32(shift))
+        of_right = corridor.cell_sums(corridor.segment_sums(right * right))
+        both = corridor.cell_sums(corridor.segment_sums(left * right))
+        correlations.append(both / np.sqrt(of_left * of_right + 1e-6))
+    return np.array(correlations)
+
+
+def _correlation(left: Floats, right: Floats, weights: Floats, corridor: Corridor) -> float:
+    """Return the correlation of both images over all cells, rows' means removed."""
+    sums = corridor.segment_sums
+    left, right = left[0], right[0]
+    total = np.maximum(sums(weights), 1e-6)
+    w_left, w_right = weights * left, weights * right
+    s_left, s_right = sums(w_left), sums(w_right)
+    both = (sums(w_left * right) - s_left * s_right / total).sum()
+    squares = (sums(w_left * left) - s_left**2 / total).sum() * (
+        sums(w_right * right) - s_right**2 / total
+    ).sum()
+    return float(both / np.sqrt(squares + 1e-6))
+
+
+def _report(
+    rig: StereoRig,
+    plane: Array,
+    corridor: Corridor,
+    surface: Surface,
+    cells: _Cells,
+    correlations: tuple[float, float],
+) -> TextureFit:
+    """Turn the last pass into what is returned."""
+    pose = extrinsics_of(plane, rig)
+    step = 1e-6 * float(np.linalg.norm(plane))
+    by_plane = np.column_stack(
+        [
+            (extrinsics_of(plane + s, rig).as_array() - extrinsics_of(plane - s, rig).as_array())
+            / (2.0 * step)
+            for s in np.eye(3) * step
+        ]
+    )
+    covariance = by_plane @ surface.covariance @ by_plane.T
+    noise = np.sqrt(np.diag(by_plane @ surface.noise_covariance @ by_plane.T))
+    agreeing = surface.weights * corridor.cell_area
+    quality = TextureQuality(
+        sigmas=cells.sigmas,
+        cell_share=float(agreeing.sum() / corridor.cell_area.sum()),
+        pixel_share=float(cells.weights.sum()) / corridor.n_samples,
+        correlation=correlations[0],
+        correlation_elsewhere=correlations[1],
+        noise_std=(float(noise[0]), float(noise[1]), float(noise[2])),
+    )
+    return TextureFit(
+        extrinsics=pose,
+        covariance=(covariance + covariance.T) / 2.0,
+        quality=quality,
+        shape=measure_shape(corridor.cell_xy, surface),
+        cells_xy_m=corridor.cell_xy,
+        cells_height_m=surface.residuals,
+        cells_weight=surface.weights,
+    )

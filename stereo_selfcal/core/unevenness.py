@@ -1,0 +1,245 @@
+"""The plane of a road that is none: robust fit to heights of cells, and what the unevenness leaves unknown.
+
+The heights of a road deviate from a plane like fractional Brownian motion: the spectrum of roads falls with a
+power of the wave number, so squared differences of heights grow with a power of the distance,
+``E (e(a) - e(b))^2 = D |a - b|^1.5``. The walk starts on the road under the camera.
+The one number D is the road's; it is estimated by restricted likelihood from the heights themselves, after
+what the images' noise explains. The plane is the generalised least squares fit, and its covariance
+contains the noise and the road: another sensor, or the same one on the next stretch, fits another plane.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .extrinsics import Array
+
+# The spectrum of a road falls with its waviness as the power: 2 in ISO 8608's definition, 2.5 in the middle
+# of what is measured (1.5 to 3.5, the smoother the road, the steeper). Squared differences of heights grow
+# with the power of waviness - 1 of the distance.
+_WAVINESS = 2.5
+_EXPONENT = _WAVINESS - 1.0
+# D tried: class A of ISO 8608 has a spectrum of 16e-6 m^3 at 0.1 cycles/m, and twice the integral of the
+# spectrum times (1 - cos) over all wave numbers is 2.7e-6 m^2 / m^1.5: 9 mm between points 10 m apart. Each
+# class has four times that of the one before it; tried from a thousandth, a plane in practice, to a field.
+_CLASS_A = 2.7e-6
+_ROUGHNESS = _CLASS_A * 4.0 ** np.arange(-5.0, 5.0, 0.5)
+_TYPICAL_ROUGHNESS = 4.0 * _CLASS_A  # class B, before the road's own is known
+# Error of disparity every cell has beyond the noise [px], from none to bad rectification (calibrations of
+# cameras leave a tenth of a pixel): shine that moves with the camera, unlike blur, distortion.
+_MISMATCH_PX = np.array([0.0, 0.02, 0.06, 0.2])
+_TYPICAL_MISMATCH_PX = 0.05
+# Parabolic camber of a two-lane road, 2.5 % at its edge 3.5 m from the crown: z = -0.0036 y^2.
+_CAMBER_PER_M = 0.0036
+_PROFILES = np.array([0.125, 0.35, 1.0, 2.8])  # times that: from a plane in practice to a village street
+_PROFILE_LENGTH_M = 1.0  # wheel tracks and gutters are half a metre to a metre wide
+_TUKEY_SIGMAS = 4.685  # 95 % efficient for Gaussian errors
+_REWEIGHTINGS = 8
+_SIGMA_OVER_MAD = 1.4826
+_WORST_STD_M = 0.3  # two kerbs: a cell that cannot tell them apart says nothing of the road
+_LEAST_CELLS = 6  # twice the numbers of a plane
+_LEAST_CELLS_OF_SHAPE = 12  # twice the six numbers of a bent surface
+_OUTLIER_WEIGHT = 0.5  # Tukey's at 2.5 robust standard deviations
+_LEAST_WEIGHT = 1e-3  # an outlier keeps a thousandth: matrices stay regular
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cells:
+    """Heights of the cells of a road.
+
+    Attributes:
+        heights: (C,) over a first plane [m]; NaN where a cell was not measured.
+        variances: (C,) of them by the noise of the images [m^2].
+        metres: (C,) height by which a pixel of disparity moves a cell [m].
+        xy: (C, 2) position, from the point under the camera [m].
+    """
+
+    heights: Array
+    variances: Array
+    metres: Array
+    xy: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """Plane through heights of cells.
+
+    Attributes:
+        plane: (3,) coefficients of the design.
+        covariance: (3, 3) of them, noise and unevenness.
+        noise_covariance: (3, 3) by the noise alone.
+        roughness: D [m^2/m^1.5], mean of its posterior.
+        mismatch_px: Error of each cell's disparity beyond the noise, standard deviation.
+        weights: (C,) robust weights, 0 ... 1.
+        residuals: (C,) heights over the plane [m]; NaN where not measured.
+        noise_variance: (C,) of them [m^2].
+    """
+
+    plane: Array
+    covariance: Array
+    noise_covariance: Array
+    roughness: float
+    mismatch_px: float
+    weights: Array
+    residuals: Array
+    noise_variance: Array
+
+
+@dataclass(frozen=True, slots=True)
+class RoadShape:
+    """What of the road is no plane.
+
+    Attributes:
+        slope_change_rad: Slope of the far half of the corridor minus that of the near half, > 0: a dip.
+        slope_change_std_rad: Its standard deviation by the scatter of the cells.
+        crown_rad: Slope of both halves outwards, down > 0, over that of the plane.
+        crown_std_rad: Its standard deviation.
+        roughness: Mean squared difference of heights over distance^1.5 [m^2/m^1.5].
+        mismatch_px: Error of the cells' disparities that neither noise nor road explains [px].
+    """
+
+    slope_change_rad: float
+    slope_change_std_rad: float
+    crown_rad: float
+    crown_std_rad: float
+    roughness: float
+    mismatch_px: float
+
+
+def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface | None:
+    """Fit the plane of a road.
+
+    Args:
+        cells: What was measured.
+        design: (C, 3) heights by the parameters of the plane.
+        final: Whether to estimate the road's own roughness; else a typical one serves.
+
+    Returns:
+        The plane, or None where the measured cells do not determine one.
+    """
+    seen = np.isfinite(cells.heights) & (cells.variances < _WORST_STD_M**2)  # false for NaN as well
+    if np.count_nonzero(seen) < _LEAST_CELLS:
+        return None
+    y, x, noise, at = cells.heights[seen], design[seen], cells.variances[seen], cells.xy[seen]
+    if np.linalg.matrix_rank(x / np.abs(x).max(axis=0)) < x.shape[1]:
+        return None
+    # What runs along the road: camber, gutters, ruts. It begins beside the camera, where the plane is meant.
+    lateral = at[:, 1]
+    bent = _CAMBER_PER_M * lateral**2
+    alike = np.exp(-0.5 * ((lateral[:, None] - lateral) / _PROFILE_LENGTH_M) ** 2)
+    profile = bent[:, None] * bent * alike
+    reach = np.linalg.norm(at, axis=1)
+    typical = (
+        noise
+        + (_TYPICAL_MISMATCH_PX * cells.metres[seen]) ** 2
+        + _TYPICAL_ROUGHNESS * reach**_EXPONENT
+        + bent**2
+    )
+    weights, off = _robust_weights(y, x, np.sqrt(typical))
+    # An outlier is a cell with a larger variance: it tells less of the plane.
+    # No part of that for the others: it would pass for noise what is the road's shape.
+    outlier = weights < _OUTLIER_WEIGHT
+    inflated = noise + np.where(outlier, off**2 / np.maximum(weights, _LEAST_WEIGHT), 0.0)
+    apart = np.linalg.norm(at[:, None] - at, axis=-1)
+    growth = reach**_EXPONENT
+    kernel = 0.5 * (growth[:, None] + growth - apart**_EXPONENT)
+    roughness, mismatch, bend = _TYPICAL_ROUGHNESS, _TYPICAL_MISMATCH_PX, 1.0
+    if final:
+        roughness, mismatch, bend = _likely(y, x, inflated, profile, kernel, cells.metres[seen])
+    inflated = inflated + (mismatch * cells.metres[seen]) ** 2
+    total = roughness * kernel + bend**2 * profile + np.diag(inflated)
+    weighted = np.linalg.solve(total, x).T
+    covariance = np.linalg.inv(weighted @ x)
+    solve = covariance @ weighted
+    plane = solve @ y
+    everywhere = np.zeros(len(cells.heights))
+    everywhere[seen] = weights
+    return Surface(
+        plane=plane,
+        covariance=covariance,
+        noise_covariance=(solve * inflated) @ solve.T,
+        roughness=roughness,
+        mismatch_px=mismatch,
+        weights=everywhere,
+        residuals=cells.heights - design @ plane,
+        noise_variance=cells.variances + (mismatch * cells.metres) ** 2,
+    )
+
+
+def _robust_weights(y: Array, x: Array, sigma: Array) -> tuple[Array, Array]:
+    """Return the weights (S,) of a robust fit, from least absolute deviations on, and the distances (S,)."""
+    rows, target = x / sigma[:, None], y / sigma
+    weights, scale = np.ones(len(y)), 1.0
+    for i in range(2 * _REWEIGHTINGS):
+        normal = rows.T @ (weights[:, None] * rows)
+        residual = np.abs(target - rows @ np.linalg.solve(normal, rows.T @ (weights * target)))
+        scale = max(_SIGMA_OVER_MAD * float(np.median(residual)), 1e-9)
+        if i < _REWEIGHTINGS:
+            weights = 1.0 / np.maximum(residual, 0.1 * scale)
+        else:
+            weights = np.clip(1.0 - (residual / (_TUKEY_SIGMAS * scale)) ** 2, _LEAST_WEIGHT, None) ** 2
+    return weights, residual * sigma
+
+
+def _likely(
+    y: Array, x: Array, noise: Array, profile: Array, kernel: Array, metres: Array
+) -> tuple[float, float, float]:
+    """Return roughness [m^2/m^1.5], mismatch [px] and factor on the profile: means of their posterior.
+
+    It is the restricted likelihood: of the contrasts that no plane changes. Before, all values tried are
+    equally probable.
+    """
+    basis = np.linalg.qr(x, mode="complete")[0][:, x.shape[1] :]
+    contrast, by_road, by_profile = basis.T @ y, basis.T @ kernel @ basis, basis.T @ profile @ basis
+    by_noise, by_mismatch = (basis.T * noise) @ basis, (basis.T * metres**2) @ basis
+    tried = [(mismatch, bend) for mismatch in _MISMATCH_PX for bend in _PROFILES]
+    fixed = np.array(
+        [by_noise + mismatch**2 * by_mismatch + bend**2 * by_profile for mismatch, bend in tried]
+    )
+    # One basis for everything else and the road, so that every roughness is a division.
+    factor = np.linalg.cholesky(fixed)
+    inverse = np.linalg.inv(factor)
+    values, vectors = np.linalg.eigh(inverse @ by_road @ np.swapaxes(inverse, 1, 2))
+    rotated = np.einsum("kji,kj->ki", vectors, inverse @ contrast)
+    variance = 1.0 + np.clip(values, 0.0, None)[..., None] * _ROUGHNESS
+    log_likelihood = -0.5 * (np.log(variance) + rotated[..., None] ** 2 / variance).sum(axis=1)
+    log_likelihood -= np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)[:, None]
+    posterior = np.exp(log_likelihood - log_likelihood.max())
+    posterior /= posterior.sum()
+    squares = posterior.sum(axis=1) @ np.array(tried) ** 2
+    return float(posterior.sum(axis=0) @ _ROUGHNESS), float(np.sqrt(squares[0])), float(np.sqrt(squares[1]))
+
+
+def measure_shape(xy: Array, surface: Surface) -> RoadShape:
+    """Measure how the road bends along and across, from the heights of the cells over the plane.
+
+    Args:
+        xy: (C, 2) position of the cells [m].
+        surface: The plane and the cells.
+    """
+    seen = np.isfinite(surface.residuals) & (surface.weights > _LEAST_WEIGHT)
+    x, y = xy[seen].T
+    along, across = np.ptp(x) / 2.0, np.ptp(y) / 2.0
+    if len(x) < _LEAST_CELLS_OF_SHAPE or along == 0.0 or across == 0.0:
+        return RoadShape(0.0, math.inf, 0.0, math.inf, surface.roughness, surface.mismatch_px)
+    s, t = (x - np.mean(x)) / along, (y - np.mean(y)) / across
+    design = np.column_stack([np.ones_like(s), s, t, s * s, t * t])
+    weights = surface.weights[seen] / surface.noise_variance[seen]
+    heights = surface.residuals[seen]
+    inverse = np.linalg.pinv(design.T @ (weights[:, None] * design))
+    solution = inverse @ (design.T @ (weights * heights))
+    rest = heights - design @ solution
+    birge = max(1.0, float((weights * rest**2).sum()) / max(len(x) - design.shape[1], 1))
+    std = np.sqrt(np.diag(inverse) * birge)
+    # z = a s^2: the mean slopes of both halves differ by 2 a / half length; one has a / half length.
+    return RoadShape(
+        slope_change_rad=float(2.0 * solution[3] / along),
+        slope_change_std_rad=float(2.0 * std[3] / along),
+        crown_rad=float(-solution[4] / across),
+        crown_std_rad=float(std[4] / across),
+        roughness=surface.roughness,
+        mismatch_px=surface.mismatch_px,
+    )
