@@ -28,6 +28,8 @@ from .pattern import LanePattern
 from .refinement import refine
 from .results import CalibrationResult, Rejection, RejectReason, describe, rejected
 from .rig import StereoRig
+from .road import lane_in_road
+from .texture import align_texture
 from .uncertainty import lane_curvature, propagate
 
 Candidates = tuple[list[Candidate], list[Candidate]]
@@ -207,7 +209,9 @@ class Calibrator:
             **evidence,
         )
         result = self._refine(result, images)
-        return replace(result, message=_announce(result))
+        if self.config.texture.check:
+            result = self._check_texture(result, images)
+        return replace(result, message=_announce(result)) if result.accepted else result
 
     def _refine(self, result: CalibrationResult, images: tuple[Image, Image]) -> CalibrationResult:
         """Replace an estimate from lines by one from grey values, where that succeeds."""
@@ -224,6 +228,24 @@ class Calibrator:
             lane_yaw_rad=refined.lane_yaw_rad,
             stages={**result.stages, "refined": refined.extrinsics},
         )
+
+    def _check_texture(self, result: CalibrationResult, images: tuple[Image, Image]) -> CalibrationResult:
+        """Compare an estimate from lines with the plane of the asphalt between them."""
+        if result.pattern is None or result.extrinsics is None or result.lane_yaw_rad is None:
+            raise ValueError("only an accepted result can be compared with the road")
+        _, left_m, right_m = lane_in_road(result.pattern, self.rig, result.extrinsics)
+        fit = align_texture(
+            images, self.rig, result.extrinsics, result.lane_yaw_rad, limits_m=(float(right_m), float(left_m))
+        )
+        if fit is None or not fit.enough_texture or not fit.even_enough:
+            lacking = "too uneven" if fit is not None and fit.enough_texture else "too little texture"
+            return replace(result, notes=(*result.notes, f"not checked against the asphalt: {lacking}"))
+        stages = {**result.stages, "textured": fit.extrinsics}
+        refusal = checks.check_texture(result.extrinsics, fit)
+        if refusal is None:
+            return replace(result, stages=stages)
+        evidence = {"pattern": result.pattern, "genetic": result.genetic, "stages": stages}
+        return rejected(refusal, result.stamp_s, **evidence)
 
     def _search(self, fitness: PatternFitness) -> GeneticResult:
         """Run the genetic algorithm over the whole search box, once for each camera's parallelism."""

@@ -12,6 +12,7 @@ from .extrinsics import Extrinsics
 from .matching import Candidate, MatchedLines
 from .results import Rejection, RejectReason
 from .rig import StereoRig
+from .texture import AGREEMENT, TextureFit
 from .uncertainty import LineFit
 
 # The widest filter of the extraction spans 33 px; nothing can be found in less.
@@ -211,6 +212,23 @@ def check_consistent(fit: LineFit | None) -> Rejection | None:
         _MAX_MISFIT_SIGMAS,
         "standard deviations",
         "check that the images are rectified: a row of one must be the same row of the other",
+    )
+
+
+def check_texture(lines: Extrinsics, texture: TextureFit) -> Rejection | None:
+    """Refuse lines that do not lie in the plane of the asphalt between them: a kerb, another lane's."""
+    difference = np.abs(lines.as_array() - texture.extrinsics.as_array())
+    worst = int(np.argmax(difference / AGREEMENT))
+    if difference[worst] <= AGREEMENT[worst]:
+        return None
+    scale = 1e3 if worst == 0 else math.degrees(1.0)
+    return Rejection(
+        RejectReason.TEXTURE_DISAGREES,
+        f"the lines and the asphalt between them differ in {('height', 'pitch', 'roll')[worst]}",
+        float(difference[worst]) * scale,
+        float(AGREEMENT[worst]) * scale,
+        "mm" if worst == 0 else "deg",
+        "one of them may be a kerb, or slope otherwise: drive on, in the middle of a flat lane",
     )
 
 

@@ -104,6 +104,15 @@ class GeneticConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class TextureConfig:
+    """The asphalt between the lines as a witness: it must lie in the plane of the lines."""
+
+    check: int = _setting(
+        0, "Whether (1) to refuse lines that the asphalt between them contradicts; doubles the time", "", 0, 1
+    )
+
+
+@dataclass(frozen=True, slots=True)
 class CalibratorConfig:
     """All settings of a :class:`~stereo_selfcal.core.calibrator.Calibrator`.
 
@@ -116,6 +125,7 @@ class CalibratorConfig:
     extraction: ExtractionConfig = field(default_factory=ExtractionConfig)
     fitness: FitnessConfig = field(default_factory=FitnessConfig)
     genetic: GeneticConfig = field(default_factory=GeneticConfig)
+    texture: TextureConfig = field(default_factory=TextureConfig)
 
     def __post_init__(self) -> None:
         for name, value, setting in self.settings():

@@ -26,6 +26,7 @@ class RejectReason(Enum):
     LINES_NOT_STRAIGHT = "lines_not_straight"
     LINES_NOT_CONVERGING = "lines_not_converging"
     LINES_INCONSISTENT = "lines_inconsistent"
+    TEXTURE_DISAGREES = "texture_disagrees"
     FITNESS_TOO_LOW = "fitness_too_low"
     SEARCH_SPACE_EDGE = "search_space_edge"
     NO_FRAMES = "no_frames"

@@ -1,6 +1,7 @@
 """Every reason to refuse a frame, from both sides of its limit, with value, threshold and remedy."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,10 +10,22 @@ from independent_camera import ideal_pattern
 from stereo_selfcal import CalibratorConfig, Extrinsics, RejectReason, StereoRig
 from stereo_selfcal.core import checks
 from stereo_selfcal.core.matching import Candidate, MatchedLines
+from stereo_selfcal.core.texture import TextureFit, TextureQuality
 from stereo_selfcal.core.uncertainty import LineFit
+from stereo_selfcal.core.unevenness import RoadShape
 from stereo_selfcal.synth.scenes import PAPER_RIG
 
 CONFIG = CalibratorConfig()
+NOTHING = np.empty(0)
+ASPHALT = TextureFit(
+    Extrinsics(1.5, 0.02, -0.01),
+    np.eye(3) * 1e-8,
+    TextureQuality(50.0, 0.9, 0.9, 0.9, 0.1, (1e-3, 1e-4, 1e-4)),
+    RoadShape(0.0, 1e-3, 0.0, 1e-3, 0.0, 0.0),
+    NOTHING,
+    NOTHING,
+    NOTHING,
+)
 GREY = np.zeros((480, 640), np.uint8)
 
 
@@ -203,6 +216,24 @@ def test_cameras_that_contradict_each_other():
     rejection = checks.check_consistent(LineFit(np.eye(3), 0.0, 204.0))
     words = "contradict each other", "images are rectified"
     assert_refuses(rejection, RejectReason.LINES_INCONSISTENT, 102.0**0.5, 10, *words)
+
+
+@pytest.mark.parametrize(
+    ("place", "limit", "shown", "unit"),
+    [(0, 0.030, 30.0, "mm"), (1, math.radians(0.25), 0.25, "deg"), (2, math.radians(0.8), 0.8, "deg")],
+)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_lines_and_asphalt_agree_within_the_tolerance(place, limit, shown, unit, sign):
+    lines = np.array([1.5, 0.02, -0.01])
+
+    def texture_off_by(part):
+        moved = lines.copy()
+        moved[place] += sign * part * limit
+        return replace(ASPHALT, extrinsics=Extrinsics.from_array(moved))
+
+    assert checks.check_texture(Extrinsics.from_array(lines), texture_off_by(0.99)) is None
+    rejection = checks.check_texture(Extrinsics.from_array(lines), texture_off_by(1.01))
+    assert_refuses(rejection, RejectReason.TEXTURE_DISAGREES, 1.01 * shown, shown, unit, "kerb")
 
 
 def test_undetermined_pose():
