@@ -59,7 +59,7 @@ _BLOCK_ROWS_MIN, _BLOCK_ROWS_MAX = 4, 24
 _MIN_PEAK_SIGMAS = 3.5  # one false peak in 2000 blocks
 _TUKEY = 4.685  # 95 % efficiency for normal residuals (Huber, Robust Statistics)
 _MIN_BLOCKS = 5  # two parameters, and enough left to estimate the residuals' spread
-_MAX_ITERATIONS, _SETTLED = 15, 1e-2  # of the reweighting, change of the residuals' spread
+_MAX_ITERATIONS, _SETTLED = 40, 1e-3  # of the reweighting, change of the residuals' spread
 _SINGULAR = 1e-12  # all points in one row
 _SIGMA_OVER_MAD = 1.4826
 _MIN_RESIDUAL_PX = 0.005  # rounding to 8 bits moves an edge of contrast 100 by this
@@ -118,10 +118,16 @@ def hough_peaks(points: StripePoints, shape: tuple[int, int]) -> tuple[list[Houg
                 continue
             chosen = strongest[support]
             v_mid = float(np.median(v[support]))
+            u_mid, slope = _line_through(
+                u[support],
+                v[support] - v_mid,
+                weights[support],
+                ((rho - v_mid * math.sin(angle)) / math.cos(angle), -math.tan(angle)),
+            )
             peaks.append(
                 HoughPeak(
-                    u_mid=(rho - v_mid * math.sin(angle)) / math.cos(angle) + centre_u,
-                    slope=-math.tan(angle),
+                    u_mid=u_mid + centre_u,
+                    slope=slope,
                     v_mid=v_mid + centre_v,
                     votes=float(table[best]),
                     contrast=float(np.median(points.contrast[chosen])),
@@ -133,6 +139,25 @@ def hough_peaks(points: StripePoints, shape: tuple[int, int]) -> tuple[list[Houg
             weights[support] = 0.0
             table[best] = 0.0  # what rounding left, or points on the rim of the support
     return sides
+
+
+def _line_through(u: Array, v: Array, weights: Array, cell: tuple[float, float]) -> tuple[float, float]:
+    """Return u and du/dv at v = 0 of the line through the points of a cell, (u, du/dv) of the cell itself.
+
+    A cell is a degree wide: too much in noise, where the blocks of rows the edge is measured in must be
+    long, and the points know better. No point is further from the cell than it may be, which bounds the
+    slope.
+    """
+    share = weights / weights.sum()
+    mean_u, mean_v = float(share @ u), float(share @ v)
+    spread = float(share @ (v - mean_v) ** 2)
+    slope = cell[1]
+    if spread <= 0.0:
+        return cell
+    found = float(share @ ((v - mean_v) * (u - mean_u))) / spread
+    reach = 2.0 * _SUPPORT_PX / float(np.ptp(v))
+    slope = min(max(found, slope - reach), slope + reach)
+    return mean_u - slope * mean_v, slope
 
 
 def _cells(
@@ -183,9 +208,27 @@ def _fit(
     width_px: float,
     contrast: float,
 ) -> ImageLine | None:
-    """Measure the edge along a line and fit a line to it, in one pass per half width."""
-    noise_over_contrast = noise * math.sqrt(2.0) / contrast
-    n_rows = round(np.clip((_BLOCK_SIGMAS * noise_over_contrast) ** 2, _BLOCK_ROWS_MIN, _BLOCK_ROWS_MAX))
+    """Measure the edge along a line and fit a line to it; in longer blocks where that fails in noise."""
+    sigmas = _BLOCK_SIGMAS * noise * math.sqrt(2.0) / contrast
+    n_rows = round(np.clip(sigmas**2, _BLOCK_ROWS_MIN, _BLOCK_ROWS_MAX))
+    for rows in (n_rows, _BLOCK_ROWS_MAX):
+        line = _fit_blocks(response, start, noise, first_row, half_widths, width_px, contrast, rows)
+        if line is not None or n_rows == _BLOCK_ROWS_MIN:
+            return line
+    return None
+
+
+def _fit_blocks(
+    response: Response,
+    start: tuple[float, float, float],
+    noise: float,
+    first_row: int,
+    half_widths: tuple[int, ...],
+    width_px: float,
+    contrast: float,
+    n_rows: int,
+) -> ImageLine | None:
+    """Measure the edge in blocks of ``n_rows`` and fit a line to it, in one pass per half width."""
     u_mid, slope, v_mid = start
     for half_width in half_widths:
         rows, offsets, strength = _measure(
