@@ -33,7 +33,7 @@ _MAX_PAIRS = 5
 
 # Both cameras see one stripe: in the same rows, as wide, and as bright up to their gains, which
 # an automatic exposure keeps within 0.8 ... 1.25 of each other.
-_MIN_ROW_OVERLAP = 0.5
+_MIN_ROW_OVERLAP = 0.5  # of the shorter line: one stray block in the sky makes a line twice as long
 _MAX_WIDTH_RATIO = 1.5
 _MAX_CONTRAST_RATIO = 2.0
 # Least correlation of the cross-sections of one line in both images: half of the variance in common.
@@ -216,9 +216,9 @@ def similarity(images: tuple[Image, Image], left: ImageLine, right: ImageLine) -
 
 
 def _overlap(a: Array, b: Array) -> float:
-    """Return the rows common to two measured lines over the rows of both (intersection over union)."""
+    """Return the rows common to two measured lines over those of the shorter one."""
     common = min(a.max(), b.max()) - max(a.min(), b.min())
-    return float(common / (max(a.max(), b.max()) - min(a.min(), b.min())))
+    return float(common / min(np.ptp(a), np.ptp(b)))
 
 
 def common_point(lines: Sequence[ImageLine]) -> tuple[Array, float]:
