@@ -25,6 +25,8 @@ FARTHEST_M = 500.0
 # converged to well below a millimetre where the ray is not all but parallel to the road.
 NEWTON_STEPS = 8
 CONVERGED_M = 2e-3
+SETTLED_M = 1e-4  # a step along the ray shorter than this is the last
+ROWS_AT_ONCE = 16
 
 TINY_M = 1e-6
 
@@ -80,15 +82,28 @@ class WorldRays:
         if self.shape.plane:
             meets = depth < FARTHEST_M
         else:
-            if self.shape.grade_change > 0:
-                depth = np.full_like(depth, FARTHEST_M)
-            for _ in range(NEWTON_STEPS if self.shape.grade_change else NEWTON_STEPS // 2):
-                over_m, per_depth = self._clearance(depth, dx, dy, dz, above_m)
-                depth = np.clip(depth - over_m / np.minimum(per_depth, -1e-6), 0.0, FARTHEST_M)
-            over_m, _ = self._clearance(depth, dx, dy, dz, above_m)
+            over_m = np.empty_like(depth)
+            # A few rows at a time: they stay in the cache, and those near the rig need few steps.
+            for i in range(0, len(depth), ROWS_AT_ONCE):
+                rows = slice(i, i + ROWS_AT_ONCE)
+                depth[rows], over_m[rows] = self._solve(depth[rows], dx[rows], dy[rows], dz[rows], above_m)
             meets = (depth < FARTHEST_M) & (np.abs(over_m) < CONVERGED_M)
         s, d = self.shape.locate(self.centre_m[0] + depth * dx, self.centre_m[1] + depth * dy)
         return s, d, meets
+
+    def _solve(self, depth: Array, dx: Array, dy: Array, dz: Array, above_m: float) -> tuple[Array, Array]:
+        """Return the depths where rays meet the road, and the heights left over it [m]."""
+        if self.shape.grade_change > 0:
+            depth = np.full_like(depth, FARTHEST_M)
+        over_m, per_depth = self._clearance(depth, dx, dy, dz, above_m)
+        for _ in range(NEWTON_STEPS):
+            moved = np.clip(depth - over_m / np.minimum(per_depth, -1e-6), 0.0, FARTHEST_M)
+            settled = float(np.max(np.abs(moved - depth), initial=0.0)) < SETTLED_M
+            depth = moved
+            over_m, per_depth = self._clearance(depth, dx, dy, dz, above_m)
+            if settled:
+                break
+        return depth, over_m
 
     def _clearance(
         self, depth: Array, dx: Array, dy: Array, dz: Array, above_m: float

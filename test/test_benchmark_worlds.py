@@ -1,0 +1,36 @@
+"""What the benchmark of random worlds calls wrong, and that it measures the same every time."""
+
+import numpy as np
+import pytest
+
+from benchmarks.worlds import Verdict, judge_world, world
+
+
+def verdict(error, std, reason=""):
+    return Verdict(0, "accept", (), reason, np.array(error), np.array(std))
+
+
+@pytest.mark.parametrize(
+    ("error", "std", "wrong", "gross"),
+    [
+        ((29.0, 0.29, 0.79), (1.0, 0.01, 0.01), False, False),  # far off by its own measure only
+        ((31.0, 0.0, 0.0), (7.0, 1.0, 1.0), False, False),  # beyond the limit, and it says so
+        ((31.0, 0.0, 0.0), (6.0, 1.0, 1.0), True, False),
+        ((0.0, -0.31, 0.0), (1.0, 0.01, 1.0), True, False),
+        ((0.0, 0.0, 1.3), (1.0, 1.0, 1.0), False, True),
+    ],
+)
+def test_wrong_is_off_by_both_measures(error, std, wrong, gross):
+    assert (verdict(error, std).wrong, verdict(error, std).gross) == (wrong, gross)
+
+
+def test_refused_is_never_wrong():
+    refused = verdict([], [], "no_lines_found")
+    assert not (refused.accepted or refused.wrong or refused.gross)
+
+
+def test_world_is_judged_the_same_every_time():
+    assert world(3) == world(3) != world(4)
+    first, again = judge_world(3), judge_world(3)
+    assert (first.names, first.reason) == (again.names, again.reason)
+    np.testing.assert_array_equal(first.error, again.error)
