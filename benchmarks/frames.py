@@ -28,6 +28,7 @@ SURFACES = {"bare": 0.0, "textured": 3.0}
 STAGES = ("genetic", "closed_form", "refined", "final")
 
 FULL_SCALE = 255
+MARGIN_PX = 8  # more than the reach of the widest blur measured, 4 x 1.2 px
 FINE = 4  # samples of a lens per pixel, along either axis: the means of 16 of them are a pixel
 # From metres and radians to millimetres and degrees.
 READABLE = np.array([1e3, math.degrees(1), math.degrees(1)])
@@ -80,16 +81,17 @@ def finely_rendered(scene: Scene) -> tuple[Picture, Picture]:
     """Render both cameras without noise, the lens sampled at a quarter of a pixel.
 
     The renderer samples its lens at whole pixels: a Gaussian of 0.5 px becomes a kernel of variance 0.21
-    instead of 0.25 px^2 and of another shape, which matters where noise hides nothing.
+    instead of 0.25 px^2 and of another shape, which matters where noise hides nothing. And it repeats the
+    border of the image beyond it, where a lens sees the road go on: so more is rendered and cut off.
     """
     rig = scene.rig
     fine_rig = StereoRig(
-        rig.width * FINE,
-        rig.height * FINE,
+        (rig.width + 2 * MARGIN_PX) * FINE,
+        (rig.height + 2 * MARGIN_PX) * FINE,
         rig.fx * FINE,
         rig.fy * FINE,
-        (rig.cx + 0.5) * FINE - 0.5,
-        (rig.cy + 0.5) * FINE - 0.5,
+        (rig.cx + MARGIN_PX + 0.5) * FINE - 0.5,
+        (rig.cy + MARGIN_PX + 0.5) * FINE - 0.5,
         rig.baseline_m,
     )
     cameras = [
@@ -100,9 +102,10 @@ def finely_rendered(scene: Scene) -> tuple[Picture, Picture]:
 
 
 def _binned(picture: Picture) -> Picture:
-    """Return the means of FINE x FINE pixels."""
+    """Return the means of FINE x FINE pixels, without the margin."""
     height, width = picture.shape
-    return picture.reshape(height // FINE, FINE, width // FINE, FINE).mean(axis=(1, 3), dtype=np.float32)
+    pixels = picture.reshape(height // FINE, FINE, width // FINE, FINE).mean(axis=(1, 3), dtype=np.float32)
+    return np.ascontiguousarray(pixels[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX])
 
 
 def draw(
