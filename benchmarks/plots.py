@@ -19,7 +19,7 @@ from .frames import Array
 PANEL_INCHES = (4.0, 3.4)
 
 DPI = 75
-LEGEND_COLUMNS = 3
+LEGEND_COLUMNS = {1: 2, 3: 3}  # by panels: what fits below them
 
 mpl.rcParams["font.size"] = 9
 
@@ -60,6 +60,8 @@ def save_size_plot(folder: Path, pixels: Sequence[float], times_ms: Mapping[str,
     for name, times in times_ms.items():
         panels[0].loglog(np.array(pixels) / 1e6, times, marker="o", markersize=3, label=name)
     panels[0].set_xlabel("megapixels of one image")
+    panels[0].set_xticks(np.array(pixels) / 1e6, [f"{size / 1e6:.1f}" for size in pixels])
+    panels[0].minorticks_off()
     _save(figure, panels, folder / "sizes.png")
 
 
@@ -98,7 +100,7 @@ def _save(figure: Figure, panels: Sequence[Axes], path: Path) -> None:
         labelled.values(),
         labelled,
         loc="outside lower center",
-        ncols=LEGEND_COLUMNS,
+        ncols=LEGEND_COLUMNS[len(panels)],
         fontsize=7,
         frameon=False,
     )
