@@ -9,6 +9,7 @@ import numpy as np
 
 from . import checks
 from .closed_form import compare_stages
+from .combination import combine, covariance_by_road
 from .config import CalibratorConfig
 from .extraction import Image, Response, find_stripe_points
 from .extrinsics import Extrinsics
@@ -231,11 +232,11 @@ class Calibrator:
 
     def _check_texture(self, result: CalibrationResult, images: tuple[Image, Image]) -> CalibrationResult:
         """Compare an estimate from lines with the plane of the asphalt between them."""
-        if result.pattern is None or result.extrinsics is None or result.lane_yaw_rad is None:
+        if result.pattern is None or result.extrinsics is None or result.covariance is None:
             raise ValueError("only an accepted result can be compared with the road")
         _, left_m, right_m = lane_in_road(result.pattern, self.rig, result.extrinsics)
         fit = align_texture(
-            images, self.rig, result.extrinsics, result.lane_yaw_rad, limits_m=(float(right_m), float(left_m))
+            images, self.rig, result.extrinsics, result.lane_yaw_rad or 0.0, limits_m=(float(right_m), float(left_m))
         )
         if fit is None or not fit.enough_texture or not fit.even_enough:
             lacking = "too uneven" if fit is not None and fit.enough_texture else "too little texture"
@@ -243,7 +244,10 @@ class Calibrator:
         stages = {**result.stages, "textured": fit.extrinsics}
         refusal = checks.check_texture(result.extrinsics, fit)
         if refusal is None:
-            return replace(result, stages=stages)
+            by_road = covariance_by_road(result.pattern, self.rig, result.extrinsics, fit.shape)
+            extrinsics, covariance = combine(result.extrinsics, result.covariance + by_road, fit)
+            stages["combined"] = extrinsics
+            return replace(result, stages=stages, extrinsics=extrinsics, covariance=covariance)
         evidence = {"pattern": result.pattern, "genetic": result.genetic, "stages": stages}
         return rejected(refusal, result.stamp_s, **evidence)
 

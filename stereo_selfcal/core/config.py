@@ -108,7 +108,7 @@ class TextureConfig:
     """The asphalt between the lines as a witness: it must lie in the plane of the lines."""
 
     check: int = _setting(
-        0, "Whether (1) to refuse lines that the asphalt between them contradicts; doubles the time", "", 0, 1
+        1, "Whether (1) to refuse lines that the asphalt between them contradicts; doubles the time", "", 0, 1
     )
 
 

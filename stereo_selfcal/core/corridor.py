@@ -104,6 +104,18 @@ def extrinsics_of(plane: Array, rig: StereoRig) -> Extrinsics:
     return Extrinsics(float(rig.fx * rig.baseline_m / np.linalg.norm(plane)), float(pitch), float(roll))
 
 
+def plane_to_extrinsics(plane: Array, rig: StereoRig) -> Array:
+    """Return the derivative (3, 3) of height [m], pitch and roll [rad] by the plane."""
+    step = 1e-6 * float(np.linalg.norm(plane))
+    return np.column_stack(
+        [
+            (extrinsics_of(plane + s, rig).as_array() - extrinsics_of(plane - s, rig).as_array())
+            / (2.0 * step)
+            for s in np.eye(3) * step
+        ]
+    )
+
+
 def lay_out(
     rig: StereoRig,
     pose: Extrinsics,

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from .corridor import FAR_M, HALF_WIDTH_M, Corridor, Floats, extrinsics_of, lay_out, plane_of
+from .corridor import FAR_M, HALF_WIDTH_M, Corridor, Floats, extrinsics_of, lay_out, plane_of, plane_to_extrinsics
 from .extraction import Image
 from .extrinsics import Array, Extrinsics
 from .rig import StereoRig
@@ -352,14 +352,7 @@ def _report(
 ) -> TextureFit:
     """Turn the last pass into what is returned."""
     pose = extrinsics_of(plane, rig)
-    step = 1e-6 * float(np.linalg.norm(plane))
-    by_plane = np.column_stack(
-        [
-            (extrinsics_of(plane + s, rig).as_array() - extrinsics_of(plane - s, rig).as_array())
-            / (2.0 * step)
-            for s in np.eye(3) * step
-        ]
-    )
+    by_plane = plane_to_extrinsics(plane, rig)
     covariance = by_plane @ surface.covariance @ by_plane.T
     noise = np.sqrt(np.diag(by_plane @ surface.noise_covariance @ by_plane.T))
     agreeing = surface.weights * corridor.cell_area

@@ -73,6 +73,7 @@ class Surface:
         noise_covariance: (3, 3) by the noise alone.
         roughness: D [m^2/m^1.5], mean of its posterior.
         mismatch_px: Error of each cell's disparity beyond the noise, standard deviation.
+        profile: Bend across the road, in units of a usual camber, root mean square of its posterior.
         weights: (C,) robust weights, 0 ... 1.
         residuals: (C,) heights over the plane [m]; NaN where not measured.
         noise_variance: (C,) of them [m^2].
@@ -83,6 +84,7 @@ class Surface:
     noise_covariance: Array
     roughness: float
     mismatch_px: float
+    profile: float
     weights: Array
     residuals: Array
     noise_variance: Array
@@ -99,6 +101,7 @@ class RoadShape:
         crown_std_rad: Its standard deviation.
         roughness: Mean squared difference of heights over distance^1.5 [m^2/m^1.5].
         mismatch_px: Error of the cells' disparities that neither noise nor road explains [px].
+        profile: Bend across the road, in units of a usual camber (2.5 % at the edge of a two-lane road).
     """
 
     slope_change_rad: float
@@ -107,6 +110,7 @@ class RoadShape:
     crown_std_rad: float
     roughness: float
     mismatch_px: float
+    profile: float
 
 
 def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface | None:
@@ -126,26 +130,18 @@ def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface |
     y, x, noise, at = cells.heights[seen], design[seen], cells.variances[seen], cells.xy[seen]
     if np.linalg.matrix_rank(x / np.abs(x).max(axis=0)) < x.shape[1]:
         return None
-    # What runs along the road: camber, gutters, ruts. It begins beside the camera, where the plane is meant.
-    lateral = at[:, 1]
-    bent = _CAMBER_PER_M * lateral**2
-    alike = np.exp(-0.5 * ((lateral[:, None] - lateral) / _PROFILE_LENGTH_M) ** 2)
-    profile = bent[:, None] * bent * alike
-    reach = np.linalg.norm(at, axis=1)
+    kernel, profile = kernels(at)
     typical = (
         noise
         + (_TYPICAL_MISMATCH_PX * cells.metres[seen]) ** 2
-        + _TYPICAL_ROUGHNESS * reach**_EXPONENT
-        + bent**2
+        + _TYPICAL_ROUGHNESS * np.diag(kernel)
+        + np.diag(profile)
     )
     weights, off = _robust_weights(y, x, np.sqrt(typical))
     # An outlier is a cell with a larger variance: it tells less of the plane.
     # No part of that for the others: it would pass for noise what is the road's shape.
     outlier = weights < _OUTLIER_WEIGHT
     inflated = noise + np.where(outlier, off**2 / np.maximum(weights, _LEAST_WEIGHT), 0.0)
-    apart = np.linalg.norm(at[:, None] - at, axis=-1)
-    growth = reach**_EXPONENT
-    kernel = 0.5 * (growth[:, None] + growth - apart**_EXPONENT)
     roughness, mismatch, bend = _TYPICAL_ROUGHNESS, _TYPICAL_MISMATCH_PX, 1.0
     if final:
         roughness, mismatch, bend = _likely(y, x, inflated, profile, kernel, cells.metres[seen])
@@ -163,10 +159,24 @@ def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface |
         noise_covariance=(solve * inflated) @ solve.T,
         roughness=roughness,
         mismatch_px=mismatch,
+        profile=bend,
         weights=everywhere,
         residuals=cells.heights - design @ plane,
         noise_variance=cells.variances + (mismatch * cells.metres) ** 2,
     )
+
+
+def kernels(xy: Array) -> tuple[Array, Array]:
+    """Return the covariances (N, N) of a road's heights at places (N, 2): of unit roughness, of unit profile.
+
+    The walk along the road starts under the camera. The profile is what runs along the road (camber, gutters,
+    ruts); it begins beside the camera, where the plane is meant.
+    """
+    growth = np.linalg.norm(xy, axis=1) ** _EXPONENT
+    apart = np.linalg.norm(xy[:, None] - xy, axis=-1)
+    bent = _CAMBER_PER_M * xy[:, 1] ** 2
+    alike = np.exp(-0.5 * ((xy[:, None, 1] - xy[:, 1]) / _PROFILE_LENGTH_M) ** 2)
+    return 0.5 * (growth[:, None] + growth - apart**_EXPONENT), bent[:, None] * bent * alike
 
 
 def _robust_weights(y: Array, x: Array, sigma: Array) -> tuple[Array, Array]:
@@ -224,7 +234,9 @@ def measure_shape(xy: Array, surface: Surface) -> RoadShape:
     x, y = xy[seen].T
     along, across = np.ptp(x) / 2.0, np.ptp(y) / 2.0
     if len(x) < _LEAST_CELLS_OF_SHAPE or along == 0.0 or across == 0.0:
-        return RoadShape(0.0, math.inf, 0.0, math.inf, surface.roughness, surface.mismatch_px)
+        return RoadShape(
+            0.0, math.inf, 0.0, math.inf, surface.roughness, surface.mismatch_px, surface.profile
+        )
     s, t = (x - np.mean(x)) / along, (y - np.mean(y)) / across
     design = np.column_stack([np.ones_like(s), s, t, s * s, t * t])
     weights = surface.weights[seen] / surface.noise_variance[seen]
@@ -242,4 +254,5 @@ def measure_shape(xy: Array, surface: Surface) -> RoadShape:
         crown_std_rad=float(std[4] / across),
         roughness=surface.roughness,
         mismatch_px=surface.mismatch_px,
+        profile=surface.profile,
     )

@@ -1,0 +1,72 @@
+"""Lines and asphalt together: what a road that is no plane does to an estimate from lines, and their mean.
+
+The pixels of two stripes give the plane of the stripes to a millimetre, yet the road between them is not
+in it: heights under the stripes walk as those under the asphalt do (:mod:`.unevenness`). With the roughness that
+the asphalt shows, the estimate from lines gets the uncertainty it has as an estimate of the road, and both can be
+weighted by their information.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .corridor import plane_of, plane_to_extrinsics
+from .extrinsics import Array, Extrinsics, road_from_camera_rotation
+from .pattern import LanePattern
+from .rig import StereoRig
+from .texture import TextureFit
+from .unevenness import RoadShape, kernels
+
+
+def covariance_by_road(
+    pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics, shape: RoadShape
+) -> Array:
+    """Return the covariance (3, 3) that the shape of the road gives an estimate from lines.
+
+    The disparities of the lines, row by row and of equal weight, are fitted by a plane; the heights of
+    the road are no plane, with the covariance the asphalt shows.
+
+    Args:
+        pattern: The lines.
+        rig: Intrinsics and baseline.
+        extrinsics: The estimate from them.
+        shape: Roughness, profile and mismatch of the road between them.
+    """
+    plane = plane_of(extrinsics, rig)
+    rays = []
+    for index, line in enumerate(pattern.left):
+        seen = (pattern.rows >= line.rows.min()) & (pattern.rows <= line.rows.max())
+        v = pattern.rows[seen]
+        u = pattern.columns[:, index, seen].mean(axis=0)  # as the middle of the baseline sees it
+        rays.append(np.column_stack([np.ones(len(v)), -(u - rig.cx) / rig.fx, -(v - rig.cy) / rig.fy]))
+    ray = np.concatenate(rays)
+    disparity = ray @ plane
+    ray, disparity = ray[disparity > 1.0], disparity[disparity > 1.0]
+    depth = rig.fx * rig.baseline_m / disparity
+    rotation = road_from_camera_rotation(extrinsics.pitch_rad, extrinsics.roll_rad)
+    xy = (ray * depth[:, None]) @ rotation[:2].T
+    # A road higher by e has a disparity greater by e / metres.
+    metres = extrinsics.height_m / disparity
+    kernel, profile = kernels(xy)
+    heights = shape.roughness * kernel + shape.profile**2 * profile + np.diag((shape.mismatch_px * metres) ** 2)
+    solve = np.linalg.pinv(ray) / metres
+    by_plane = plane_to_extrinsics(plane, rig) @ solve
+    covariance: Array = by_plane @ heights @ by_plane.T
+    return (covariance + covariance.T) / 2.0
+
+
+def combine(lines: Extrinsics, covariance: Array, texture: TextureFit) -> tuple[Extrinsics, Array]:
+    """Return the mean of both estimates, weighted by their information, and its covariance.
+
+    They share no pixel, as the asphalt is aligned without the paint; that both may lie in the same hollow of
+    the road is neglected.
+
+    Args:
+        lines: Estimate from lines.
+        covariance: (3, 3) of it, with the shape of the road.
+        texture: The asphalt.
+    """
+    information = [np.linalg.inv(covariance), np.linalg.inv(texture.covariance)]
+    total = np.linalg.inv(information[0] + information[1])
+    mean = total @ (information[0] @ lines.as_array() + information[1] @ texture.extrinsics.as_array())
+    return Extrinsics.from_array(mean), (total + total.T) / 2.0
