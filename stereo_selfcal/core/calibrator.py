@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from . import checks
-from .closed_form import compare_stages
-from .combination import combine, covariance_by_road
+from .closed_form import compare_stages, solve_plane
+from .combination import combine, covariance_by_road, heights_over, lies_on, same_road
 from .config import CalibratorConfig
-from .extraction import Image, Response, find_stripe_points
+from .corridor import CELL_WIDTH_M
+from .extraction import Image, find_stripe_points
 from .extrinsics import Extrinsics
 from .fitness import PatternFitness
 from .fusion import fuse, shared
 from .genetic import GeneticResult, maximise_each
 from .geometry import SIDES
-from .lines import fit_line, hough_peaks, refit_line
-from .matching import (
-    Candidate,
-    MatchedLines,
-    first_sampled_row,
-    match_lines,
-    sample_pattern,
-)
 from .pattern import LanePattern
+from .patterns import Points, Refused, find_patterns
 from .refinement import refine
 from .results import CalibrationResult, Rejection, RejectReason, describe, rejected
 from .rig import StereoRig
@@ -33,24 +27,12 @@ from .road import lane_in_road
 from .texture import align_texture
 from .uncertainty import lane_curvature, propagate
 
-Candidates = tuple[list[Candidate], list[Candidate]]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _View:
-    """What one camera sees: candidate lines by side, the gradient image and its noise."""
-
-    candidates: Candidates
-    gradient: Response
-    noise_grey: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Refused:
-    """Why a frame has no pattern, and the lines that were found all the same, for a picture."""
-
-    rejection: Rejection
-    pattern: LanePattern | None = None
+# A frame that is refused is looked at again, with chains and with the next best pairs of lines; each costs a
+# search, a refinement and an alignment, so there is an end to it.
+_MOST_SECOND_LOOKS = 4
+# The road goes on beyond its lines by a shoulder or another lane: a cell more on either side has the lines
+# inside of the surface they are compared with, not on its rim.
+_BESIDE_M = CELL_WIDTH_M
 
 
 class Calibrator:
@@ -115,11 +97,51 @@ class Calibrator:
         return replace(fused, message=_announce(fused, len(self._accepted) - len(frames)))
 
     def _calibrate(self, left: Image, right: Image, stamp_s: float) -> CalibrationResult:
-        """Run every stage on one frame."""
-        pattern = self.extract(left, right)
-        if isinstance(pattern, Refused):
-            return rejected(pattern.rejection, stamp_s, pattern=pattern.pattern)
-        return self._solve(pattern, (left, right), stamp_s)
+        """Run every stage on one frame; again with other lines where the first ones are refused."""
+        images = (left, right)
+        refusal = checks.check_images(left, right, self.rig)
+        if refusal:
+            return rejected(refusal, stamp_s)
+        points = self._find_points(images)
+        patterns = find_patterns(points, images, self.rig, self.config)
+        if isinstance(patterns, Refused):
+            result = rejected(patterns.rejection, stamp_s, pattern=patterns.pattern)
+            patterns = []
+        else:
+            result = self._solve(patterns[0], images, stamp_s)
+        if result.accepted or not self.config.texture.check:
+            return result
+        chained = find_patterns(points, images, self.rig, self.config, chained=True)
+        if not isinstance(chained, Refused):
+            patterns = [*patterns, *chained]
+        return self._look_again(result, patterns, images, stamp_s)
+
+    def _look_again(
+        self,
+        refused: CalibrationResult,
+        patterns: list[LanePattern],
+        images: tuple[Image, Image],
+        stamp_s: float,
+    ) -> CalibrationResult:
+        """Try other pairs of lines; what is found this way counts only with the asphalt as a witness."""
+        tried: list[Extrinsics] = [] if refused.pattern is None else list(refused.stages.values())[:1]
+        road = refused.stages.get("textured")
+        left = _MOST_SECOND_LOOKS
+        for pattern in patterns:
+            closed = solve_plane(pattern, self.rig)
+            if closed is None or not left:
+                continue
+            if any(same_road(closed.extrinsics, other) for other in tried):
+                continue
+            tried.append(closed.extrinsics)
+            if road is not None and not lies_on(pattern, self.rig, closed.extrinsics, road):
+                continue
+            left -= 1
+            result = self._solve(pattern, images, stamp_s)
+            if result.accepted and "textured" in result.stages:
+                return result
+            road = road or result.stages.get("textured")
+        return refused
 
     def extract(self, left: Image, right: Image) -> LanePattern | Refused:
         """Extract the calibration pattern of one frame (paper section 2.2).
@@ -134,44 +156,13 @@ class Calibrator:
         refusal = checks.check_images(left, right, self.rig)
         if refusal:
             return Refused(refusal)
-        views = [self._find_lines(image) for image in (left, right)]
-        refusal = checks.check_lines_found([view.candidates for view in views], self.config)
-        if refusal:
-            return Refused(refusal)
-        pairs, n_matched = match_lines(
-            views[0].candidates, views[1].candidates, (left, right), self.rig, self.config
-        )
-        if not pairs:
-            return Refused(checks.lines_not_matched(n_matched))
-        refusals = [checks.check_converging(pair) for pair in pairs]
-        converging = [pair for pair, refusal in zip(pairs, refusals, strict=True) if refusal is None]
-        if refusals[0] is not None and not converging:
-            return Refused(refusals[0], sample_pattern(pairs[0], self.rig, self.config))
-        refined = [refit for pair in converging if (refit := self._refit(pair, views)) is not None]
-        if not refined:
-            return Refused(checks.lines_too_short(self.config))
-        return sample_pattern(max(refined, key=lambda pair: pair.score), self.rig, self.config)
+        images = (left, right)
+        found = find_patterns(self._find_points(images), images, self.rig, self.config)
+        return found if isinstance(found, Refused) else found[0]
 
-    def _find_lines(self, image: Image) -> _View:
-        """Return the lines of one image: left lane boundaries, right lane boundaries."""
-        points = find_stripe_points(image, self.config.extraction)
-        sides = []
-        for peaks in hough_peaks(points, image.shape):
-            lines = [(fit_line(points.gradient, peak, points.noise_grey), peak.votes) for peak in peaks]
-            sides.append([Candidate(line, votes) for line, votes in lines if line is not None])
-        return _View((sides[0], sides[1]), points.gradient, points.noise_grey)
-
-    def _refit(self, matched: MatchedLines, views: list[_View]) -> MatchedLines | None:
-        """Fit the chosen lines again where they are sampled: below the vanishing point."""
-        first_row = first_sampled_row(matched.vanishing_point, self.rig, self.config)
-        lines = []
-        for view, pair in zip(views, (matched.left, matched.right), strict=True):
-            for line in pair:
-                refitted = refit_line(view.gradient, line, view.noise_grey, first_row)
-                if refitted is None or refitted.n_rows < self.config.extraction.min_line_rows:
-                    return None
-                lines.append(refitted)
-        return MatchedLines.of(lines, matched.votes)
+    def _find_points(self, images: tuple[Image, Image]) -> Points:
+        left, right = (find_stripe_points(image, self.config.extraction) for image in images)
+        return left, right
 
     def _solve(self, pattern: LanePattern, images: tuple[Image, Image], stamp_s: float) -> CalibrationResult:
         """Find the extrinsics for a pattern, judge them, and refine them on the images."""
@@ -235,14 +226,15 @@ class Calibrator:
         if result.pattern is None or result.extrinsics is None or result.covariance is None:
             raise ValueError("only an accepted result can be compared with the road")
         _, left_m, right_m = lane_in_road(result.pattern, self.rig, result.extrinsics)
-        fit = align_texture(
-            images, self.rig, result.extrinsics, result.lane_yaw_rad or 0.0, limits_m=(float(right_m), float(left_m))
-        )
+        limits_m = (float(right_m) - _BESIDE_M, float(left_m) + _BESIDE_M)
+        yaw = result.lane_yaw_rad or 0.0
+        fit = align_texture(images, self.rig, result.extrinsics, yaw, limits_m=limits_m)
         if fit is None or not fit.enough_texture or not fit.even_enough:
             lacking = "too uneven" if fit is not None and fit.enough_texture else "too little texture"
             return replace(result, notes=(*result.notes, f"not checked against the asphalt: {lacking}"))
         stages = {**result.stages, "textured": fit.extrinsics}
-        refusal = checks.check_texture(result.extrinsics, fit)
+        heights = heights_over(result.pattern, self.rig, result.extrinsics, fit.extrinsics)
+        refusal = checks.check_texture(result.extrinsics, fit, heights)
         if refusal is None:
             by_road = covariance_by_road(result.pattern, self.rig, result.extrinsics, fit.shape)
             extrinsics, covariance = combine(result.extrinsics, result.covariance + by_road, fit)

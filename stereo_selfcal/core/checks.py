@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from .combination import MAX_DIFFERENCE, MAX_LINE_HEIGHT_M
 from .config import CalibratorConfig
-from .extrinsics import Extrinsics
+from .extrinsics import Array, Extrinsics
 from .matching import Candidate, MatchedLines
 from .results import Rejection, RejectReason
 from .rig import StereoRig
-from .texture import AGREEMENT, TextureFit
+from .texture import TextureFit
 from .uncertainty import LineFit
 
 # The widest filter of the extraction spans 33 px; nothing can be found in less.
@@ -215,19 +216,29 @@ def check_consistent(fit: LineFit | None) -> Rejection | None:
     )
 
 
-def check_texture(lines: Extrinsics, texture: TextureFit) -> Rejection | None:
-    """Refuse lines that do not lie in the plane of the asphalt between them: a kerb, another lane's."""
+def check_texture(lines: Extrinsics, texture: TextureFit, heights_m: Array) -> Rejection | None:
+    """Refuse lines that do not lie in the plane of the asphalt between them: a kerb, another lane's.
+
+    Args:
+        lines: Estimate from the lines.
+        texture: The asphalt.
+        heights_m: (L,) heights of the lines over it, where they were seen [m].
+    """
     difference = np.abs(lines.as_array() - texture.extrinsics.as_array())
-    worst = int(np.argmax(difference / AGREEMENT))
-    if difference[worst] <= AGREEMENT[worst]:
+    names = ("height", "pitch", "roll", "height of a line over the asphalt")
+    values = np.array([*difference, np.abs(heights_m).max()])
+    limits = np.array([*MAX_DIFFERENCE, MAX_LINE_HEIGHT_M])
+    worst = int(np.argmax(values / limits))
+    if values[worst] <= limits[worst]:
         return None
-    scale = 1e3 if worst == 0 else math.degrees(1.0)
+    in_metres = worst in (0, 3)
+    scale = 1e3 if in_metres else math.degrees(1.0)
     return Rejection(
         RejectReason.TEXTURE_DISAGREES,
-        f"the lines and the asphalt between them differ in {('height', 'pitch', 'roll')[worst]}",
-        float(difference[worst]) * scale,
-        float(AGREEMENT[worst]) * scale,
-        "mm" if worst == 0 else "deg",
+        f"the lines and the asphalt between them differ in {names[worst]}",
+        float(values[worst]) * scale,
+        float(limits[worst]) * scale,
+        "mm" if in_metres else "deg",
         "one of them may be a kerb, or slope otherwise: drive on, in the middle of a flat lane",
     )
 

@@ -1,9 +1,9 @@
 """Lines and asphalt together: what a road that is no plane does to an estimate from lines, and their mean.
 
-The pixels of two stripes give the plane of the stripes to a millimetre, yet the road between them is not
-in it: heights under the stripes walk as those under the asphalt do (:mod:`.unevenness`). With the roughness that
-the asphalt shows, the estimate from lines gets the uncertainty it has as an estimate of the road, and both can be
-weighted by their information.
+The pixels of two stripes give the plane of the stripes to a millimetre, yet the road between them is not in
+it: heights under the stripes walk as those under the asphalt do (:mod:`.unevenness`). With the roughness
+that the asphalt shows, the estimate from lines gets the uncertainty it has as an estimate of the road, and
+both can be weighted by their information.
 """
 
 from __future__ import annotations
@@ -14,8 +14,55 @@ from .corridor import plane_of, plane_to_extrinsics
 from .extrinsics import Array, Extrinsics, road_from_camera_rotation
 from .pattern import LanePattern
 from .rig import StereoRig
-from .texture import TextureFit
+from .texture import AGREEMENT, TextureFit
 from .unevenness import RoadShape, kernels
+
+# Nothing is measured where the disparity is a pixel.
+_LEAST_DISPARITY_PX = 1.0
+# Painted lines lie in the asphalt; the lowest kerbs are 6 cm high, and half of that tells them apart.
+MAX_LINE_HEIGHT_M = 0.030
+# Height [m], pitch, roll [rad] by which both may differ all the same, as far as the lever of the nearest line
+# stretches that: an estimate off by this is called wrong, and the asphalt alone is better by half.
+MAX_DIFFERENCE = np.array([0.060, np.radians(0.5), np.radians(1.2)])
+
+
+def same_road(a: Extrinsics, b: Extrinsics) -> bool:
+    """Whether two estimates are nearer than what the asphalt could tell apart."""
+    return bool(np.all(np.abs(a.as_array() - b.as_array()) < AGREEMENT))
+
+
+def heights_over(pattern: LanePattern, rig: StereoRig, lines: Extrinsics, road: Extrinsics) -> Array:
+    """Return how high each line of the pattern lies over a road [m], where it was seen, (L,).
+
+    Args:
+        pattern: The lines.
+        rig: Intrinsics and baseline.
+        lines: Estimate from them: their disparities.
+        road: Another estimate.
+    """
+    heights = []
+    for ray in _rays(pattern, rig):
+        seen, expected = ray @ plane_of(lines, rig), ray @ plane_of(road, rig)
+        metres = road.height_m / np.maximum(seen, _LEAST_DISPARITY_PX)
+        # Rows weigh as their pixels do; far ones say little of a height.
+        heights.append(float(np.sum((seen - expected) / metres) / np.sum(1.0 / metres**2)))
+    return np.array(heights)
+
+
+def lies_on(pattern: LanePattern, rig: StereoRig, lines: Extrinsics, road: Extrinsics) -> bool:
+    """Whether both lines lie in a road."""
+    return bool(np.all(np.abs(heights_over(pattern, rig, lines, road)) <= MAX_LINE_HEIGHT_M))
+
+
+def _rays(pattern: LanePattern, rig: StereoRig) -> list[Array]:
+    """Return the rays (1, y, z) of the rows each line was seen in, as the middle of the baseline sees them."""
+    rays = []
+    for index, line in enumerate(pattern.left):
+        seen = (pattern.rows >= line.rows.min()) & (pattern.rows <= line.rows.max())
+        v = pattern.rows[seen]
+        u = pattern.columns[:, index, seen].mean(axis=0)
+        rays.append(np.column_stack([np.ones(len(v)), -(u - rig.cx) / rig.fx, -(v - rig.cy) / rig.fy]))
+    return rays
 
 
 def covariance_by_road(
@@ -33,22 +80,18 @@ def covariance_by_road(
         shape: Roughness, profile and mismatch of the road between them.
     """
     plane = plane_of(extrinsics, rig)
-    rays = []
-    for index, line in enumerate(pattern.left):
-        seen = (pattern.rows >= line.rows.min()) & (pattern.rows <= line.rows.max())
-        v = pattern.rows[seen]
-        u = pattern.columns[:, index, seen].mean(axis=0)  # as the middle of the baseline sees it
-        rays.append(np.column_stack([np.ones(len(v)), -(u - rig.cx) / rig.fx, -(v - rig.cy) / rig.fy]))
-    ray = np.concatenate(rays)
+    ray = np.concatenate(_rays(pattern, rig))
     disparity = ray @ plane
-    ray, disparity = ray[disparity > 1.0], disparity[disparity > 1.0]
+    ray, disparity = ray[disparity > _LEAST_DISPARITY_PX], disparity[disparity > _LEAST_DISPARITY_PX]
     depth = rig.fx * rig.baseline_m / disparity
     rotation = road_from_camera_rotation(extrinsics.pitch_rad, extrinsics.roll_rad)
     xy = (ray * depth[:, None]) @ rotation[:2].T
     # A road higher by e has a disparity greater by e / metres.
     metres = extrinsics.height_m / disparity
     kernel, profile = kernels(xy)
-    heights = shape.roughness * kernel + shape.profile**2 * profile + np.diag((shape.mismatch_px * metres) ** 2)
+    heights = (
+        shape.roughness * kernel + shape.profile**2 * profile + np.diag((shape.mismatch_px * metres) ** 2)
+    )
     solve = np.linalg.pinv(ray) / metres
     by_plane = plane_to_extrinsics(plane, rig) @ solve
     covariance: Array = by_plane @ heights @ by_plane.T

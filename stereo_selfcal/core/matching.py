@@ -34,8 +34,8 @@ _MAX_PAIRS = 5
 # Both cameras see one stripe: in the same rows, as wide, and as bright up to their gains, which
 # an automatic exposure keeps within 0.8 ... 1.25 of each other.
 _MIN_ROW_OVERLAP = 0.5  # of the shorter line: one stray block in the sky makes a line twice as long
-_MAX_WIDTH_RATIO = 1.5
-_MAX_CONTRAST_RATIO = 2.0
+_MAX_WIDTH_RATIO = 2.0
+_MAX_CONTRAST_RATIO = 2.5
 # Least correlation of the cross-sections of one line in both images: half of the variance in common.
 # Over real frames the same line has 0.75 ... 1, a line and the kerb next to it -0.2 ... 0.6.
 _MIN_SIMILARITY = 0.7
@@ -171,7 +171,10 @@ def _may_lie_on_road(left: ImageLine, right: ImageLine, rig: StereoRig, config: 
         return False
     if _overlap(left.rows, right.rows) < _MIN_ROW_OVERLAP:
         return False
-    if max(left.width_px, right.width_px) > _MAX_WIDTH_RATIO * min(left.width_px, right.width_px):
+    # Widths grow with the rows below the horizon, and the two may be measured in different ones.
+    horizon = float(left.v_mid) - disparity / growth
+    widths = [line.width_px / max(line.v_mid - horizon, 1.0) for line in (left, right)]
+    if max(widths) > _MAX_WIDTH_RATIO * min(widths):
         return False
     if max(left.contrast, right.contrast) > _MAX_CONTRAST_RATIO * min(left.contrast, right.contrast):
         return False
@@ -210,6 +213,8 @@ def similarity(images: tuple[Image, Image], left: ImageLine, right: ImageLine) -
     a, b = (
         (section * valid).sum(axis=0)[valid.any(axis=0)] / count[valid.any(axis=0)] for section in sections
     )
+    if not len(a):
+        return 0.0
     a, b = a - a.mean(), b - b.mean()
     norm = float(np.sqrt((a @ a) * (b @ b)))
     return float(a @ b) / norm if norm > 0.0 else 0.0

@@ -17,7 +17,16 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from .corridor import FAR_M, HALF_WIDTH_M, Corridor, Floats, extrinsics_of, lay_out, plane_of, plane_to_extrinsics
+from .corridor import (
+    FAR_M,
+    HALF_WIDTH_M,
+    Corridor,
+    Floats,
+    extrinsics_of,
+    lay_out,
+    plane_of,
+    plane_to_extrinsics,
+)
 from .extraction import Image
 from .extrinsics import Array, Extrinsics
 from .rig import StereoRig

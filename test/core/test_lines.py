@@ -6,7 +6,8 @@ from independent_camera import CAMERAS, image_line
 
 from stereo_selfcal.core.config import ExtractionConfig
 from stereo_selfcal.core.extraction import edge_response, find_stripe_points
-from stereo_selfcal.core.lines import PEAKS_PER_SIGN, fit_line, hough_peaks, refit_line
+from stereo_selfcal.core.hough import PEAKS_PER_SIGN, hough_peaks
+from stereo_selfcal.core.lines import fit_line, refit_line
 from stereo_selfcal.synth.renderer import render_camera
 from stereo_selfcal.synth.scenes import random_scene
 from stereo_selfcal.synth.world import LINE_WIDTH_M

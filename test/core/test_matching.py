@@ -8,7 +8,8 @@ from independent_camera import CAMERAS, ideal_pattern, image_line
 
 from stereo_selfcal import Calibrator, CalibratorConfig, Extrinsics
 from stereo_selfcal.core.extraction import find_stripe_points
-from stereo_selfcal.core.lines import fit_line, hough_peaks
+from stereo_selfcal.core.hough import hough_peaks
+from stereo_selfcal.core.lines import fit_line
 from stereo_selfcal.core.matching import (
     Candidate,
     MatchedLines,

@@ -1,0 +1,87 @@
+"""From the stripe points of both images to the calibration patterns they can be (paper section 2.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from . import checks
+from .config import CalibratorConfig
+from .extraction import Image, StripePoints
+from .hough import hough_peaks
+from .lines import fit_line, refit_line
+from .matching import Candidate, MatchedLines, first_sampled_row, match_lines, sample_pattern
+from .pattern import LanePattern
+from .results import Rejection
+from .rig import StereoRig
+
+Points = tuple[StripePoints, StripePoints]
+_Candidates = tuple[list[Candidate], list[Candidate]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Refused:
+    """Why a frame has no pattern, and the lines that were found all the same, for a picture."""
+
+    rejection: Rejection
+    pattern: LanePattern | None = None
+
+
+def find_patterns(
+    points: Points,
+    images: tuple[Image, Image],
+    rig: StereoRig,
+    config: CalibratorConfig,
+    chained: bool = False,
+) -> list[LanePattern] | Refused:
+    """Find the pairs of lane boundaries that both cameras see.
+
+    Args:
+        points: Stripe points of the left and of the right image.
+        images: Both images, (H, W) uint8.
+        rig: Intrinsics and baseline.
+        config: Settings of the extraction.
+        chained: Whether points vote as chains (:func:`~stereo_selfcal.core.hough.hough_peaks`).
+
+    Returns:
+        The pairs, sampled, most promising first; or why there are none.
+    """
+    candidates = [_find_lines(each, image, chained) for each, image in zip(points, images, strict=True)]
+    refusal = checks.check_lines_found(candidates, config)
+    if refusal:
+        return Refused(refusal)
+    pairs, n_matched = match_lines(candidates[0], candidates[1], images, rig, config)
+    if not pairs:
+        return Refused(checks.lines_not_matched(n_matched))
+    refusals = [checks.check_converging(pair) for pair in pairs]
+    converging = [pair for pair, refusal in zip(pairs, refusals, strict=True) if refusal is None]
+    if refusals[0] is not None and not converging:
+        return Refused(refusals[0], sample_pattern(pairs[0], rig, config))
+    refined = [refit for pair in converging if (refit := _refit(pair, points, rig, config)) is not None]
+    if not refined:
+        return Refused(checks.lines_too_short(config))
+    refined.sort(key=lambda pair: -pair.score)
+    return [sample_pattern(pair, rig, config) for pair in refined]
+
+
+def _find_lines(points: StripePoints, image: Image, chained: bool) -> _Candidates:
+    """Return the lines of one image: left lane boundaries, right lane boundaries."""
+    sides = []
+    for peaks in hough_peaks(points, image.shape, chained):
+        lines = [(fit_line(points.gradient, peak, points.noise_grey), peak.votes) for peak in peaks]
+        sides.append([Candidate(line, votes) for line, votes in lines if line is not None])
+    return sides[0], sides[1]
+
+
+def _refit(
+    matched: MatchedLines, points: Points, rig: StereoRig, config: CalibratorConfig
+) -> MatchedLines | None:
+    """Fit the chosen lines again where they are sampled: below the vanishing point."""
+    first_row = first_sampled_row(matched.vanishing_point, rig, config)
+    lines = []
+    for view, pair in zip(points, (matched.left, matched.right), strict=True):
+        for line in pair:
+            refitted = refit_line(view.gradient, line, view.noise_grey, first_row)
+            if refitted is None or refitted.n_rows < config.extraction.min_line_rows:
+                return None
+            lines.append(refitted)
+    return MatchedLines.of(lines, matched.votes)
