@@ -18,8 +18,9 @@ from .fitness import PatternFitness
 from .fusion import fuse, shared
 from .genetic import GeneticResult, maximise_each
 from .geometry import SIDES
+from .guided import find_road, lines_on_road
 from .pattern import LanePattern
-from .patterns import Points, Refused, find_patterns
+from .patterns import Look, Points, Refused, look
 from .refinement import refine
 from .results import CalibrationResult, Rejection, RejectReason, describe, rejected
 from .rig import StereoRig
@@ -103,31 +104,31 @@ class Calibrator:
         if refusal:
             return rejected(refusal, stamp_s)
         points = self._find_points(images)
-        patterns = find_patterns(points, images, self.rig, self.config)
-        if isinstance(patterns, Refused):
-            result = rejected(patterns.rejection, stamp_s, pattern=patterns.pattern)
-            patterns = []
+        first = look(points, images, self.rig, self.config)
+        if isinstance(first.patterns, Refused):
+            result = rejected(first.patterns.rejection, stamp_s, pattern=first.patterns.pattern)
         else:
-            result = self._solve(patterns[0], images, stamp_s)
+            result = self._solve(first.patterns[0], images, stamp_s)
         if result.accepted or not self.config.texture.check:
             return result
-        chained = find_patterns(points, images, self.rig, self.config, chained=True)
-        if not isinstance(chained, Refused):
-            patterns = [*patterns, *chained]
-        return self._look_again(result, patterns, images, stamp_s)
+        return self._look_again(result, first, points, images, stamp_s)
 
     def _look_again(
         self,
         refused: CalibrationResult,
-        patterns: list[LanePattern],
+        first: Look,
+        points: Points,
         images: tuple[Image, Image],
         stamp_s: float,
     ) -> CalibrationResult:
-        """Try other pairs of lines; what is found this way counts only with the asphalt as a witness."""
+        """Try other lines; what is found this way counts only with the asphalt as a witness."""
+        chained = look(points, images, self.rig, self.config, chained=True)
         tried: list[Extrinsics] = [] if refused.pattern is None else list(refused.stages.values())[:1]
         road = refused.stages.get("textured")
         left = _MOST_SECOND_LOOKS
-        for pattern in patterns:
+        looks = (chained, first)
+        free = [p for each in looks if not isinstance(each.patterns, Refused) for p in each.patterns]
+        for pattern in free:
             closed = solve_plane(pattern, self.rig)
             if closed is None or not left:
                 continue
@@ -141,6 +142,17 @@ class Calibrator:
             if result.accepted and "textured" in result.stages:
                 return result
             road = road or result.stages.get("textured")
+        if road is None:
+            matches = [match for each in looks for side in each.matches for match in side]
+            shown = find_road(images, matches, self.rig, self.config)
+            road = None if shown is None else shown.extrinsics
+        if road is None:
+            return refused
+        candidates = [each.candidates[0] for each in looks]
+        for pattern in lines_on_road(road, candidates, points, images, self.rig, self.config):
+            result = self._solve(pattern, images, stamp_s)
+            if result.accepted and "textured" in result.stages:
+                return result
         return refused
 
     def extract(self, left: Image, right: Image) -> LanePattern | Refused:
@@ -157,7 +169,7 @@ class Calibrator:
         if refusal:
             return Refused(refusal)
         images = (left, right)
-        found = find_patterns(self._find_points(images), images, self.rig, self.config)
+        found = look(self._find_points(images), images, self.rig, self.config).patterns
         return found if isinstance(found, Refused) else found[0]
 
     def _find_points(self, images: tuple[Image, Image]) -> Points:

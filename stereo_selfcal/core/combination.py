@@ -55,7 +55,7 @@ def lies_on(pattern: LanePattern, rig: StereoRig, lines: Extrinsics, road: Extri
 
 
 def _rays(pattern: LanePattern, rig: StereoRig) -> list[Array]:
-    """Return the rays (1, y, z) of the rows each line was seen in, as the middle of the baseline sees them."""
+    """Return the rays (1, y, z) of the rows each line was seen in, from the middle of the baseline."""
     rays = []
     for index, line in enumerate(pattern.left):
         seen = (pattern.rows >= line.rows.min()) & (pattern.rows <= line.rows.max())
@@ -94,8 +94,9 @@ def covariance_by_road(
     )
     solve = np.linalg.pinv(ray) / metres
     by_plane = plane_to_extrinsics(plane, rig) @ solve
-    covariance: Array = by_plane @ heights @ by_plane.T
-    return (covariance + covariance.T) / 2.0
+    covariance = by_plane @ heights @ by_plane.T
+    symmetric: Array = (covariance + covariance.T) / 2.0
+    return symmetric
 
 
 def combine(lines: Extrinsics, covariance: Array, texture: TextureFit) -> tuple[Extrinsics, Array]:

@@ -78,7 +78,7 @@ def _fit(
 def _block_rows(noise: float, contrast: float) -> int:
     """Return how many rows of an edge stand out of the noise by as much as a block should."""
     rows = (_BLOCK_SIGMAS * noise * math.sqrt(2.0) / contrast) ** 2
-    return round(np.clip(rows, _BLOCK_ROWS_MIN, _BLOCK_ROWS_MAX))
+    return round(min(max(rows, _BLOCK_ROWS_MIN), _BLOCK_ROWS_MAX))
 
 
 def _fit_blocks(

@@ -38,7 +38,7 @@ _MAX_WIDTH_RATIO = 2.0
 _MAX_CONTRAST_RATIO = 2.5
 # Least correlation of the cross-sections of one line in both images: half of the variance in common.
 # Over real frames the same line has 0.75 ... 1, a line and the kerb next to it -0.2 ... 0.6.
-_MIN_SIMILARITY = 0.7
+MIN_SIMILARITY = 0.7
 # Places of the cross-section, in stripe widths from the left edge of the stripe.
 _SECTION_WIDTHS = np.linspace(-3.0, 4.0, 29)
 _SECTION_ROW_STEP = 3
@@ -61,12 +61,16 @@ class Candidate:
 
 
 @dataclass(frozen=True, slots=True)
-class _Match:
+class Match:
     """One lane boundary as seen by both cameras, and how alike they see it."""
 
     left: Candidate
     right: Candidate
     similarity: float
+
+
+Candidates = tuple[list[Candidate], list[Candidate]]  # left boundaries, right boundaries
+Matches = tuple[list[Match], list[Match]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +97,13 @@ class MatchedLines:
         point, distance = common_point(lines)
         return cls((lines[0], lines[1]), (lines[2], lines[3]), votes, point, distance)
 
+    @classmethod
+    def of_matches(cls, first: Match, second: Match) -> MatchedLines:
+        """Build from a left and a right boundary."""
+        lines = [first.left.line, second.left.line, first.right.line, second.right.line]
+        votes = sum(m.similarity * (m.left.votes + m.right.votes) for m in (first, second))
+        return cls.of(lines, votes)
+
     @property
     def score(self) -> float:
         """What the choice among several goes by: many votes, little distance from one point."""
@@ -100,13 +111,13 @@ class MatchedLines:
 
 
 def match_lines(
-    left: tuple[list[Candidate], list[Candidate]],
-    right: tuple[list[Candidate], list[Candidate]],
+    left: Candidates,
+    right: Candidates,
     images: tuple[Image, Image],
     rig: StereoRig,
     config: CalibratorConfig,
-) -> tuple[list[MatchedLines], tuple[int, int]]:
-    """Pair the lines that both cameras see alike to lane boundaries.
+) -> Matches:
+    """Return the lines that both cameras see alike.
 
     Args:
         left: Candidates of the left camera: left boundaries, right boundaries.
@@ -116,35 +127,35 @@ def match_lines(
         config: Its search box bounds the growth of the disparity.
 
     Returns:
-        The most promising pairs of boundaries, best first, for a closer fit; and how many left and
-        right boundaries both cameras see at all.
+        Left and right boundaries.
     """
-    boundaries = [_matches(left[i], right[i], images, rig, config) for i in range(2)]
-    found = []
-    for first, second in product(*boundaries):
-        if _roll_possible(first, second, rig, config):
-            lines = [first.left.line, second.left.line, first.right.line, second.right.line]
-            votes = sum(m.similarity * (m.left.votes + m.right.votes) for m in (first, second))
-            found.append(MatchedLines.of(lines, votes))
+    sides = []
+    for of_left, of_right in zip(left, right, strict=True):
+        possible = [
+            (a, b) for a, b in product(of_left, of_right) if may_lie_on_road(a.line, b.line, rig, config)
+        ]
+        matches = [Match(a, b, similarity(images, a.line, b.line)) for a, b in possible]
+        sides.append([match for match in matches if match.similarity >= MIN_SIMILARITY])
+    return sides[0], sides[1]
+
+
+def pair_lines(matches: Matches, rig: StereoRig, config: CalibratorConfig) -> list[MatchedLines]:
+    """Pair left and right boundaries to lanes.
+
+    Returns:
+        The most promising pairs, best first, for a closer fit.
+    """
+    found = [
+        MatchedLines.of_matches(first, second)
+        for first, second in product(*matches)
+        if _roll_possible(first, second, rig, config)
+    ]
     # Only an order: these fits still take in what lies above the road.
     found.sort(key=lambda lines: -lines.score)
-    return found[:_MAX_PAIRS], (len(boundaries[0]), len(boundaries[1]))
+    return found[:_MAX_PAIRS]
 
 
-def _matches(
-    left: list[Candidate],
-    right: list[Candidate],
-    images: tuple[Image, Image],
-    rig: StereoRig,
-    config: CalibratorConfig,
-) -> list[_Match]:
-    """Return the pairs of candidates that can be one line on the road and look like one."""
-    possible = [(a, b) for a, b in product(left, right) if _may_lie_on_road(a.line, b.line, rig, config)]
-    matches = [_Match(a, b, similarity(images, a.line, b.line)) for a, b in possible]
-    return [match for match in matches if match.similarity >= _MIN_SIMILARITY]
-
-
-def _roll_possible(first: _Match, second: _Match, rig: StereoRig, config: CalibratorConfig) -> bool:
+def _roll_possible(first: Match, second: Match, rig: StereoRig, config: CalibratorConfig) -> bool:
     """Whether the plane through two boundaries is tilted to the side by no more than the greatest roll."""
     # d = a + A u + B v on a plane, so along a line of slope m the disparity grows by A m + B a row.
     slopes = np.array([first.left.line.slope, second.left.line.slope])
@@ -154,7 +165,7 @@ def _roll_possible(first: _Match, second: _Match, rig: StereoRig, config: Calibr
     return bool(abs(roll) <= config.search.roll_max_rad)
 
 
-def _may_lie_on_road(left: ImageLine, right: ImageLine, rig: StereoRig, config: CalibratorConfig) -> bool:
+def may_lie_on_road(left: ImageLine, right: ImageLine, rig: StereoRig, config: CalibratorConfig) -> bool:
     """Whether the disparity between two lines is that of a stripe on a road under the rig."""
     # d(v) = growth * (v - v_infinity); on a level road growth = baseline / height * fx / fy.
     growth = left.slope - right.slope

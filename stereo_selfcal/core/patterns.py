@@ -9,13 +9,21 @@ from .config import CalibratorConfig
 from .extraction import Image, StripePoints
 from .hough import hough_peaks
 from .lines import fit_line, refit_line
-from .matching import Candidate, MatchedLines, first_sampled_row, match_lines, sample_pattern
+from .matching import (
+    Candidate,
+    Candidates,
+    MatchedLines,
+    Matches,
+    first_sampled_row,
+    match_lines,
+    pair_lines,
+    sample_pattern,
+)
 from .pattern import LanePattern
 from .results import Rejection
 from .rig import StereoRig
 
 Points = tuple[StripePoints, StripePoints]
-_Candidates = tuple[list[Candidate], list[Candidate]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,13 +34,28 @@ class Refused:
     pattern: LanePattern | None = None
 
 
-def find_patterns(
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """What one look at a frame has found.
+
+    Attributes:
+        candidates: Lines of the left and of the right camera.
+        matches: Lines that both see.
+        patterns: Pairs of lane boundaries, sampled, most promising first; or why there are none.
+    """
+
+    candidates: tuple[Candidates, Candidates]
+    matches: Matches
+    patterns: list[LanePattern] | Refused
+
+
+def look(
     points: Points,
     images: tuple[Image, Image],
     rig: StereoRig,
     config: CalibratorConfig,
     chained: bool = False,
-) -> list[LanePattern] | Refused:
+) -> Look:
     """Find the pairs of lane boundaries that both cameras see.
 
     Args:
@@ -41,17 +64,21 @@ def find_patterns(
         rig: Intrinsics and baseline.
         config: Settings of the extraction.
         chained: Whether points vote as chains (:func:`~stereo_selfcal.core.hough.hough_peaks`).
-
-    Returns:
-        The pairs, sampled, most promising first; or why there are none.
     """
-    candidates = [_find_lines(each, image, chained) for each, image in zip(points, images, strict=True)]
-    refusal = checks.check_lines_found(candidates, config)
+    left, right = (_find_lines(each, image, chained) for each, image in zip(points, images, strict=True))
+    refusal = checks.check_lines_found([left, right], config)
     if refusal:
-        return Refused(refusal)
-    pairs, n_matched = match_lines(candidates[0], candidates[1], images, rig, config)
+        return Look((left, right), ([], []), Refused(refusal))
+    matches = match_lines(left, right, images, rig, config)
+    return Look((left, right), matches, _patterns(matches, points, rig, config))
+
+
+def _patterns(
+    matches: Matches, points: Points, rig: StereoRig, config: CalibratorConfig
+) -> list[LanePattern] | Refused:
+    pairs = pair_lines(matches, rig, config)
     if not pairs:
-        return Refused(checks.lines_not_matched(n_matched))
+        return Refused(checks.lines_not_matched((len(matches[0]), len(matches[1]))))
     refusals = [checks.check_converging(pair) for pair in pairs]
     converging = [pair for pair, refusal in zip(pairs, refusals, strict=True) if refusal is None]
     if refusals[0] is not None and not converging:
@@ -63,7 +90,7 @@ def find_patterns(
     return [sample_pattern(pair, rig, config) for pair in refined]
 
 
-def _find_lines(points: StripePoints, image: Image, chained: bool) -> _Candidates:
+def _find_lines(points: StripePoints, image: Image, chained: bool) -> Candidates:
     """Return the lines of one image: left lane boundaries, right lane boundaries."""
     sides = []
     for peaks in hough_peaks(points, image.shape, chained):

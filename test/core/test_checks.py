@@ -21,7 +21,7 @@ ASPHALT = TextureFit(
     Extrinsics(1.5, 0.02, -0.01),
     np.eye(3) * 1e-8,
     TextureQuality(50.0, 0.9, 0.9, 0.9, 0.1, (1e-3, 1e-4, 1e-4)),
-    RoadShape(0.0, 1e-3, 0.0, 1e-3, 0.0, 0.0),
+    RoadShape(0.0, 1e-3, 0.0, 1e-3, 0.0, 0.0, 0.0),
     NOTHING,
     NOTHING,
     NOTHING,

@@ -1,0 +1,182 @@
+"""Lines looked for on a road that the asphalt has shown: a second look, where two free lines were not found.
+
+Matching lines of both cameras freely takes two that are clear in both. One clear line, though, and a road
+that is level across, are near enough for the asphalt to be aligned; with its plane a line of the left camera
+says where the right one has it. Lines found this way are measured freely, and judged like all others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from .combination import MAX_LINE_HEIGHT_M
+from .config import CalibratorConfig
+from .corridor import extrinsics_of, plane_of
+from .extraction import Image
+from .extrinsics import Array, Extrinsics
+from .lines import refit_line
+from .matching import (
+    MIN_SIMILARITY,
+    Candidate,
+    Candidates,
+    Match,
+    MatchedLines,
+    Matches,
+    may_lie_on_road,
+    sample_pattern,
+    similarity,
+)
+from .pattern import ImageLine, LanePattern
+from .patterns import Points
+from .rig import StereoRig
+from .texture import TextureFit, align_texture
+
+# Starts that get an alignment each: the clearest lines.
+_MOST_STARTS = 3
+# Parallel lines meet on the horizon of their road, unless it bends up or down: by a grade of 1 % here.
+MAX_GAP_RAD = 0.01
+# Pairs of lines that are handed on.
+_MOST_PATTERNS = 3
+
+
+def roads_of_single_lines(
+    matches: list[Match], rig: StereoRig, config: CalibratorConfig
+) -> Iterator[Extrinsics]:
+    """Yield the road each line would lie on if there were no roll, most voted line first.
+
+    Args:
+        matches: Lines that both cameras see.
+        rig: Intrinsics and baseline.
+        config: Its search box bounds the pose.
+    """
+    box = config.search
+    for match in sorted(matches, key=lambda m: -m.similarity * (m.left.votes + m.right.votes)):
+        left, right = match.left.line, match.right.line
+        v = np.array([max(left.rows.min(), right.rows.min()), min(left.rows.max(), right.rows.max())])
+        if v[1] <= v[0]:
+            continue
+        disparity = left.column_at(v) - right.column_at(v)
+        ray = np.column_stack([np.ones(2), -(v - rig.cy) / rig.fy])
+        p0, p2 = np.linalg.solve(ray, disparity)
+        road = extrinsics_of(np.array([p0, 0.0, p2]), rig)
+        inside = box.height_min_m <= road.height_m <= box.height_max_m
+        if p2 < 0.0 and inside and abs(road.pitch_rad) <= box.pitch_max_rad:
+            yield road
+
+
+def find_road(
+    images: tuple[Image, Image], matches: list[Match], rig: StereoRig, config: CalibratorConfig
+) -> TextureFit | None:
+    """Return the road that the asphalt shows, from one of the lines on; None without enough texture."""
+    for start, _ in zip(roads_of_single_lines(matches, rig, config), range(_MOST_STARTS), strict=False):
+        fit = align_texture(images, rig, start)
+        if fit is not None and fit.enough_texture and fit.even_enough:
+            return fit
+    return None
+
+
+def lines_on_road(
+    road: Extrinsics,
+    candidates: list[Candidates],
+    points: Points,
+    images: tuple[Image, Image],
+    rig: StereoRig,
+    config: CalibratorConfig,
+) -> list[LanePattern]:
+    """Return pairs of lines, one on either side, that lie in a road and meet in one point of its horizon.
+
+    Args:
+        road: Height, pitch and roll of the asphalt.
+        candidates: Of the left camera, as often as lines were looked for.
+        points: Stripe points of both images.
+        images: Left and right image.
+        rig: Intrinsics and baseline.
+        config: Settings of the extraction.
+    """
+    plane = plane_of(road, rig)
+    sides: Matches = ([], [])
+    for found in candidates:
+        for side, lines in zip(sides, found, strict=True):
+            for candidate in lines:
+                match = _seen_by_both(candidate, plane, points, images, rig, config)
+                if match is not None and not any(_same(match, other) for other in side):
+                    side.append(match)
+    pairs = [MatchedLines.of_matches(first, second) for first, second in product(*sides)]
+    reach_px = MAX_GAP_RAD * rig.fy
+    pairs = [pair for pair in pairs if abs(_gap(pair, plane, rig)) <= reach_px]
+    pairs.sort(key=lambda pair: -pair.score)
+    return [sample_pattern(pair, rig, config) for pair in pairs[:_MOST_PATTERNS]]
+
+
+def _gap(pair: MatchedLines, plane: Array, rig: StereoRig) -> float:
+    """Return the rows from the horizon of a road down to the point where two lines meet."""
+    u, v = pair.vanishing_point
+    horizon = rig.cy + rig.fy * (plane[0] - plane[1] * (u - rig.cx) / rig.fx) / plane[2]
+    return float(v - horizon)
+
+
+def _seen_by_both(
+    candidate: Candidate,
+    plane: Array,
+    points: Points,
+    images: tuple[Image, Image],
+    rig: StereoRig,
+    config: CalibratorConfig,
+) -> Match | None:
+    """Measure a line of the left camera below the horizon, and where the right camera should have it."""
+    line = candidate.line
+    horizon = _horizon(line, plane, rig)
+    bottom = rig.height - 1.0
+    first_row = bottom - config.extraction.horizon_fraction * (bottom - horizon)
+    left = refit_line(points[0].gradient, line, points[0].noise_grey, first_row)
+    if left is None or left.n_rows < config.extraction.min_line_rows:
+        return None
+    expected = _in_right_camera(left, plane, rig)
+    right = refit_line(points[1].gradient, expected, points[1].noise_grey, first_row)
+    if right is None or right.n_rows < config.extraction.min_line_rows:
+        return None
+    v = np.linspace(max(left.rows.min(), right.rows.min()), min(left.rows.max(), right.rows.max()), 5)
+    seen = left.column_at(v) - right.column_at(v)
+    metres = rig.fx * rig.baseline_m / np.linalg.norm(plane) / np.maximum(seen, 1.0)
+    height = (seen - (left.column_at(v) - expected.column_at(v))) * metres
+    if v[-1] <= v[0] or abs(float(np.average(height, weights=metres**-2.0))) > MAX_LINE_HEIGHT_M:
+        return None
+    if not may_lie_on_road(left, right, rig, config):
+        return None
+    alike = similarity(images, left, right)
+    if alike < MIN_SIMILARITY:
+        return None
+    return Match(Candidate(left, candidate.votes), Candidate(right, candidate.votes), alike)
+
+
+def _same(a: Match, b: Match) -> bool:
+    """Whether two matches are one line."""
+    v = np.array([a.left.line.rows.mean(), a.left.line.rows.max()])
+    return bool(np.all(np.abs(a.left.line.column_at(v) - b.left.line.column_at(v)) < a.left.line.width_px))
+
+
+def _horizon(line: ImageLine, plane: Array, rig: StereoRig) -> float:
+    """Return the row where a line of the left image leaves a road: where its disparity is none."""
+    intercept, slope = _disparity_along(line, plane, rig)
+    return float(np.clip(-intercept / slope, 0.0, rig.height - 2.0)) if slope > 0.0 else 0.0
+
+
+def _disparity_along(line: ImageLine, plane: Array, rig: StereoRig) -> tuple[float, float]:
+    """Return a and b of the disparity a + b v of a road along a line of the left image."""
+    v = np.array([0.0, rig.height - 1.0])
+    # The plane is that of the camera in the middle, half a disparity beside: d = p . ray(u - d / 2).
+    across = -plane[1] / rig.fx
+    u = line.column_at(v)
+    at_left = plane[0] - plane[1] * (u - rig.cx) / rig.fx - plane[2] * (v - rig.cy) / rig.fy
+    d = at_left / (1.0 + across / 2.0)
+    slope = float(d[1] - d[0]) / float(v[1])
+    return float(d[0]), slope
+
+
+def _in_right_camera(line: ImageLine, plane: Array, rig: StereoRig) -> ImageLine:
+    intercept, slope = _disparity_along(line, plane, rig)
+    return replace(line, u_mid=line.u_mid - intercept - slope * line.v_mid, slope=line.slope - slope)
