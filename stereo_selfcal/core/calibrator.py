@@ -18,7 +18,7 @@ from .fitness import PatternFitness
 from .fusion import fuse, shared
 from .genetic import GeneticResult, maximise_each
 from .geometry import SIDES
-from .guided import find_road, lines_on_road
+from .guided import find_road, line_on_road, lines_on_road
 from .pattern import LanePattern
 from .patterns import Look, Points, Refused, look
 from .refinement import refine
@@ -142,18 +142,29 @@ class Calibrator:
             if result.accepted and "textured" in result.stages:
                 return result
             road = road or result.stages.get("textured")
-        if road is None:
-            matches = [match for each in looks for side in each.matches for match in side]
-            shown = find_road(images, matches, self.rig, self.config)
-            road = None if shown is None else shown.extrinsics
-        if road is None:
+        matches = [match for each in looks for side in each.matches for match in side]
+        shown = find_road(images, road, matches, self.rig, self.config)
+        if shown is None or (road is not None and not same_road(road, shown.extrinsics)):
             return refused
         candidates = [each.candidates[0] for each in looks]
-        for pattern in lines_on_road(road, candidates, points, images, self.rig, self.config):
+        for pattern in lines_on_road(shown.extrinsics, candidates, points, images, self.rig, self.config):
             result = self._solve(pattern, images, stamp_s)
             if result.accepted and "textured" in result.stages:
                 return result
-        return refused
+        seen = line_on_road(shown.extrinsics, matches, points, images, self.rig, self.config)
+        if seen is None or not shown.precise:
+            return refused
+        result = CalibrationResult(
+            message="",
+            extrinsics=shown.extrinsics,
+            covariance=shown.covariance,
+            lane_yaw_rad=seen[1],
+            stamp_s=stamp_s,
+            n_frames=1,
+            stages={"textured": shown.extrinsics},
+            notes=("from the asphalt, confirmed by one line only",),
+        )
+        return replace(result, message=_announce(result))
 
     def extract(self, left: Image, right: Image) -> LanePattern | Refused:
         """Extract the calibration pattern of one frame (paper section 2.2).

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import product
+from itertools import islice, product
 
 import numpy as np
 
@@ -39,6 +39,8 @@ from .texture import TextureFit, align_texture
 _MOST_STARTS = 3
 # Parallel lines meet on the horizon of their road, unless it bends up or down: by a grade of 1 % here.
 MAX_GAP_RAD = 0.01
+# A car in its lane heads along it to a few degrees; edges that cross the road do not.
+MAX_YAW_RAD = float(np.radians(10.0))
 # Pairs of lines that are handed on.
 _MOST_PATTERNS = 3
 
@@ -69,10 +71,23 @@ def roads_of_single_lines(
 
 
 def find_road(
-    images: tuple[Image, Image], matches: list[Match], rig: StereoRig, config: CalibratorConfig
+    images: tuple[Image, Image],
+    known: Extrinsics | None,
+    matches: list[Match],
+    rig: StereoRig,
+    config: CalibratorConfig,
 ) -> TextureFit | None:
-    """Return the road that the asphalt shows, from one of the lines on; None without enough texture."""
-    for start, _ in zip(roads_of_single_lines(matches, rig, config), range(_MOST_STARTS), strict=False):
+    """Return the road that the asphalt shows, wherever its lines may be; None without enough texture.
+
+    Args:
+        images: Left and right image.
+        known: Where it is, if that is known.
+        matches: Lines that both cameras see; without a known road the clearest of them say where to start.
+        rig: Intrinsics and baseline.
+        config: Its search box bounds the pose.
+    """
+    starts = [known] if known else islice(roads_of_single_lines(matches, rig, config), _MOST_STARTS)
+    for start in starts:
         fit = align_texture(images, rig, start)
         if fit is not None and fit.enough_texture and fit.even_enough:
             return fit
@@ -180,3 +195,43 @@ def _disparity_along(line: ImageLine, plane: Array, rig: StereoRig) -> tuple[flo
 def _in_right_camera(line: ImageLine, plane: Array, rig: StereoRig) -> ImageLine:
     intercept, slope = _disparity_along(line, plane, rig)
     return replace(line, u_mid=line.u_mid - intercept - slope * line.v_mid, slope=line.slope - slope)
+
+
+def line_on_road(
+    road: Extrinsics,
+    matches: list[Match],
+    points: Points,
+    images: tuple[Image, Image],
+    rig: StereoRig,
+    config: CalibratorConfig,
+) -> tuple[Match, float] | None:
+    """Return the clearest line both cameras have found that lies in a road, and the yaw of the camera to it.
+
+    Args:
+        road: Height, pitch and roll of the asphalt.
+        matches: Lines both cameras see.
+        points: Stripe points of both images.
+        images: Left and right image.
+        rig: Intrinsics and baseline.
+        config: Settings of the extraction.
+    """
+    plane = plane_of(road, rig)
+    for match in sorted(matches, key=lambda m: -m.similarity * (m.left.votes + m.right.votes)):
+        on_road = _seen_by_both(match.left, plane, points, images, rig, config)
+        if on_road is None:
+            continue
+        right = match.right.line
+        v = np.array([right.rows.mean(), right.rows.max()])
+        # The right camera has found this line by itself, too, and not another one nearby.
+        if np.any(np.abs(right.column_at(v) - on_road.right.line.column_at(v)) > right.width_px):
+            continue
+        yaw = _yaw(on_road.left.line, plane, rig)
+        if abs(yaw) <= MAX_YAW_RAD:
+            return on_road, yaw
+    return None
+
+
+def _yaw(line: ImageLine, plane: Array, rig: StereoRig) -> float:
+    """Return the heading of the camera against a line [rad], > 0: left of it."""
+    leaves = float(line.column_at(np.array(_horizon(line, plane, rig))))
+    return float(np.arctan((leaves - rig.cx) / rig.fx))

@@ -130,6 +130,11 @@ class TextureFit:
         """Whether the corridor is plane enough for the estimate to be compared with another one."""
         return bool(np.all(np.diag(self.covariance) <= AGREEMENT**2))
 
+    @property
+    def precise(self) -> bool:
+        """Whether it is twice as good as it has to be for a comparison: good enough with one line alone."""
+        return bool(np.all(np.diag(self.covariance) <= (AGREEMENT / 2.0) ** 2))
+
 
 def align_texture(
     images: tuple[Image, Image],
