@@ -26,7 +26,7 @@ from .results import CalibrationResult, Rejection, RejectReason, describe, rejec
 from .rig import StereoRig
 from .road import lane_in_road
 from .texture import align_texture
-from .uncertainty import lane_curvature, propagate
+from .uncertainty import measure_bends, propagate
 
 # A frame that is refused is looked at again, with chains and with the next best pairs of lines; each costs a
 # search, a refinement and an alignment, so there is an end to it.
@@ -203,10 +203,11 @@ class Calibrator:
         )
         if refusal:
             return rejected(refusal, stamp_s, **evidence)
-        curvature = lane_curvature(pattern, self.rig, extrinsics.height_m)
+        bends = measure_bends(pattern, self.rig, extrinsics.height_m)
         fit = propagate(pattern, self.rig, extrinsics, self.config.fitness)
         refusal = (
-            checks.check_straight(*curvature, self.config)
+            checks.check_straight(bends.lateral_per_m, bends.lateral_std_per_m, self.config)
+            or checks.check_flat(bends.vertical_per_m, bends.vertical_std_per_m)
             or checks.check_determined(fit)
             or checks.check_consistent(fit)
         )

@@ -27,6 +27,10 @@ _EDGE_FRACTION = 1e-3
 # in 15 000 frames for normal errors.
 _CURVATURE_SIGMAS = 4.0
 
+# The pixels of a line weigh as the slope of the road 8 m ahead does: with this radius, it differs by 0.25 deg
+# there, which is what stripes and asphalt have to agree within.
+_MIN_VERTICAL_RADIUS_M = 1800.0
+
 # Lines of one rectified pair over any flat road agree within their standard deviations, which
 # real roads exceed up to five times (edges are not straight to a hundredth of a pixel). A right camera
 # turned by 0.02 rad about its axis gives 37, a vertical offset of a quarter of a pixel 21.
@@ -199,6 +203,20 @@ def check_straight(curvature_per_m: float, std_per_m: float, config: CalibratorC
         config.extraction.min_radius_m,
         "m",
         "calibrate on a straight road",
+    )
+
+
+def check_flat(curvature_per_m: float, std_per_m: float) -> Rejection | None:
+    """Refuse a road that rises or falls more and more: a crest, a dip."""
+    if abs(curvature_per_m) <= max(1.0 / _MIN_VERTICAL_RADIUS_M, _CURVATURE_SIGMAS * std_per_m):
+        return None
+    return Rejection(
+        RejectReason.ROAD_NOT_FLAT,
+        f"the road goes over a {'dip' if curvature_per_m > 0 else 'crest'}, radius",
+        1.0 / abs(curvature_per_m),
+        _MIN_VERTICAL_RADIUS_M,
+        "m",
+        "calibrate where the slope does not change",
     )
 
 

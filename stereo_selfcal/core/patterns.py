@@ -66,10 +66,10 @@ def look(
         chained: Whether points vote as chains (:func:`~stereo_selfcal.core.hough.hough_peaks`).
     """
     left, right = (_find_lines(each, image, chained) for each, image in zip(points, images, strict=True))
+    matches = match_lines(left, right, images, rig, config)
     refusal = checks.check_lines_found([left, right], config)
     if refusal:
-        return Look((left, right), ([], []), Refused(refusal))
-    matches = match_lines(left, right, images, rig, config)
+        return Look((left, right), matches, Refused(refusal))
     return Look((left, right), matches, _patterns(matches, points, rig, config))
 
 

@@ -153,18 +153,34 @@ def _predict(parameters: Array, lines: tuple[ImageLine, ...], rig: StereoRig) ->
     return np.stack([u_mid, lines_uv[..., 1]], axis=-1).reshape(len(parameters), 8)
 
 
-def lane_curvature(pattern: LanePattern, rig: StereoRig, height_m: float) -> tuple[float, float]:
-    """Measure the curvature that the points of the four lines have in common.
+@dataclass(frozen=True, slots=True)
+class Bends:
+    """What the lines have in common that no straight line on a plane has.
+
+    Attributes:
+        lateral_per_m: Curvature of the lane [1/m], > 0: to the left.
+        lateral_std_per_m: Its standard deviation.
+        vertical_per_m: Curvature of the road's profile [1/m], > 0: a dip, < 0: a crest.
+        vertical_std_per_m: Its standard deviation.
+    """
+
+    lateral_per_m: float
+    lateral_std_per_m: float
+    vertical_per_m: float
+    vertical_std_per_m: float
+
+
+def measure_bends(pattern: LanePattern, rig: StereoRig, height_m: float) -> Bends:
+    """Measure the curvatures that the points of the four lines have in common.
 
     A line at distance x on a road of curvature k is displaced by k x^2 / 2 to the left, in the image by
-    -k fx x / 2 = -k fx fy height / 2 / (v - v_horizon). This is fitted to the measured points,
-    together with a straight line of its own for each.
-
-    Returns:
-        Curvature [1/m], > 0: to the left; and its standard deviation [1/m].
+    -k fx x / 2 = -k fx fy height / 2 / (v - v_horizon). Where the road rises by c x^2 / 2, a row shows it nearer
+    by the part c x^2 / (2 height), so that a line of slope m moves by
+    m c fy^2 height / 2 / (v - v_horizon): lines of either side to opposite sides. Both are fitted to the
+    measured points, together with a straight line of its own for each.
     """
     lines = (*pattern.left, *pattern.right)
-    n_parameters = 2 * len(lines) + 1
+    n_parameters = 2 * len(lines) + 2
     normal = np.zeros((n_parameters, n_parameters))
     right_side = np.zeros(n_parameters)
     blocks = []
@@ -173,7 +189,8 @@ def lane_curvature(pattern: LanePattern, rig: StereoRig, height_m: float) -> tup
         design = np.zeros((len(line.rows), n_parameters))
         design[:, 2 * i] = 1.0
         design[:, 2 * i + 1] = line.rows - line.v_mid
-        design[:, -1] = -rig.fx * rig.fy * height_m / 2.0 / below
+        design[:, -2] = -rig.fx * rig.fy * height_m / 2.0 / below
+        design[:, -1] = line.slope * rig.fy**2 * height_m / 2.0 / below
         normal += design.T @ (design * line.weights[:, None])
         right_side += design.T @ (line.weights * line.columns)
         blocks.append(design)
@@ -183,5 +200,6 @@ def lane_curvature(pattern: LanePattern, rig: StereoRig, height_m: float) -> tup
         for line, design in zip(lines, blocks, strict=True)
     )
     freedom = max(1, sum(len(line.rows) for line in lines) - n_parameters)
-    variance = np.linalg.pinv(normal)[-1, -1] * squares / freedom
-    return float(solution[-1]), float(np.sqrt(variance))
+    variances = np.diag(np.linalg.pinv(normal))[-2:] * squares / freedom
+    std = np.sqrt(np.maximum(variances, 0.0))
+    return Bends(float(solution[-2]), float(std[0]), float(solution[-1]), float(std[1]))

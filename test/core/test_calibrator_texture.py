@@ -4,13 +4,15 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from stereo_selfcal import Calibrator, CalibratorConfig, RejectReason
 from stereo_selfcal.core import calibrator as calibrator_module
+from stereo_selfcal.core.texture import AGREEMENT
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import random_scene
 
-WITNESS = CalibratorConfig.from_mapping({"texture.check": 1})
+LINES_ALONE = CalibratorConfig.from_mapping({"texture.check": 0})
 
 
 def coarse_asphalt(texture_amplitude):
@@ -21,9 +23,10 @@ def coarse_asphalt(texture_amplitude):
 
 def test_the_asphalt_agrees_and_is_a_stage():
     scene, images = coarse_asphalt(12.0)
-    result = Calibrator(scene.rig, WITNESS).add(*images)
+    result = Calibrator(scene.rig).add(*images)
     assert result.accepted
-    assert list(result.stages)[-1] == "textured"
+    assert list(result.stages)[-2:] == ["textured", "combined"]
+    assert result.extrinsics == result.stages["combined"]
     assert not any("asphalt" in note for note in result.notes)
     difference = result.stages["textured"].as_array() - scene.extrinsics.as_array()
     assert np.all(np.abs(difference) < [0.030, math.radians(0.25), math.radians(0.8)])
@@ -31,25 +34,65 @@ def test_the_asphalt_agrees_and_is_a_stage():
 
 def test_without_texture_the_lines_stand_alone_and_say_so():
     scene, images = coarse_asphalt(0.0)
-    result = Calibrator(scene.rig, WITNESS).add(*images)
+    result = Calibrator(scene.rig).add(*images)
     assert result.accepted
     assert "textured" not in result.stages
     assert "not checked against the asphalt" in result.message
 
 
-def test_lines_on_another_plane_than_the_asphalt_are_refused(monkeypatch):
-    """The estimate from lines is moved by 60 mm, as a kerb would: the images say otherwise."""
-    scene, images = coarse_asphalt(12.0)
+def raised(monkeypatch, height_m):
+    """Move the estimate from lines up, as kerbs would."""
     refine = calibrator_module.refine
 
     def kerb(*arguments):
         fit = refine(*arguments)
-        return replace(fit, extrinsics=replace(fit.extrinsics, height_m=fit.extrinsics.height_m + 0.06))
+        return replace(fit, extrinsics=replace(fit.extrinsics, height_m=fit.extrinsics.height_m + height_m))
 
     monkeypatch.setattr(calibrator_module, "refine", kerb)
-    assert Calibrator(scene.rig).add(*images).accepted
-    result = Calibrator(scene.rig, WITNESS).add(*images)
+
+
+def test_lines_on_another_plane_than_the_asphalt_are_refused(monkeypatch):
+    scene, images = coarse_asphalt(12.0)
+    raised(monkeypatch, 0.07)
+    monkeypatch.setattr(calibrator_module, "line_on_road", lambda *_: None)
+    assert Calibrator(scene.rig, LINES_ALONE).add(*images).accepted
+    result = Calibrator(scene.rig).add(*images)
     assert result.reason is RejectReason.TEXTURE_DISAGREES
     assert result.extrinsics is None
     assert {"genetic", "refined", "textured"} <= set(result.stages)
     assert "asphalt" in result.message
+
+
+def test_the_asphalt_stands_with_one_line_where_two_contradict_it(monkeypatch):
+    """What is accepted is the plane of the asphalt, and nothing of the lines that were raised."""
+    scene, images = coarse_asphalt(12.0)
+    raised(monkeypatch, 0.07)
+    result = Calibrator(scene.rig).add(*images)
+    assert result.accepted
+    assert list(result.stages) == ["textured"]
+    assert "one line only" in result.message
+    difference = result.extrinsics.as_array() - scene.extrinsics.as_array()
+    assert np.all(np.abs(difference) < AGREEMENT)
+    assert abs(result.lane_yaw_rad - scene.lane_yaw_rad) < math.radians(0.5)
+
+
+@pytest.mark.parametrize("gone", [0, 1])
+def test_one_line_and_asphalt_are_a_road(gone):
+    """One line alone determines no roll; with the asphalt beside it the road is known, and right."""
+    scene, _ = coarse_asphalt(12.0)
+    left = tuple(line for i, line in enumerate(scene.road.lines) if i != gone)
+    scene = replace(scene, road=replace(scene.road, lines=left))
+    images = render(scene, np.random.default_rng(0))
+    assert not Calibrator(scene.rig, LINES_ALONE).add(*images).accepted
+    result = Calibrator(scene.rig).add(*images)
+    assert result.accepted, result.message
+    difference = result.extrinsics.as_array() - scene.extrinsics.as_array()
+    assert np.all(np.abs(difference) < AGREEMENT)
+
+
+def test_asphalt_without_any_line_is_refused():
+    """Where a road leads is known by its lines alone; and grass has texture, too."""
+    scene, _ = coarse_asphalt(12.0)
+    scene = replace(scene, road=replace(scene.road, lines=()))
+    result = Calibrator(scene.rig).add(*render(scene, np.random.default_rng(0)))
+    assert not result.accepted

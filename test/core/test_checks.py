@@ -220,7 +220,7 @@ def test_cameras_that_contradict_each_other():
 
 @pytest.mark.parametrize(
     ("place", "limit", "shown", "unit"),
-    [(0, 0.030, 30.0, "mm"), (1, math.radians(0.25), 0.25, "deg"), (2, math.radians(0.8), 0.8, "deg")],
+    [(0, 0.060, 60.0, "mm"), (1, math.radians(0.5), 0.5, "deg"), (2, math.radians(1.2), 1.2, "deg")],
 )
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_lines_and_asphalt_agree_within_the_tolerance(place, limit, shown, unit, sign):
@@ -231,9 +231,19 @@ def test_lines_and_asphalt_agree_within_the_tolerance(place, limit, shown, unit,
         moved[place] += sign * part * limit
         return replace(ASPHALT, extrinsics=Extrinsics.from_array(moved))
 
-    assert checks.check_texture(Extrinsics.from_array(lines), texture_off_by(0.99)) is None
-    rejection = checks.check_texture(Extrinsics.from_array(lines), texture_off_by(1.01))
+    flat = np.zeros(2)
+    assert checks.check_texture(Extrinsics.from_array(lines), texture_off_by(0.99), flat) is None
+    rejection = checks.check_texture(Extrinsics.from_array(lines), texture_off_by(1.01), flat)
     assert_refuses(rejection, RejectReason.TEXTURE_DISAGREES, 1.01 * shown, shown, unit, "kerb")
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_lines_lie_in_the_asphalt(sign):
+    """Either line counts, above or below, wherever its lever leads the pose."""
+    same = ASPHALT.extrinsics
+    assert checks.check_texture(same, ASPHALT, np.array([0.0, sign * 0.0299])) is None
+    rejection = checks.check_texture(same, ASPHALT, np.array([sign * 0.0301, 0.0]))
+    assert_refuses(rejection, RejectReason.TEXTURE_DISAGREES, 30.1, 30.0, "mm", "height of a line", "kerb")
 
 
 def test_undetermined_pose():

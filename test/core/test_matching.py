@@ -16,6 +16,7 @@ from stereo_selfcal.core.matching import (
     common_point,
     first_sampled_row,
     match_lines,
+    pair_lines,
     sample_pattern,
     similarity,
 )
@@ -128,9 +129,10 @@ def test_nothing_is_matched_when_only_the_kerb_is_left(kerbed):
     only_line = tuple([of(scene, "left", LINES[side], in_left[side])] for side in (0, 1))
     only_kerb = tuple([of(scene, "right", KERBS[side], in_right[side])] for side in (0, 1))
     only_same = tuple([of(scene, "right", LINES[side], in_right[side])] for side in (0, 1))
-    assert match_lines(only_line, only_kerb, (left, right), scene.rig, CONFIG) == ([], (0, 0))
-    pairs, counts = match_lines(only_line, only_same, (left, right), scene.rig, CONFIG)
-    assert (len(pairs), counts) == (1, (1, 1))
+    assert match_lines(only_line, only_kerb, (left, right), scene.rig, CONFIG) == ([], [])
+    matches = match_lines(only_line, only_same, (left, right), scene.rig, CONFIG)
+    assert [len(side) for side in matches] == [1, 1]
+    assert len(pair_lines(matches, scene.rig, CONFIG)) == 1
 
 
 def test_two_equal_lines_side_by_side_are_told_apart_by_what_lies_across():
@@ -152,7 +154,8 @@ def test_two_equal_lines_side_by_side_are_told_apart_by_what_lies_across():
         first = [of(scene, "left", inner, in_left[0])]
         second = [of(scene, "right", partner, in_right[0])]
         both = (first, right_boundary[0]), (second, right_boundary[1])
-        assert match_lines(*both, images, scene.rig, CONFIG)[1] == (n_matched, 1)
+        matches = match_lines(*both, images, scene.rig, CONFIG)
+        assert [len(side) for side in matches] == [n_matched, 1]
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -174,8 +177,8 @@ def test_both_cameras_take_the_same_line_beside_kerbs(seed):
 def test_swapped_images_are_not_matched(rendered):
     scene, left, right = rendered(0, 0.01)
     found = candidates(left), candidates(right)
-    assert match_lines(*found, (left, right), scene.rig, CONFIG)[0]
-    assert match_lines(*found[::-1], (right, left), scene.rig, CONFIG) == ([], (0, 0))
+    assert all(match_lines(*found, (left, right), scene.rig, CONFIG))
+    assert match_lines(*found[::-1], (right, left), scene.rig, CONFIG) == ([], [])
 
 
 def test_road_rolled_further_than_searched_is_not_matched(rendered):
@@ -184,8 +187,9 @@ def test_road_rolled_further_than_searched_is_not_matched(rendered):
     roll = abs(scene.extrinsics.roll_rad)
     for factor, n_pairs in ((0.5, 0), (2.0, 1)):
         config = CalibratorConfig.from_mapping({"search.roll_max_rad": factor * roll})
-        pairs, counts = match_lines(*found, (left, right), scene.rig, config)
-        assert (min(len(pairs), 1), counts) == (n_pairs, (1, 1))
+        matches = match_lines(*found, (left, right), scene.rig, config)
+        assert [len(side) for side in matches] == [1, 1]
+        assert len(pair_lines(matches, scene.rig, config)) == n_pairs
 
 
 def test_similarity_of_an_image_with_itself_is_one_and_with_its_negative_minus_one(rendered):

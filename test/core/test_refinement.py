@@ -346,14 +346,14 @@ def test_a_road_below_the_image_gives_none(horizon):
 def test_stages_in_their_order_and_the_refined_one_is_the_result(rendered, calibrated):
     scene, left, right = rendered(1, NOISE)
     _, result = calibrated(1, NOISE)
-    assert list(result.stages) == ["genetic", "closed_form", "refined"]
+    assert list(result.stages) == ["genetic", "closed_form", "refined"]  # too little texture for a fourth
     assert result.extrinsics == result.stages["refined"]
     np.testing.assert_array_equal(result.genetic.best, result.stages["genetic"].as_array())
     again = refine((left, right), result.pattern, scene.rig, result.stages["genetic"])
     assert result.extrinsics == again.extrinsics
     np.testing.assert_array_equal(result.covariance, again.covariance)
     assert result.lane_yaw_rad == again.lane_yaw_rad
-    assert result.notes == ()
+    assert not any("refined" in note for note in result.notes)
 
 
 def test_without_refinement_the_genetic_result_stands_and_says_so(rendered, calibrated, monkeypatch):
@@ -365,9 +365,8 @@ def test_without_refinement_the_genetic_result_stands_and_says_so(rendered, cali
     assert result.extrinsics == result.stages["genetic"] == calibrated(1, NOISE)[1].stages["genetic"]
     # Its own covariance, not that of the refinement: larger in every direction that matters.
     assert np.all(np.diag(result.covariance) > np.diag(calibrated(1, NOISE)[1].covariance))
-    assert len(result.notes) == 1
     assert result.notes[0].startswith("not refined: ")
-    assert result.message.endswith(f"; {result.notes[0]}")
+    assert f"; {result.notes[0]}" in result.message
 
 
 def test_refinement_is_asked_for_accepted_frames_only(monkeypatch):

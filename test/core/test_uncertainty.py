@@ -10,7 +10,7 @@ from stereo_selfcal import Calibrator, Extrinsics
 from stereo_selfcal.core.config import FitnessConfig, GeneticConfig
 from stereo_selfcal.core.fitness import PatternFitness
 from stereo_selfcal.core.genetic import maximise
-from stereo_selfcal.core.uncertainty import lane_curvature, propagate
+from stereo_selfcal.core.uncertainty import measure_bends, propagate
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import PAPER_RIG, random_scene
 
@@ -116,7 +116,8 @@ def test_curvature_of_a_bend_with_its_sign(seed, curvature_per_m):
     scene = random_scene(np.random.default_rng(seed), 0.01)
     scene = replace(scene, road=replace(scene.road, curvature_per_m=curvature_per_m))
     pattern = Calibrator(scene.rig).extract(*render(scene, np.random.default_rng(seed)))
-    measured, std = lane_curvature(pattern, scene.rig, scene.extrinsics.height_m)
+    bends = measure_bends(pattern, scene.rig, scene.extrinsics.height_m)
+    measured, std = bends.lateral_per_m, bends.lateral_std_per_m
     assert measured == pytest.approx(curvature_per_m, rel=0.15)
     # A bend stands out: the check asks for four standard deviations.
     assert abs(measured) > 4 * std
@@ -127,7 +128,8 @@ def test_curvature_of_a_straight_road_is_nearly_zero(rendered, noise, limit_per_
     for seed in range(4):
         scene, left, right = rendered(seed, noise)
         pattern = Calibrator(scene.rig).extract(left, right)
-        measured, std = lane_curvature(pattern, scene.rig, scene.extrinsics.height_m)
+        bends = measure_bends(pattern, scene.rig, scene.extrinsics.height_m)
+        measured, std = bends.lateral_per_m, bends.lateral_std_per_m
         # The limits are multiples of the radius from which the calibrator refuses, 1000 m.
         assert abs(measured) < limit_per_m
         assert std < limit_per_m
@@ -143,4 +145,25 @@ def test_curvature_of_perfect_arcs():
         return -PAPER_RIG.fx * (curvature * distance**2 / 2) / distance
 
     pattern = pattern_of(pose, 0.0, columns=added)
-    assert lane_curvature(pattern, PAPER_RIG, pose.height_m)[0] == pytest.approx(curvature, rel=1e-6)
+    bends = measure_bends(pattern, PAPER_RIG, pose.height_m)
+    assert bends.lateral_per_m == pytest.approx(curvature, rel=1e-6)
+    assert bends.vertical_per_m == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("curvature", [1 / 20_000, -1 / 20_000])
+def test_vertical_curvature_of_perfect_profiles(curvature):
+    """A road point at distance x is c x^2 / 2 higher: seen in the row of a plane's point that is farther."""
+    pose, lines_m = Extrinsics(1.4, 0.0, 0.0), (1.75, -1.75)
+    horizon = PAPER_RIG.cy
+
+    def added(i, j, rows):
+        below = (rows - horizon) / PAPER_RIG.fy
+        # below = (h - c x^2 / 2) / x, solved for x.
+        distance = (-below + np.sqrt(below**2 + 2 * curvature * pose.height_m)) / curvature
+        side = lines_m[j] - (0.5 - i) * PAPER_RIG.baseline_m
+        return -PAPER_RIG.fx * side * (1 / distance - below / pose.height_m)
+
+    bends = measure_bends(pattern_of(pose, 0.0, columns=added), PAPER_RIG, pose.height_m)
+    # To first order in the rise over the height of the camera.
+    assert bends.vertical_per_m == pytest.approx(curvature, rel=0.1)
+    assert abs(bends.lateral_per_m) < 1e-6
