@@ -24,8 +24,8 @@ BAG = _RECORDED / "kitti_odometry02"
 REFERENCE = _RECORDED / "kitti_odometry02_stereo_plane.csv"
 FRAMES = _RECORDED / "kitti_frames"
 
-# Systematic differences of the references (README of the data): the lidar's height is 15 mm more than that of the
-# stereo pair; the plane of dense disparity is 4 mm lower and 0.1 deg more nose-up. mm, deg, deg.
+# Systematic differences of the references (README of the data): the lidar's height is 15 mm more than that of
+# the stereo pair; the plane of dense disparity is 4 mm lower and 0.1 deg more nose-up. mm, deg, deg.
 LIDAR_OFFSET = np.array([-15.0, 0.0, 0.0])
 DISPARITY_OFFSET = np.array([4.0, 0.1, 0.0])
 

@@ -9,7 +9,14 @@ import numpy as np
 
 from . import checks
 from .closed_form import compare_stages, solve_plane
-from .combination import combine, covariance_by_road, heights_over, lies_on, same_road
+from .combination import (
+    combine,
+    covariance_by_rectification,
+    covariance_by_road,
+    heights_over,
+    lies_on,
+    same_road,
+)
 from .config import CalibratorConfig
 from .corridor import CELL_WIDTH_M
 from .extraction import Image, find_stripe_points
@@ -157,7 +164,7 @@ class Calibrator:
         result = CalibrationResult(
             message="",
             extrinsics=shown.extrinsics,
-            covariance=shown.covariance,
+            covariance=shown.covariance + covariance_by_rectification(self.rig, shown.extrinsics),
             lane_yaw_rad=seen[1],
             stamp_s=stamp_s,
             n_frames=1,
@@ -262,6 +269,7 @@ class Calibrator:
         if refusal is None:
             by_road = covariance_by_road(result.pattern, self.rig, result.extrinsics, fit.shape)
             extrinsics, covariance = combine(result.extrinsics, result.covariance + by_road, fit)
+            covariance = covariance + covariance_by_rectification(self.rig, extrinsics)
             stages["combined"] = extrinsics
             return replace(result, stages=stages, extrinsics=extrinsics, covariance=covariance)
         evidence = {"pattern": result.pattern, "genetic": result.genetic, "stages": stages}

@@ -17,6 +17,8 @@ from .rig import StereoRig
 from .texture import AGREEMENT, TextureFit
 from .unevenness import RoadShape, kernels
 
+# Calibrations of stereo cameras end with reprojection errors of a tenth of a pixel.
+RECTIFICATION_STD_PX = 0.1
 # Nothing is measured where the disparity is a pixel.
 _LEAST_DISPARITY_PX = 1.0
 # Painted lines lie in the asphalt; the lowest kerbs are 6 cm high, and half of that tells them apart.
@@ -97,6 +99,18 @@ def covariance_by_road(
     covariance = by_plane @ heights @ by_plane.T
     symmetric: Array = (covariance + covariance.T) / 2.0
     return symmetric
+
+
+def covariance_by_rectification(rig: StereoRig, extrinsics: Extrinsics) -> Array:
+    """Return the covariance (3, 3) that imperfect intrinsics of a rig give any estimate with it.
+
+    The disparities of a rectified pair are off by as much as the calibration of the cameras has left: a
+    constant, and what grows to the sides and to the top and bottom of the image.
+    """
+    reach = np.array([1.0, rig.width / (2.0 * rig.fx), rig.height / (2.0 * rig.fy)])
+    by_plane = plane_to_extrinsics(plane_of(extrinsics, rig), rig) * (RECTIFICATION_STD_PX / reach)
+    covariance: Array = by_plane @ by_plane.T
+    return covariance
 
 
 def combine(lines: Extrinsics, covariance: Array, texture: TextureFit) -> tuple[Extrinsics, Array]:

@@ -108,7 +108,11 @@ class TextureConfig:
     """The asphalt between the lines as a witness: it must lie in the plane of the lines."""
 
     check: int = _setting(
-        1, "Whether (1) to ask the asphalt: it checks the lines, helps to find them, and makes the estimate better", "", 0, 1
+        1,
+        "Whether (1) to ask the asphalt: it checks the lines, helps to find them, makes the estimate better",
+        "",
+        0,
+        1,
     )
 
 

@@ -90,22 +90,10 @@ def hough_peaks(
         Lines that run to the left going down (theta > 0: left lane boundaries), and to the right.
     """
     centre_u, centre_v = (shape[1] - 1) / 2, (shape[0] - 1) / 2
-    vote = np.minimum(points.contrast / _FULL_VOTE_GREY, 1.0) * points.continuity * points.counts
-    slopes, slope_std = points.slopes, points.slope_std
-    in_chain = np.zeros(len(vote), dtype=bool)
-    if chained:
-        chains = chain_points(points, shape[1])
-        in_chain = chains.length >= _MIN_CHAIN_ROWS
-        vote = vote * np.clip(chains.length / _FULL_CHAIN_ROWS, _UNCHAINED, 1.0)
-        slopes = np.where(in_chain, chains.slope, slopes)
-        slope_std = np.where(in_chain, chains.slope_std, slope_std)
+    vote, theta, half_width, in_chain = _votes(points, shape[1], chained)
     strongest = np.argsort(-vote, kind="stable")[:_MAX_VOTING_POINTS]
     u, v = points.columns[strongest] - centre_u, points.rows[strongest] - centre_v
-    in_chain, slopes = in_chain[strongest], slopes[strongest]
-    theta = np.degrees(np.arctan(-slopes))
-    spread = np.degrees(slope_std[strongest] / (1.0 + slopes**2))
-    least = np.where(in_chain, _MIN_CHAIN_HALF_WIDTH_DEG, _MIN_VOTE_HALF_WIDTH_DEG)
-    half_width = np.clip(_VOTE_SIGMAS * spread, least, _MAX_VOTE_HALF_WIDTH_DEG)
+    theta, half_width, in_chain = theta[strongest], half_width[strongest], in_chain[strongest]
     n_rho = 2 * math.ceil(math.hypot(*shape) / 2 / _RHO_STEP_PX) + 3
     cells, owner = _cells(u, v, theta, half_width, n_rho)
     weights = vote[strongest]
@@ -160,6 +148,25 @@ def hough_peaks(
             weights[support] = 0.0
             table[best] = 0.0  # what rounding left, or points on the rim of the support
     return sides
+
+
+def _votes(
+    points: StripePoints, width: int, chained: bool
+) -> tuple[Array, Array, Array, npt.NDArray[np.bool_]]:
+    """Return weight, theta [deg] and half width [deg] of each point's votes, and whether a chain has it."""
+    vote = np.minimum(points.contrast / _FULL_VOTE_GREY, 1.0) * points.continuity * points.counts
+    slopes, slope_std = points.slopes, points.slope_std
+    in_chain = np.zeros(len(vote), dtype=bool)
+    if chained:
+        chains = chain_points(points, width)
+        in_chain = chains.length >= _MIN_CHAIN_ROWS
+        vote = vote * np.clip(chains.length / _FULL_CHAIN_ROWS, _UNCHAINED, 1.0)
+        slopes = np.where(in_chain, chains.slope, slopes)
+        slope_std = np.where(in_chain, chains.slope_std, slope_std)
+    spread = np.degrees(slope_std / (1.0 + slopes**2))
+    least = np.where(in_chain, _MIN_CHAIN_HALF_WIDTH_DEG, _MIN_VOTE_HALF_WIDTH_DEG)
+    half_width = np.clip(_VOTE_SIGMAS * spread, least, _MAX_VOTE_HALF_WIDTH_DEG)
+    return vote, np.degrees(np.arctan(-slopes)), half_width, in_chain
 
 
 def _line_through(u: Array, v: Array, weights: Array, cell: tuple[float, float]) -> tuple[float, float]:

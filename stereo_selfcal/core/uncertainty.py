@@ -174,8 +174,8 @@ def measure_bends(pattern: LanePattern, rig: StereoRig, height_m: float) -> Bend
     """Measure the curvatures that the points of the four lines have in common.
 
     A line at distance x on a road of curvature k is displaced by k x^2 / 2 to the left, in the image by
-    -k fx x / 2 = -k fx fy height / 2 / (v - v_horizon). Where the road rises by c x^2 / 2, a row shows it nearer
-    by the part c x^2 / (2 height), so that a line of slope m moves by
+    -k fx x / 2 = -k fx fy height / 2 / (v - v_horizon). Where the road rises by c x^2 / 2, a row shows it
+    nearer by the part c x^2 / (2 height), so that a line of slope m moves by
     m c fy^2 height / 2 / (v - v_horizon): lines of either side to opposite sides. Both are fitted to the
     measured points, together with a straight line of its own for each.
     """

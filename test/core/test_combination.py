@@ -1,0 +1,119 @@
+"""Lines and asphalt together: heights of lines over a road, the road's shape as uncertainty, the mean."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from independent_camera import ideal_pattern
+
+from stereo_selfcal import Extrinsics
+from stereo_selfcal.core.combination import (
+    MAX_LINE_HEIGHT_M,
+    combine,
+    covariance_by_rectification,
+    covariance_by_road,
+    heights_over,
+    lies_on,
+    same_road,
+)
+from stereo_selfcal.core.corridor import extrinsics_of, plane_of
+from stereo_selfcal.core.texture import AGREEMENT, TextureFit, TextureQuality
+from stereo_selfcal.core.unevenness import RoadShape
+from stereo_selfcal.synth.scenes import PAPER_RIG
+
+POSE = Extrinsics(1.4, 0.05, 0.02)
+PATTERN = ideal_pattern(PAPER_RIG, POSE)
+PLANE = RoadShape(0.0, 1e-3, 0.0, 1e-3, 0.0, 0.0, 0.0)
+
+
+def moved(**changes):
+    return replace(POSE, **{name: getattr(POSE, name) + value for name, value in changes.items()})
+
+
+@pytest.mark.parametrize("lift_m", [-0.1, 0.0, 0.02])
+def test_a_camera_lower_over_the_lines_has_them_higher(lift_m):
+    heights = heights_over(PATTERN, PAPER_RIG, moved(height_m=-lift_m), POSE)
+    np.testing.assert_allclose(heights, lift_m, rtol=0.05, atol=1e-9)
+
+
+def test_a_road_rolled_against_the_lines_has_one_above_and_one_below():
+    """By the roll times the distance of each."""
+    left, right = heights_over(PATTERN, PAPER_RIG, moved(roll_rad=0.01), POSE)
+    assert left == pytest.approx(-right, rel=0.3)
+    assert abs(left) == pytest.approx(0.01 * 1.75, rel=0.2)
+
+
+def test_lines_lie_on_a_road_within_half_a_kerb():
+    assert lies_on(PATTERN, PAPER_RIG, moved(height_m=-0.9 * MAX_LINE_HEIGHT_M), POSE)
+    assert not lies_on(PATTERN, PAPER_RIG, moved(height_m=-1.1 * MAX_LINE_HEIGHT_M), POSE)
+
+
+@pytest.mark.parametrize("place", range(3))
+def test_same_road_within_what_the_asphalt_can_tell(place):
+    other = POSE.as_array()
+    other[place] += 0.99 * AGREEMENT[place]
+    assert same_road(POSE, Extrinsics.from_array(other))
+    other[place] += 0.02 * AGREEMENT[place]
+    assert not same_road(POSE, Extrinsics.from_array(other))
+
+
+def test_shape_of_the_road_is_uncertainty_of_the_lines():
+    """None for a plane; in proportion to the roughness; a bent profile is uncertainty of height and roll."""
+    of_plane = covariance_by_road(PATTERN, PAPER_RIG, POSE, PLANE)
+    np.testing.assert_allclose(of_plane, 0.0, atol=1e-15)
+    rough, rougher = (
+        covariance_by_road(PATTERN, PAPER_RIG, POSE, replace(PLANE, roughness=value))
+        for value in (1e-6, 4e-6)
+    )
+    np.testing.assert_allclose(rougher, 4 * rough, rtol=1e-9)
+    assert np.all(np.linalg.eigvalsh(rough) > 0)
+    crowned = covariance_by_road(PATTERN, PAPER_RIG, POSE, replace(PLANE, profile=1.0))
+    assert crowned[2, 2] > 0 and crowned[1, 1] < 1e-3 * crowned[2, 2]
+
+
+def test_shape_of_many_roads_scatters_the_lines_as_claimed():
+    """Roads drawn with the claimed covariance of heights, fitted as planes: the same scatter."""
+    shape = replace(PLANE, mismatch_px=0.1)
+    claimed = covariance_by_road(PATTERN, PAPER_RIG, POSE, shape)
+    rng = np.random.default_rng(0)
+    rays, disparity = [], []
+    for i, lines in enumerate(PATTERN.left):
+        u = PATTERN.columns[:, i].mean(axis=0)
+        rows = PATTERN.rows
+        seen = (rows >= lines.rows.min()) & (rows <= lines.rows.max())
+        ray = np.column_stack(
+            [np.ones(len(rows)), -(u - PAPER_RIG.cx) / PAPER_RIG.fx, -(rows - PAPER_RIG.cy) / PAPER_RIG.fy]
+        )[seen]
+        rays.append(ray)
+        disparity.append(ray @ plane_of(POSE, PAPER_RIG))
+    ray, disparity = np.concatenate(rays), np.concatenate(disparity)
+    ray, disparity = ray[disparity > 1], disparity[disparity > 1]
+    poses = [
+        extrinsics_of(
+            np.linalg.lstsq(ray, disparity + rng.normal(0, 0.1, len(ray)), rcond=None)[0], PAPER_RIG
+        )
+        for _ in range(600)
+    ]
+    scatter = np.cov([pose.as_array() for pose in poses], rowvar=False)
+    np.testing.assert_allclose(np.sqrt(np.diag(scatter)), np.sqrt(np.diag(claimed)), rtol=0.15)
+
+
+def test_mean_lies_nearer_to_the_surer_and_is_surer_than_both():
+    nothing = np.empty(0)
+    quality = TextureQuality(50.0, 0.9, 0.9, 0.9, 0.1, (1e-3, 1e-4, 1e-4))
+    texture_fit = TextureFit(POSE, np.eye(3), quality, PLANE, nothing, nothing, nothing)
+    sure, unsure = np.diag([1e-3, 1e-4, 1e-3]) ** 2, np.diag([1e-2, 1e-3, 1e-2]) ** 2
+    lines = moved(height_m=0.02)
+    mean, covariance = combine(lines, sure, replace(texture_fit, extrinsics=POSE, covariance=unsure))
+    assert mean.height_m == pytest.approx(lines.height_m - 0.02 / 101, abs=1e-9)
+    assert np.all(np.diag(covariance) < np.diag(sure))
+    mean, _ = combine(lines, unsure, replace(texture_fit, extrinsics=POSE, covariance=sure))
+    assert mean.height_m == pytest.approx(POSE.height_m + 0.02 / 101, abs=1e-9)
+
+
+def test_rectification_is_a_fraction_of_a_pixel_everywhere():
+    """A tenth of a pixel everywhere pitches the road by a tenth over its disparity straight down."""
+    std = np.sqrt(np.diag(covariance_by_rectification(PAPER_RIG, POSE)))
+    down = PAPER_RIG.fx * PAPER_RIG.baseline_m / POSE.height_m
+    assert std[1] == pytest.approx(0.1 / down, rel=0.1)
+    assert 0.0 < std[0] < 0.02 and 0.0 < std[2] < 0.01
