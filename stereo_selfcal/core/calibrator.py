@@ -23,11 +23,13 @@ from .extraction import Image, find_stripe_points
 from .extrinsics import Extrinsics
 from .fitness import PatternFitness
 from .fusion import fuse, shared
+from .gates import Evidence, judge
 from .genetic import GeneticResult, maximise_each
 from .geometry import SIDES
 from .guided import find_road, line_on_road, lines_on_road
 from .pattern import LanePattern
 from .patterns import Look, Points, Refused, look
+from .rectification import vertical_offset
 from .refinement import refine
 from .results import CalibrationResult, Rejection, RejectReason, describe, rejected
 from .rig import StereoRig
@@ -41,6 +43,7 @@ _MOST_SECOND_LOOKS = 4
 # The road goes on beyond its lines by a shoulder or another lane: a cell more on either side has the lines
 # inside of the surface they are compared with, not on its rim.
 _BESIDE_M = CELL_WIDTH_M
+_CLIPPED_STEP = 4  # every fourth pixel of every fourth row is enough for two digits
 
 
 class Calibrator:
@@ -199,61 +202,53 @@ class Calibrator:
         fitness = PatternFitness(pattern, self.rig, self.config.fitness)
         genetic = self._search(fitness)
         extrinsics = Extrinsics.from_array(genetic.best)
-        evidence: dict[str, Any] = {
+        misfit_px = float(np.sqrt(np.max(fitness.errors(genetic.best[None]))))
+        evidence = Evidence(self.config, extrinsics, genetic.fitness, misfit_px)
+        known: dict[str, Any] = {
             "pattern": pattern,
             "genetic": genetic,
             "stages": {"genetic": extrinsics},
+            "stamp_s": stamp_s,
         }
-        misfit_px = float(np.sqrt(np.max(fitness.errors(genetic.best[None]))))
-        refusal = checks.check_inside(extrinsics, self.config) or checks.check_fitness(
-            genetic.fitness, misfit_px, self.config
-        )
+        gates, refusal = judge(evidence)
         if refusal:
-            return rejected(refusal, stamp_s, **evidence)
-        bends = measure_bends(pattern, self.rig, extrinsics.height_m)
+            return rejected(refusal, gates=gates, **known)
         fit = propagate(pattern, self.rig, extrinsics, self.config.fitness)
-        refusal = (
-            checks.check_straight(bends.lateral_per_m, bends.lateral_std_per_m, self.config)
-            or checks.check_flat(bends.vertical_per_m, bends.vertical_std_per_m)
-            or checks.check_determined(fit)
-            or checks.check_consistent(fit)
-        )
+        bends = measure_bends(pattern, self.rig, extrinsics.height_m)
+        evidence = replace(evidence, bends=bends, lines=fit)
+        gates, refusal = judge(evidence, but=gates)
         if refusal or fit is None:
-            # check_determined has made sure that there is a refusal where there is no fit.
-            return rejected(refusal, stamp_s, **evidence)  # type: ignore[arg-type]
+            # The gate "determined" has made sure that there is a refusal where there is no fit.
+            return rejected(refusal, gates=gates, **known)  # type: ignore[arg-type]
+        notes = compare_stages(pattern, self.rig, extrinsics, fit.covariance, known["stages"])
+        refined = refine(images, pattern, self.rig, extrinsics)
+        if refined is None:
+            notes = (*notes, "not refined: too few rows show both edges of a stripe")
+        else:
+            known["stages"]["refined"] = refined.extrinsics
+        evidence = replace(evidence, refined=refined, clipped=_clipped(images))
+        gates, refusal = judge(evidence, but=gates)
+        if refusal:
+            return rejected(refusal, gates=gates, **known)
+        best = fit if refined is None else refined
         result = CalibrationResult(
             message="",
-            extrinsics=extrinsics,
-            covariance=fit.covariance,
-            lane_yaw_rad=fit.lane_yaw_rad,
-            stamp_s=stamp_s,
+            extrinsics=evidence.estimate,
+            covariance=best.covariance,
+            lane_yaw_rad=best.lane_yaw_rad,
             n_frames=1,
-            notes=compare_stages(pattern, self.rig, extrinsics, fit.covariance, evidence["stages"]),
-            **evidence,
+            gates=gates,
+            notes=notes,
+            **known,
         )
-        result = self._refine(result, images)
         if self.config.texture.check:
-            result = self._check_texture(result, images)
+            result = self._ask_asphalt(result, evidence, images)
         return replace(result, message=_announce(result)) if result.accepted else result
 
-    def _refine(self, result: CalibrationResult, images: tuple[Image, Image]) -> CalibrationResult:
-        """Replace an estimate from lines by one from grey values, where that succeeds."""
-        if result.pattern is None or result.extrinsics is None:
-            raise ValueError("only an accepted result can be refined")
-        refined = refine(images, result.pattern, self.rig, result.extrinsics)
-        if refined is None:
-            note = "not refined: too few rows show both edges of a stripe"
-            return replace(result, notes=(*result.notes, note))
-        return replace(
-            result,
-            extrinsics=refined.extrinsics,
-            covariance=refined.covariance,
-            lane_yaw_rad=refined.lane_yaw_rad,
-            stages={**result.stages, "refined": refined.extrinsics},
-        )
-
-    def _check_texture(self, result: CalibrationResult, images: tuple[Image, Image]) -> CalibrationResult:
-        """Compare an estimate from lines with the plane of the asphalt between them."""
+    def _ask_asphalt(
+        self, result: CalibrationResult, evidence: Evidence, images: tuple[Image, Image]
+    ) -> CalibrationResult:
+        """Compare an estimate from lines with the plane of the asphalt between them, and combine both."""
         if result.pattern is None or result.extrinsics is None or result.covariance is None:
             raise ValueError("only an accepted result can be compared with the road")
         _, left_m, right_m = lane_in_road(result.pattern, self.rig, result.extrinsics)
@@ -263,17 +258,22 @@ class Calibrator:
         if fit is None or not fit.enough_texture or not fit.even_enough:
             lacking = "too uneven" if fit is not None and fit.enough_texture else "too little texture"
             return replace(result, notes=(*result.notes, f"not checked against the asphalt: {lacking}"))
+        evidence = replace(
+            evidence,
+            texture=fit,
+            heights_m=heights_over(result.pattern, self.rig, result.extrinsics, fit.extrinsics),
+            vertical=vertical_offset(images, self.rig, fit.extrinsics, yaw, limits_m=limits_m),
+        )
+        gates, refusal = judge(evidence, but=result.gates)
         stages = {**result.stages, "textured": fit.extrinsics}
-        heights = heights_over(result.pattern, self.rig, result.extrinsics, fit.extrinsics)
-        refusal = checks.check_texture(result.extrinsics, fit, heights)
-        if refusal is None:
-            by_road = covariance_by_road(result.pattern, self.rig, result.extrinsics, fit.shape)
-            extrinsics, covariance = combine(result.extrinsics, result.covariance + by_road, fit)
-            covariance = covariance + covariance_by_rectification(self.rig, extrinsics)
-            stages["combined"] = extrinsics
-            return replace(result, stages=stages, extrinsics=extrinsics, covariance=covariance)
-        evidence = {"pattern": result.pattern, "genetic": result.genetic, "stages": stages}
-        return rejected(refusal, result.stamp_s, **evidence)
+        if refusal:
+            known = {"pattern": result.pattern, "genetic": result.genetic}
+            return rejected(refusal, result.stamp_s, gates=gates, stages=stages, **known)
+        by_road = covariance_by_road(result.pattern, self.rig, result.extrinsics, fit.shape)
+        extrinsics, covariance = combine(result.extrinsics, result.covariance + by_road, fit)
+        stages["combined"] = extrinsics
+        covariance = covariance + covariance_by_rectification(self.rig, extrinsics)
+        return replace(result, stages=stages, extrinsics=extrinsics, covariance=covariance, gates=gates)
 
     def _search(self, fitness: PatternFitness) -> GeneticResult:
         """Run the genetic algorithm over the whole search box, once for each camera's parallelism."""
@@ -303,6 +303,12 @@ def calibrate(
         config: Settings; its seed is replaced by ``seed``.
     """
     return Calibrator(rig, replace(config or CalibratorConfig(), seed=seed)).add(left, right)
+
+
+def _clipped(images: tuple[Image, Image]) -> float:
+    """Return the greatest part of black and white pixels in the lower half of an image."""
+    lower = (image[image.shape[0] // 2 :: _CLIPPED_STEP, ::_CLIPPED_STEP] for image in images)
+    return max(float(np.mean((part == 0) | (part == np.iinfo(np.uint8).max))) for part in lower)
 
 
 def _announce(result: CalibrationResult, n_outliers: int = 0) -> str:

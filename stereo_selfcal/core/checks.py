@@ -1,40 +1,18 @@
-"""Every reason to refuse a frame: what is measured, against which limit, and what helps."""
+"""Reasons to refuse a frame before there is an estimate: images, lines, matches. More: :mod:`.gates`."""
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 
-from .combination import MAX_DIFFERENCE, MAX_LINE_HEIGHT_M
 from .config import CalibratorConfig
-from .extrinsics import Array, Extrinsics
 from .matching import Candidate, MatchedLines
 from .results import Rejection, RejectReason
 from .rig import StereoRig
-from .texture import TextureFit
-from .uncertainty import LineFit
 
 # The widest filter of the extraction spans 33 px; nothing can be found in less.
 _MIN_IMAGE_PX = 64
-
-# An estimate this close to a side of the search box, as a fraction of its length, has been
-# stopped by it: the genetic algorithm ends with its whole population within 1e-7.
-_EDGE_FRACTION = 1e-3
-
-# A curvature counts when it is this many standard deviations from straight: one false alarm
-# in 15 000 frames for normal errors.
-_CURVATURE_SIGMAS = 4.0
-
-# The pixels of a line weigh as the slope of the road 8 m ahead does: with this radius, it differs by 0.25 deg
-# there, which is what stripes and asphalt have to agree within.
-_MIN_VERTICAL_RADIUS_M = 1800.0
-
-# Lines of one rectified pair over any flat road agree within their standard deviations, which
-# real roads exceed up to five times (edges are not straight to a hundredth of a pixel). A right camera
-# turned by 0.02 rad about its axis gives 37, a vertical offset of a quarter of a pixel 21.
-_MAX_MISFIT_SIGMAS = 10.0
 
 _FIND_LINES = "drive on a straight road with painted lines on both sides of the camera, lens clean"
 
@@ -149,129 +127,6 @@ def check_converging(matched: MatchedLines) -> Rejection | None:
         0.0,
         "px",
         "the horizon must be in view: pitch the camera up, or " + _FIND_LINES,
-    )
-
-
-def check_inside(extrinsics: Extrinsics, config: CalibratorConfig) -> Rejection | None:
-    """Refuse an estimate that the border of the search space has stopped."""
-    search = config.search
-    checks = (
-        ("height", extrinsics.height_m, search.height_min_m, search.height_max_m, "m"),
-        ("pitch", extrinsics.pitch_rad, -search.pitch_max_rad, search.pitch_max_rad, "deg"),
-        ("roll", extrinsics.roll_rad, -search.roll_max_rad, search.roll_max_rad, "deg"),
-    )
-    for name, value, low, high, unit in checks:
-        nearest = low if value - low < high - value else high
-        if abs(value - nearest) <= _EDGE_FRACTION * (high - low):
-            scale = 1.0 if unit == "m" else math.degrees(1.0)
-            return Rejection(
-                RejectReason.SEARCH_SPACE_EDGE,
-                f"best {name} is at the edge of the search space",
-                value * scale,
-                nearest * scale,
-                unit,
-                f"widen search.* if the camera is mounted like that, else {_FIND_LINES}",
-            )
-    return None
-
-
-def check_fitness(fitness: float, misfit_px: float, config: CalibratorConfig) -> Rejection | None:
-    """Refuse lines that fit no pose of the rig over a plane."""
-    limit_px = config.fitness.max_misfit_px
-    threshold = 1.0 / (limit_px**2 + config.fitness.k)
-    if fitness >= threshold:
-        return None
-    return Rejection(
-        RejectReason.FITNESS_TOO_LOW,
-        f"best fitness (the lines miss every road plane by {misfit_px:.2f} px, limit {limit_px:g} px)",
-        fitness,
-        threshold,
-        "",
-        f"the lines may not be parallel or not lie in one plane: {_FIND_LINES}",
-    )
-
-
-def check_straight(curvature_per_m: float, std_per_m: float, config: CalibratorConfig) -> Rejection | None:
-    """Refuse lane lines that bend."""
-    limit = 1.0 / config.extraction.min_radius_m
-    if abs(curvature_per_m) <= max(limit, _CURVATURE_SIGMAS * std_per_m):
-        return None
-    return Rejection(
-        RejectReason.LINES_NOT_STRAIGHT,
-        f"the lane lines bend to the {'left' if curvature_per_m > 0 else 'right'}, radius",
-        1.0 / abs(curvature_per_m),
-        config.extraction.min_radius_m,
-        "m",
-        "calibrate on a straight road",
-    )
-
-
-def check_flat(curvature_per_m: float, std_per_m: float) -> Rejection | None:
-    """Refuse a road that rises or falls more and more: a crest, a dip."""
-    if abs(curvature_per_m) <= max(1.0 / _MIN_VERTICAL_RADIUS_M, _CURVATURE_SIGMAS * std_per_m):
-        return None
-    return Rejection(
-        RejectReason.ROAD_NOT_FLAT,
-        f"the road goes over a {'dip' if curvature_per_m > 0 else 'crest'}, radius",
-        1.0 / abs(curvature_per_m),
-        _MIN_VERTICAL_RADIUS_M,
-        "m",
-        "calibrate where the slope does not change",
-    )
-
-
-def check_consistent(fit: LineFit | None) -> Rejection | None:
-    """Refuse four lines that no road explains: the cameras contradict each other."""
-    if fit is None or fit.misfit_sigmas <= _MAX_MISFIT_SIGMAS:
-        return None
-    return Rejection(
-        RejectReason.LINES_INCONSISTENT,
-        "the lines of the two cameras contradict each other whatever the road, by",
-        fit.misfit_sigmas,
-        _MAX_MISFIT_SIGMAS,
-        "standard deviations",
-        "check that the images are rectified: a row of one must be the same row of the other",
-    )
-
-
-def check_texture(lines: Extrinsics, texture: TextureFit, heights_m: Array) -> Rejection | None:
-    """Refuse lines that do not lie in the plane of the asphalt between them: a kerb, another lane's.
-
-    Args:
-        lines: Estimate from the lines.
-        texture: The asphalt.
-        heights_m: (L,) heights of the lines over it, where they were seen [m].
-    """
-    difference = np.abs(lines.as_array() - texture.extrinsics.as_array())
-    names = ("height", "pitch", "roll", "height of a line over the asphalt")
-    values = np.array([*difference, np.abs(heights_m).max()])
-    limits = np.array([*MAX_DIFFERENCE, MAX_LINE_HEIGHT_M])
-    worst = int(np.argmax(values / limits))
-    if values[worst] <= limits[worst]:
-        return None
-    in_metres = worst in (0, 3)
-    scale = 1e3 if in_metres else math.degrees(1.0)
-    return Rejection(
-        RejectReason.TEXTURE_DISAGREES,
-        f"the lines and the asphalt between them differ in {names[worst]}",
-        float(values[worst]) * scale,
-        float(limits[worst]) * scale,
-        "mm" if in_metres else "deg",
-        "one of them may be a kerb, or slope otherwise: drive on, in the middle of a flat lane",
-    )
-
-
-def check_determined(fit: LineFit | None) -> Rejection | None:
-    """Refuse lines that leave one of the six parameters undetermined (they coincide, say)."""
-    if fit is not None:
-        return None
-    return Rejection(
-        RejectReason.LINES_NOT_MATCHED,
-        "the lines leave part of the pose undetermined; independent lines",
-        1,
-        2,
-        "",
-        _FIND_LINES,
     )
 
 

@@ -59,7 +59,7 @@ _FIRST_ROW = 0.97
 
 _MAX_VIGNETTING = 0.6  # share of the light lost in the farthest corner: more than any lens on a car
 
-_BLUR_START_PX, _BLUR_MIN_PX, _BLUR_MAX_PX = 0.5, 0.05, 3.0
+_BLUR_START_PX, _BLUR_MIN_PX, BLUR_MAX_PX = 0.5, 0.05, 3.0
 
 # Tukey's biweight on the deviance of a block of three displacements: 95 % efficiency for normal errors.
 _TUKEY_DEVIANCE = 30.0
@@ -159,7 +159,7 @@ def refine(
         # Far from the road its blur cannot be known, but must be free: else a camera that is sharper
         # or softer than supposed is taken for an outlier.
         if one.added_blur == 0.0:
-            blur = np.clip(blur + step[len(road) :], _BLUR_MIN_PX, _BLUR_MAX_PX)
+            blur = np.clip(blur + step[len(road) :], _BLUR_MIN_PX, BLUR_MAX_PX)
             if one is not _PASSES[-1]:
                 loss = vignetting + _measure_vignetting(blocks, profile)
                 vignetting = np.clip(loss, 0.0, _MAX_VIGNETTING)

@@ -27,7 +27,11 @@ class RejectReason(Enum):
     ROAD_NOT_FLAT = "road_not_flat"
     LINES_NOT_CONVERGING = "lines_not_converging"
     LINES_INCONSISTENT = "lines_inconsistent"
+    STAGES_DISAGREE = "stages_disagree"
     TEXTURE_DISAGREES = "texture_disagrees"
+    IMAGE_BLURRED = "image_blurred"
+    IMAGE_EXPOSURE = "image_exposure"
+    IMAGES_NOT_RECTIFIED = "images_not_rectified"
     FITNESS_TOO_LOW = "fitness_too_low"
     SEARCH_SPACE_EDGE = "search_space_edge"
     NO_FRAMES = "no_frames"
@@ -63,6 +67,25 @@ class Rejection:
         return f"{self.what}: {self.value:.4g}{unit}, limit {self.threshold:.4g}{unit}; {self.remedy}"
 
 
+@dataclass(frozen=True, slots=True)
+class GateReading:
+    """One gate of a frame: what it measured beside its limit.
+
+    Attributes:
+        name: Name of the gate (:mod:`.gates`).
+        value: Measured value.
+        threshold: Its limit.
+        unit: Unit of both ("" for counts and ratios).
+        passed: Whether the value is good.
+    """
+
+    name: str
+    value: float
+    threshold: float
+    unit: str
+    passed: bool
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrationResult:
     """Outcome of one frame, or of several fused.
@@ -78,6 +101,7 @@ class CalibrationResult:
         n_frames: Number of accepted frames behind the result.
         pattern: Lines and sampled points the estimate was made from, for pictures.
         genetic: Report of the genetic algorithm.
+        gates: Readings of all gates up to the first one that was closed.
         notes: Sentences about what is not quite as it should be, though no reason to refuse.
     """
 
@@ -91,6 +115,7 @@ class CalibrationResult:
     n_frames: int = 0
     pattern: LanePattern | None = None
     genetic: GeneticResult | None = None
+    gates: tuple[GateReading, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
