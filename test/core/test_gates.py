@@ -1,0 +1,227 @@
+"""Every gate from both sides of its limit, with value, threshold, reason and remedy."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stereo_selfcal import CalibratorConfig, Extrinsics, RejectReason
+from stereo_selfcal.core.gates import GATES, Evidence, judge
+from stereo_selfcal.core.rectification import VerticalOffset
+from stereo_selfcal.core.refinement import RefinedFit
+from stereo_selfcal.core.texture import TextureFit, TextureQuality
+from stereo_selfcal.core.uncertainty import Bends, LineFit
+from stereo_selfcal.core.unevenness import RoadShape
+
+CONFIG = CalibratorConfig()
+NOTHING = np.empty(0)
+POSE = Extrinsics(1.5, 0.02, -0.01)
+STRAIGHT = Bends(0.0, 1e-6, 0.0, 1e-6)
+LINES = LineFit(np.eye(3) * 1e-8, 0.0, 2.0)
+REFINED = RefinedFit(POSE, np.eye(3) * 1e-8, 0.0, 0.0, NOTHING, NOTHING, np.full(2, 0.5), 2.0, 1.0, 50)
+ASPHALT = TextureFit(
+    POSE,
+    np.eye(3) * 1e-8,
+    TextureQuality(50.0, 0.9, 0.9, 0.9, 0.1, (1e-3, 1e-4, 1e-4)),
+    RoadShape(0.0, 1e-3, 0.0, 1e-3, 0.0, 0.0, 0.0),
+    NOTHING,
+    NOTHING,
+    NOTHING,
+)
+GOOD = Evidence(
+    config=CONFIG,
+    genetic=POSE,
+    fitness=9000.0,
+    misfit_px=0.01,
+    bends=STRAIGHT,
+    lines=LINES,
+    refined=REFINED,
+    clipped=0.01,
+    texture=ASPHALT,
+    heights_m=np.zeros(2),
+    vertical=VerticalOffset(0.1, 0.02, 0.0, 0.0, 40),
+)
+MM, DEG = 1e3, math.degrees(1.0)
+
+
+def refusal(**changes):
+    """Return the refusal of evidence that is good but for the changes."""
+    return judge(replace(GOOD, **changes))[1]
+
+
+def assert_refuses(rejection, reason, value, threshold, *words):
+    assert rejection.reason is reason
+    assert rejection.value == pytest.approx(value)
+    assert rejection.threshold == pytest.approx(threshold)
+    assert rejection.remedy
+    message = rejection.message
+    for word in (f"{rejection.value:.4g}", f"limit {rejection.threshold:.4g}", rejection.remedy, *words):
+        assert word in message, message
+    assert "\n" not in message
+
+
+def moved(axis, by):
+    pose = POSE.as_array()
+    pose[axis] += by
+    return Extrinsics.from_array(pose)
+
+
+def test_good_evidence_passes_every_gate_once():
+    readings, rejection = judge(GOOD)
+    assert rejection is None
+    assert [reading.name for reading in readings] == [gate.name for gate in GATES]
+    assert all(reading.passed and math.isfinite(reading.value) for reading in readings)
+
+
+def test_names_are_unique_and_every_gate_has_a_remedy():
+    assert len({gate.name for gate in GATES}) == len(GATES)
+    assert all(gate.remedy for gate in GATES)
+
+
+def test_gates_without_evidence_are_not_read_and_those_of_before_not_again():
+    early = replace(GOOD, bends=None, lines=None, refined=None, clipped=None, texture=None, heights_m=None)
+    first, _ = judge(replace(early, vertical=None))
+    assert [reading.name for reading in first] == ["plausible", "fitness"]
+    # The fitness is bad by now, and was good when it was read.
+    both, rejection = judge(replace(GOOD, fitness=0.0), but=first)
+    assert rejection is None
+    assert both[:2] == first and len(both) == len(GATES)
+
+
+def test_the_first_closed_gate_ends_it():
+    readings, rejection = judge(replace(GOOD, bends=Bends(0.01, 1e-6, 0.0, 1e-6), clipped=1.0))
+    assert rejection.reason is RejectReason.LINES_NOT_STRAIGHT
+    assert [reading.passed for reading in readings] == [True, True, False]
+
+
+BOX = CONFIG.search
+EDGES = [
+    (0, BOX.height_min_m, 3.7, "height", 1.0),
+    (0, BOX.height_max_m, -3.7, "height", 1.0),
+    (1, -BOX.pitch_max_rad, math.radians(40), "pitch", DEG),
+    (1, BOX.pitch_max_rad, -math.radians(40), "pitch", DEG),
+    (2, -BOX.roll_max_rad, math.radians(30), "roll", DEG),
+    (2, BOX.roll_max_rad, -math.radians(30), "roll", DEG),
+]
+
+
+@pytest.mark.parametrize(("axis", "edge", "inwards", "name", "readable"), EDGES)
+def test_edge_of_the_search_space(axis, edge, inwards, name, readable):
+    """A thousandth of the box counts as its edge."""
+
+    def at(part):
+        pose = np.array([1.4, 0.05, 0.01])
+        pose[axis] = edge + part * inwards
+        early = Evidence(CONFIG, Extrinsics.from_array(pose), 9000.0, 0.01)
+        return pose[axis], judge(early)[1]
+
+    value, rejection = at(0.0009)
+    words = f"best {name}", "widen search.*"
+    assert_refuses(rejection, RejectReason.SEARCH_SPACE_EDGE, value * readable, edge * readable, *words)
+    assert at(0.0011)[1] is None
+
+
+def test_fitness_is_compared_with_that_of_the_greatest_misfit():
+    config = CalibratorConfig.from_mapping({"fitness.max_misfit_px": 2.0})
+    threshold = 1 / (4.0 + 1e-4)
+    assert refusal(config=config, fitness=threshold) is None
+    rejection = refusal(config=config, fitness=0.999 * threshold, misfit_px=2.001)
+    words = "miss every road plane by 2.00 px", "limit 2 px", "may not be parallel"
+    assert_refuses(rejection, RejectReason.FITNESS_TOO_LOW, 0.999 * threshold, threshold, *words)
+
+
+@pytest.mark.parametrize(("sign", "side"), [(1, "left"), (-1, "right")])
+def test_bend_tighter_than_a_thousand_metres(sign, side):
+    assert refusal(bends=replace(STRAIGHT, lateral_per_m=sign / 1001)) is None
+    rejection = refusal(bends=replace(STRAIGHT, lateral_per_m=sign / 999))
+    words = f"bend to the {side}, radius: 999 m", "limit 1000 m", "on a straight road"
+    assert_refuses(rejection, RejectReason.LINES_NOT_STRAIGHT, 999, 1000, *words)
+
+
+def test_bend_that_noise_may_have_made_is_let_pass():
+    """Four standard deviations: 1 / 500 with 1 / 1990 passes, with 1 / 2010 it does not."""
+    assert refusal(bends=Bends(1 / 500, 1 / 1990, 0.0, 1e-6)) is None
+    assert refusal(bends=Bends(1 / 500, 1 / 2010, 0.0, 1e-6)) is not None
+
+
+@pytest.mark.parametrize(("sign", "kind"), [(1, "dip"), (-1, "crest")])
+def test_crest_and_dip(sign, kind):
+    assert refusal(bends=replace(STRAIGHT, vertical_per_m=sign / 1801)) is None
+    rejection = refusal(bends=replace(STRAIGHT, vertical_per_m=sign / 1799))
+    words = f"over a {kind}, radius", "where the slope does not change"
+    assert_refuses(rejection, RejectReason.ROAD_NOT_FLAT, 1799, 1800, *words)
+
+
+def test_undetermined_pose():
+    assert_refuses(refusal(lines=None), RejectReason.LINES_NOT_MATCHED, 1, 2, "undetermined")
+
+
+def test_cameras_that_contradict_each_other():
+    """Ten standard deviations of two numbers: a chi2 of 200."""
+    assert refusal(lines=replace(LINES, chi2=199.0)) is None
+    rejection = refusal(lines=replace(LINES, chi2=204.0))
+    words = "contradict each other", "images are rectified"
+    assert_refuses(rejection, RejectReason.LINES_INCONSISTENT, 102.0**0.5, 10, *words)
+
+
+@pytest.mark.parametrize(
+    ("axis", "limit", "scale"),
+    [(0, 0.030, MM), (1, math.radians(0.25), DEG), (2, math.radians(0.8), DEG)],
+)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_refinement_stays_near_the_lines(axis, limit, scale, sign):
+    without = {"texture": None, "heights_m": None, "vertical": None}
+    near, far = (replace(REFINED, extrinsics=moved(axis, sign * part * limit)) for part in (0.99, 1.01))
+    assert refusal(refined=near, **without) is None
+    rejection = refusal(refined=far, **without)
+    assert_refuses(
+        rejection, RejectReason.STAGES_DISAGREE, 1.01 * limit * scale, limit * scale, "grey values"
+    )
+    # In noise the lines are less sure, and so is what they ask of the refinement.
+    noisy = replace(LINES, covariance=np.eye(3) * (0.11 * limit) ** 2)
+    assert refusal(refined=far, lines=noisy, **without) is None
+
+
+def test_blur():
+    """A fit that ends at its greatest blur, 3 px, has not found it."""
+    assert refusal(refined=replace(REFINED, blur_px=np.array([0.5, 2.9]))) is None
+    rejection = refusal(refined=replace(REFINED, blur_px=np.array([2.95, 0.5])))
+    assert_refuses(rejection, RejectReason.IMAGE_BLURRED, 2.95, 2.91, "blur", "focus")
+
+
+def test_exposure():
+    assert refusal(clipped=0.5) is None
+    assert_refuses(refusal(clipped=0.51), RejectReason.IMAGE_EXPOSURE, 0.51, 0.5, "black or white")
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_rectification(sign):
+    def offset(offset_px, std_px=0.02):
+        return refusal(vertical=VerticalOffset(sign * offset_px, std_px, 0.0, 0.0, 40))
+
+    assert offset(0.49) is None
+    words = "vertical offset", "the same row"
+    assert_refuses(offset(0.51), RejectReason.IMAGES_NOT_RECTIFIED, 0.51, 0.5, *words)
+    assert offset(0.8, std_px=0.3) is None  # may be chance
+
+
+@pytest.mark.parametrize(
+    ("axis", "limit", "scale"),
+    [(0, 0.060, MM), (1, math.radians(0.5), DEG), (2, math.radians(1.2), DEG)],
+)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_lines_and_asphalt_agree_within_the_tolerance(axis, limit, scale, sign):
+    near, far = (replace(ASPHALT, extrinsics=moved(axis, sign * part * limit)) for part in (0.99, 1.01))
+    assert refusal(texture=near) is None
+    rejection = refusal(texture=far)
+    assert_refuses(rejection, RejectReason.TEXTURE_DISAGREES, 1.01 * limit * scale, limit * scale, "kerb")
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_lines_lie_in_the_asphalt(sign):
+    """Either line counts, above or below, wherever its lever leads the pose."""
+    assert refusal(heights_m=np.array([0.0, sign * 0.0299])) is None
+    rejection = refusal(heights_m=np.array([sign * 0.0301, 0.0]))
+    words = "height of a line over the asphalt", "kerb"
+    assert_refuses(rejection, RejectReason.TEXTURE_DISAGREES, 30.1, 30.0, *words)
