@@ -24,6 +24,7 @@ from .recorded import recorded_table
 from .search import search_table
 from .speed import cost_tables, ratio_table, size_table
 from .table import Table
+from .thresholds import threshold_table
 from .worlds import world_tables
 
 SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
@@ -38,6 +39,7 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "cost": cost_tables,
     "false_alarms": false_alarm_table,
     "recorded": recorded_table,
+    "thresholds": threshold_table,
     "worlds": world_tables,
 }
 # Drawn by a section, shown below its tables.

@@ -1,0 +1,132 @@
+"""What moving any one threshold by a fifth does to the verdicts on real frames."""
+
+from __future__ import annotations
+
+import csv
+import json
+import multiprocessing
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import cv2
+import numpy as np
+
+from stereo_selfcal import Calibrator, CalibratorConfig, StereoRig
+from stereo_selfcal.bags import StereoBag
+from stereo_selfcal.core import combination, gates, guided, matching, texture
+
+from .options import Options
+from .recorded import BAG, FRAMES
+from .table import Table
+
+SCALES = (0.8, 1.2)
+PROCESSES = 2
+_ALLOWED = 2  # verdicts that one threshold may change
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """A number to be moved: a constant of a module, or a setting.
+
+    Attributes:
+        name: Name of the constant or of the setting.
+        module: Where it is defined; None for a setting.
+    """
+
+    name: str
+    module: Any = None
+
+
+THRESHOLDS = (
+    Threshold("extraction.min_contrast_sigma"),
+    Threshold("extraction.min_line_rows"),
+    Threshold("extraction.min_radius_m"),
+    Threshold("fitness.max_misfit_px"),
+    Threshold("_MIN_ROW_OVERLAP", matching),
+    Threshold("_MAX_WIDTH_RATIO", matching),
+    Threshold("_MAX_CONTRAST_RATIO", matching),
+    Threshold("MIN_SIMILARITY", matching),
+    Threshold("_CURVATURE_SIGMAS", gates),
+    Threshold("_MIN_VERTICAL_RADIUS_M", gates),
+    Threshold("_MAX_MISFIT_SIGMAS", gates),
+    Threshold("_MAX_STAGE_SIGMAS", gates),
+    Threshold("_MAX_BLUR_PX", gates),
+    Threshold("_MAX_CLIPPED", gates),
+    Threshold("_MAX_VERTICAL_PX", gates),
+    Threshold("_SHAPE_SIGMAS", gates),
+    Threshold("MAX_DIFFERENCE", combination),
+    Threshold("MAX_LINE_HEIGHT_M", combination),
+    Threshold("AGREEMENT", texture),
+    Threshold("MAX_NOISE_STD", texture),
+    Threshold("MIN_SIGMAS", texture),
+    Threshold("MIN_CELL_SHARE", texture),
+    Threshold("MAX_GAP_RAD", guided),
+    Threshold("MAX_YAW_RAD", guided),
+)
+
+
+def threshold_table(_: Options) -> Iterator[Table]:
+    """Count changed verdicts, threshold by threshold; nothing where the recordings are not there."""
+    if not (BAG.is_dir() and FRAMES.is_dir()):
+        return
+    context = multiprocessing.get_context("spawn")
+    jobs = [(None, 1.0), *((i, scale) for i in range(len(THRESHOLDS)) for scale in SCALES)]
+    with context.Pool(PROCESSES, initializer=cv2.setNumThreads, initargs=(1,)) as pool:
+        # One process for each job: a constant that was moved must not stay so.
+        found = pool.map(verdicts, jobs, chunksize=1)
+    as_is = found[0]
+    table = Table(
+        "thresholds",
+        f"Verdicts changed by moving one threshold by a fifth, of {len(as_is)} real frames",
+        ["threshold", "x 0.8", "x 1.2"],
+        f"Accepted as it is: {sum(as_is)}. Asked: at most {_ALLOWED} for each.",
+    )
+    for i, threshold in enumerate(THRESHOLDS):
+        changed = [
+            sum(a != b for a, b in zip(as_is, found[1 + len(SCALES) * i + k], strict=True))
+            for k in range(len(SCALES))
+        ]
+        table.add(f"`{threshold.name}`", *map(str, changed))
+    yield table
+
+
+def verdicts(job: tuple[int | None, float]) -> list[bool]:
+    """Return which real frames are accepted with one threshold scaled."""
+    index, scale = job
+    if index is None:
+        return _accepted(CalibratorConfig())
+    threshold = THRESHOLDS[index]
+    if threshold.module is None:
+        now = {name: value for name, value, _ in CalibratorConfig().settings()}[threshold.name]
+        moved = round(now * scale) if isinstance(now, int) else now * scale
+        return _accepted(CalibratorConfig.from_mapping({threshold.name: moved}))
+    value = getattr(threshold.module, threshold.name)
+    # Wherever it was imported to.
+    holders = [
+        module
+        for name, module in list(sys.modules.items())
+        if name.startswith("stereo_selfcal.core") and getattr(module, threshold.name, None) is value
+    ]
+    try:
+        for module in holders:
+            setattr(module, threshold.name, np.multiply(value, scale) if np.ndim(value) else value * scale)
+        return _accepted(CalibratorConfig())
+    finally:
+        for module in holders:
+            setattr(module, threshold.name, value)
+
+
+def _accepted(config: CalibratorConfig) -> list[bool]:
+    recording = StereoBag(BAG)
+    rig = recording.read_rig()
+    frames = [(rig, frame.left, frame.right) for frame in recording.frames()]
+    rig = StereoRig(**json.loads((FRAMES / "rig.json").read_text()))
+    read = partial(cv2.imread, flags=cv2.IMREAD_GRAYSCALE)
+    with (FRAMES / "truth.csv").open(newline="") as lines:
+        for row in csv.DictReader(lines):
+            left, right = (read(str(FRAMES / side / f"{row['id']}.png")) for side in ("left", "right"))
+            frames.append((rig, left, right))
+    return [Calibrator(rig, config).add(left, right).accepted for rig, left, right in frames]
