@@ -10,6 +10,7 @@ import numpy as np
 from . import checks
 from .closed_form import compare_stages, solve_plane
 from .combination import (
+    MAX_LINE_HEIGHT_M,
     combine,
     covariance_by_rectification,
     covariance_by_road,
@@ -28,7 +29,7 @@ from .genetic import GeneticResult, maximise_each
 from .geometry import SIDES
 from .guided import find_road, line_on_road, lines_on_road
 from .pattern import LanePattern
-from .patterns import Look, Points, Refused, look
+from .patterns import Look, Points, Refused, buried_m, look
 from .rectification import vertical_offset
 from .refinement import refine
 from .results import CalibrationResult, Rejection, RejectReason, describe, rejected
@@ -118,7 +119,10 @@ class Calibrator:
         if isinstance(first.patterns, Refused):
             result = rejected(first.patterns.rejection, stamp_s, pattern=first.patterns.pattern)
         else:
-            result = self._solve(first.patterns[0], images, stamp_s)
+            depths = buried_m(first.patterns, self.rig)
+            # The most promising pair of which nothing lies below, or else the most promising one.
+            best = next((i for i, depth in enumerate(depths) if depth <= MAX_LINE_HEIGHT_M), 0)
+            result = self._solve(first.patterns[best], images, stamp_s, depths[best])
         if result.accepted or not self.config.texture.check:
             return result
         return self._look_again(result, first, points, images, stamp_s)
@@ -164,6 +168,10 @@ class Calibrator:
         seen = line_on_road(shown.extrinsics, matches, points, images, self.rig, self.config)
         if seen is None or not shown.precise:
             return refused
+        vertical = vertical_offset(images, self.rig, shown.extrinsics, seen[1])
+        gates, refusal = judge(Evidence(self.config, texture=shown, vertical=vertical))
+        if refusal:
+            return rejected(refusal, stamp_s, gates=gates, stages={"textured": shown.extrinsics})
         result = CalibrationResult(
             message="",
             extrinsics=shown.extrinsics,
@@ -172,6 +180,7 @@ class Calibrator:
             stamp_s=stamp_s,
             n_frames=1,
             stages={"textured": shown.extrinsics},
+            gates=gates,
             notes=("from the asphalt, confirmed by one line only",),
         )
         return replace(result, message=_announce(result))
@@ -197,13 +206,19 @@ class Calibrator:
         left, right = (find_stripe_points(image, self.config.extraction) for image in images)
         return left, right
 
-    def _solve(self, pattern: LanePattern, images: tuple[Image, Image], stamp_s: float) -> CalibrationResult:
+    def _solve(
+        self,
+        pattern: LanePattern,
+        images: tuple[Image, Image],
+        stamp_s: float,
+        buried: float | None = None,
+    ) -> CalibrationResult:
         """Find the extrinsics for a pattern, judge them, and refine them on the images."""
         fitness = PatternFitness(pattern, self.rig, self.config.fitness)
         genetic = self._search(fitness)
         extrinsics = Extrinsics.from_array(genetic.best)
         misfit_px = float(np.sqrt(np.max(fitness.errors(genetic.best[None]))))
-        evidence = Evidence(self.config, extrinsics, genetic.fitness, misfit_px)
+        evidence = Evidence(self.config, extrinsics, genetic.fitness, misfit_px, buried)
         known: dict[str, Any] = {
             "pattern": pattern,
             "genetic": genetic,
@@ -233,7 +248,7 @@ class Calibrator:
         best = fit if refined is None else refined
         result = CalibrationResult(
             message="",
-            extrinsics=evidence.estimate,
+            extrinsics=evidence.of_lines,
             covariance=best.covariance,
             lane_yaw_rad=best.lane_yaw_rad,
             n_frames=1,

@@ -52,7 +52,9 @@ _MAX_CLIPPED = 0.5
 # A vertical offset moves the lines of either side against each other: half a pixel is 0.7 deg of roll with a
 # rig of 720 px and 0.5 m, nearly what stripes and asphalt have to agree within.
 _MAX_VERTICAL_PX = 0.5
-# The road's own shape counts when it is surely there.
+# Half a pixel 300 px beside the middle of the image.
+_MAX_TURN_RAD = math.radians(0.1)
+# An offset counts when it is surely there.
 _SHAPE_SIGMAS = 3.0
 
 _FIND_LINES = "drive on a straight road with painted lines on both sides of the camera, lens clean"
@@ -67,9 +69,10 @@ class Evidence:
 
     Attributes:
         config: Settings.
-        genetic: Estimate of the genetic algorithm.
+        genetic: Estimate of the genetic algorithm; None where there is but the asphalt.
         fitness: Its fitness.
         misfit_px: Misfit of the lines under it.
+        buried_m: How deep another line both cameras see lies below the plane of these [m].
         bends: Curvatures of the lines.
         lines: Fit of a flat road to the lines.
         refined: Fit of the grey values of the stripes.
@@ -80,9 +83,10 @@ class Evidence:
     """
 
     config: CalibratorConfig
-    genetic: Extrinsics
-    fitness: float
-    misfit_px: float
+    genetic: Extrinsics | None = None
+    fitness: float = 0.0
+    misfit_px: float = 0.0
+    buried_m: float | None = None
     bends: Bends | None = None
     lines: LineFit | None = None
     refined: RefinedFit | None = None
@@ -92,7 +96,7 @@ class Evidence:
     vertical: VerticalOffset | None = None
 
     @property
-    def estimate(self) -> Extrinsics:
+    def of_lines(self) -> Extrinsics | None:
         """The estimate from lines that is best so far."""
         return self.genetic if self.refined is None else self.refined.extrinsics
 
@@ -160,11 +164,14 @@ def judge(
     return tuple(readings), None
 
 
-def _inside(evidence: Evidence) -> Reading:
+def _inside(evidence: Evidence) -> Reading | None:
+    estimate = evidence.genetic or (evidence.texture.extrinsics if evidence.texture else None)
+    if estimate is None:
+        return None
     search = evidence.config.search
     lower = np.array([search.height_min_m, -search.pitch_max_rad, -search.roll_max_rad])
     upper = np.array([search.height_max_m, search.pitch_max_rad, search.roll_max_rad])
-    pose = evidence.genetic.as_array()
+    pose = estimate.as_array()
     nearest = np.where(pose - lower < upper - pose, lower, upper)
     gap = np.abs(pose - nearest) / (upper - lower)
     worst = int(np.argmin(gap))
@@ -173,7 +180,9 @@ def _inside(evidence: Evidence) -> Reading:
     return Reading(what, float(value), float(limit), _UNITS[worst], bool(gap[worst] > _EDGE_FRACTION))
 
 
-def _fitness(evidence: Evidence) -> Reading:
+def _fitness(evidence: Evidence) -> Reading | None:
+    if evidence.genetic is None:
+        return None
     limit_px = evidence.config.fitness.max_misfit_px
     threshold = 1.0 / (limit_px**2 + evidence.config.fitness.k)
     miss = f"the lines miss every road plane by {evidence.misfit_px:.2f} px, limit {limit_px:g} px"
@@ -234,7 +243,7 @@ def _difference(what: str, difference: Array, limits: Array) -> Reading:
 
 
 def _stages(evidence: Evidence) -> Reading | None:
-    if evidence.refined is None or evidence.lines is None:
+    if evidence.refined is None or evidence.lines is None or evidence.genetic is None:
         return None
     sigmas = np.sqrt(np.diag(evidence.lines.covariance) + np.diag(evidence.refined.covariance))
     limits = np.maximum(AGREEMENT, _MAX_STAGE_SIGMAS * sigmas)
@@ -257,9 +266,9 @@ def _exposure(evidence: Evidence) -> Reading | None:
 
 
 def _asphalt(evidence: Evidence) -> Reading | None:
-    if evidence.texture is None:
+    if evidence.texture is None or evidence.of_lines is None:
         return None
-    difference = evidence.estimate.as_array() - evidence.texture.extrinsics.as_array()
+    difference = evidence.of_lines.as_array() - evidence.texture.extrinsics.as_array()
     return _difference("the lines and the asphalt between them differ", difference, MAX_DIFFERENCE)
 
 
@@ -279,6 +288,23 @@ def _rectified(evidence: Evidence) -> Reading | None:
     return Reading("vertical offset between the images", value, limit, "px", value <= limit)
 
 
+def _turned(evidence: Evidence) -> Reading | None:
+    if evidence.vertical is None:
+        return None
+    value = abs(evidence.vertical.roll_rad)
+    limit = max(_MAX_TURN_RAD, _SHAPE_SIGMAS * evidence.vertical.roll_std_rad)
+    what = "turn of one camera against the other about its axis"
+    return Reading(what, math.degrees(value), math.degrees(limit), "deg", value <= limit)
+
+
+def _buried(evidence: Evidence) -> Reading | None:
+    if evidence.buried_m is None:
+        return None
+    value, limit = evidence.buried_m, MAX_LINE_HEIGHT_M
+    what = "another line lies below the plane of the lines, by"
+    return Reading(what, 1e3 * value, 1e3 * limit, "mm", value <= limit)
+
+
 _KERB = "one of them may be a kerb, or slope otherwise: drive on, in the middle of a flat lane"
 
 GATES: tuple[Gate, ...] = (
@@ -293,6 +319,12 @@ GATES: tuple[Gate, ...] = (
         RejectReason.FITNESS_TOO_LOW,
         f"the lines may not be parallel or not lie in one plane: {_FIND_LINES}",
         _fitness,
+    ),
+    Gate(
+        "nothing below",
+        RejectReason.LINE_BELOW_ROAD,
+        f"one of the lines may be a kerb or a rail: {_FIND_LINES}",
+        _buried,
     ),
     Gate("straight", RejectReason.LINES_NOT_STRAIGHT, "calibrate on a straight road", _straight),
     Gate("flat", RejectReason.ROAD_NOT_FLAT, "calibrate where the slope does not change", _flat),
@@ -321,6 +353,12 @@ GATES: tuple[Gate, ...] = (
         RejectReason.IMAGES_NOT_RECTIFIED,
         "calibrate the pair again: a row of one image must be the same row of the other",
         _rectified,
+    ),
+    Gate(
+        "not turned",
+        RejectReason.IMAGES_NOT_RECTIFIED,
+        "calibrate the pair again: one camera has turned against the other",
+        _turned,
     ),
     Gate("asphalt", RejectReason.TEXTURE_DISAGREES, _KERB, _asphalt),
     Gate("lines in asphalt", RejectReason.TEXTURE_DISAGREES, _KERB, _line_heights),

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from . import checks
+from .closed_form import solve_plane
 from .config import CalibratorConfig
+from .corridor import plane_of
 from .extraction import Image, StripePoints
+from .extrinsics import Array
 from .hough import hough_peaks
 from .lines import fit_line, refit_line
 from .matching import (
@@ -19,9 +24,16 @@ from .matching import (
     pair_lines,
     sample_pattern,
 )
-from .pattern import LanePattern
+from .pattern import ImageLine, LanePattern
 from .results import Rejection
 from .rig import StereoRig
+
+_N_ROWS = 8  # of a line, which has two parameters
+# A line of the next lane is asked as well; beyond, other roads begin.
+_LANE_M = 3.75
+# Roads fall by up to 2.5 % from their middle to both sides: beyond a crown, by as much as twice that against
+# the slope of the own lane.
+_FALL = 0.05
 
 Points = tuple[StripePoints, StripePoints]
 
@@ -112,3 +124,53 @@ def _refit(
                 return None
             lines.append(refitted)
     return MatchedLines.of(lines, matched.votes)
+
+
+def buried_m(patterns: list[LanePattern], rig: StereoRig) -> list[float]:
+    """Return how deep the deepest line of the other patterns lies below the plane of each [m].
+
+    Nothing that is seen lies below the road: where a line does, the plane is that of a kerb, of a rail. A
+    line farther aside than those of the pattern may be lower by as much as roads fall to their sides.
+
+    Args:
+        patterns: Pairs of lines of one frame.
+        rig: Intrinsics and baseline.
+    """
+    lines = [pair for pattern in patterns for pair in zip(pattern.left, pattern.right, strict=True)]
+    depths = []
+    for pattern in patterns:
+        closed = solve_plane(pattern, rig)
+        if closed is None:
+            depths.append(0.0)
+            continue
+        plane = plane_of(closed.extrinsics, rig)
+        own_m = np.array([_place(left, right, plane, rig)[1] for left, right in _pairs_of(pattern)])
+        depth = 0.0
+        for left, right in lines:
+            height_m, aside_m = _place(left, right, plane, rig)
+            beyond_m = max(aside_m - own_m.max(), own_m.min() - aside_m, 0.0)
+            if beyond_m <= _LANE_M:
+                depth = max(depth, -height_m - _FALL * beyond_m)
+        depths.append(depth)
+    return depths
+
+
+def _pairs_of(pattern: LanePattern) -> list[tuple[ImageLine, ImageLine]]:
+    return list(zip(pattern.left, pattern.right, strict=True))
+
+
+def _place(left: ImageLine, right: ImageLine, plane: Array, rig: StereoRig) -> tuple[float, float]:
+    """Return the height of a line over a plane and its place to the left of the camera [m]."""
+    v = np.linspace(max(left.rows.min(), right.rows.min()), min(left.rows.max(), right.rows.max()), _N_ROWS)
+    columns = left.column_at(v), right.column_at(v)
+    disparity = columns[0] - columns[1]
+    u = (columns[0] + columns[1]) / 2.0
+    ray = np.column_stack([np.ones(len(v)), -(u - rig.cx) / rig.fx, -(v - rig.cy) / rig.fy])
+    expected = ray @ plane
+    metres = rig.fx * rig.baseline_m / np.linalg.norm(plane) / np.maximum(disparity, 1.0)
+    weights = metres**-2.0  # as pixels do
+    height = float(np.average((disparity - expected) * metres, weights=weights))
+    aside = float(
+        np.average(ray[:, 1] * rig.fx * rig.baseline_m / np.maximum(disparity, 1.0), weights=weights)
+    )
+    return height, aside

@@ -24,6 +24,7 @@ class RejectReason(Enum):
     NO_LINES_FOUND = "no_lines_found"
     LINES_NOT_MATCHED = "lines_not_matched"
     LINES_NOT_STRAIGHT = "lines_not_straight"
+    LINE_BELOW_ROAD = "line_below_road"
     ROAD_NOT_FLAT = "road_not_flat"
     LINES_NOT_CONVERGING = "lines_not_converging"
     LINES_INCONSISTENT = "lines_inconsistent"

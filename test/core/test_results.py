@@ -19,6 +19,7 @@ WORDS = {
     "no_lines_found",
     "lines_not_matched",
     "lines_not_straight",
+    "line_below_road",
     "road_not_flat",
     "lines_not_converging",
     "fitness_too_low",
