@@ -151,7 +151,7 @@ def buried_m(patterns: list[LanePattern], rig: StereoRig) -> list[float]:
             beyond_m = max(aside_m - own_m.max(), own_m.min() - aside_m, 0.0)
             if beyond_m <= _LANE_M:
                 depth = max(depth, -height_m - _FALL * beyond_m)
-        depths.append(depth)
+        depths.append(float(depth))
     return depths
 
 

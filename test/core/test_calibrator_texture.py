@@ -53,7 +53,13 @@ def raised(monkeypatch, height_m):
 
 def test_lines_on_another_plane_than_the_asphalt_are_refused(monkeypatch):
     scene, images = coarse_asphalt(12.0)
-    raised(monkeypatch, 0.07)
+    align = calibrator_module.align_texture
+
+    def lower(*arguments, **settings):
+        fit = align(*arguments, **settings)
+        return replace(fit, extrinsics=replace(fit.extrinsics, height_m=fit.extrinsics.height_m + 0.07))
+
+    monkeypatch.setattr(calibrator_module, "align_texture", lower)
     monkeypatch.setattr(calibrator_module, "line_on_road", lambda *_: None)
     assert Calibrator(scene.rig, LINES_ALONE).add(*images).accepted
     result = Calibrator(scene.rig).add(*images)
@@ -61,6 +67,13 @@ def test_lines_on_another_plane_than_the_asphalt_are_refused(monkeypatch):
     assert result.extrinsics is None
     assert {"genetic", "refined", "textured"} <= set(result.stages)
     assert "asphalt" in result.message
+    assert not result.gates[-1].passed and all(gate.passed for gate in result.gates[:-1])
+
+
+def test_grey_values_that_lead_away_from_the_lines_are_refused(monkeypatch):
+    scene, images = coarse_asphalt(12.0)
+    raised(monkeypatch, 0.07)
+    assert Calibrator(scene.rig, LINES_ALONE).add(*images).reason is RejectReason.STAGES_DISAGREE
 
 
 def test_the_asphalt_stands_with_one_line_where_two_contradict_it(monkeypatch):

@@ -34,6 +34,7 @@ GOOD = Evidence(
     genetic=POSE,
     fitness=9000.0,
     misfit_px=0.01,
+    buried_m=0.0,
     bends=STRAIGHT,
     lines=LINES,
     refined=REFINED,
@@ -81,7 +82,7 @@ def test_names_are_unique_and_every_gate_has_a_remedy():
 
 def test_gates_without_evidence_are_not_read_and_those_of_before_not_again():
     early = replace(GOOD, bends=None, lines=None, refined=None, clipped=None, texture=None, heights_m=None)
-    first, _ = judge(replace(early, vertical=None))
+    first, _ = judge(replace(early, vertical=None, buried_m=None))
     assert [reading.name for reading in first] == ["plausible", "fitness"]
     # The fitness is bad by now, and was good when it was read.
     both, rejection = judge(replace(GOOD, fitness=0.0), but=first)
@@ -89,10 +90,17 @@ def test_gates_without_evidence_are_not_read_and_those_of_before_not_again():
     assert both[:2] == first and len(both) == len(GATES)
 
 
+def test_asphalt_alone_is_plausible_rectified_and_not_turned():
+    alone = Evidence(CONFIG, texture=ASPHALT, vertical=GOOD.vertical)
+    assert [reading.name for reading in judge(alone)[0]] == ["plausible", "rectified", "not turned"]
+    outside = replace(ASPHALT, extrinsics=moved(0, 2.5))
+    assert judge(replace(alone, texture=outside))[1].reason is RejectReason.SEARCH_SPACE_EDGE
+
+
 def test_the_first_closed_gate_ends_it():
     readings, rejection = judge(replace(GOOD, bends=Bends(0.01, 1e-6, 0.0, 1e-6), clipped=1.0))
     assert rejection.reason is RejectReason.LINES_NOT_STRAIGHT
-    assert [reading.passed for reading in readings] == [True, True, False]
+    assert [reading.passed for reading in readings] == [True, True, True, False]
 
 
 BOX = CONFIG.search
@@ -204,6 +212,23 @@ def test_rectification(sign):
     words = "vertical offset", "the same row"
     assert_refuses(offset(0.51), RejectReason.IMAGES_NOT_RECTIFIED, 0.51, 0.5, *words)
     assert offset(0.8, std_px=0.3) is None  # may be chance
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_turned_camera(sign):
+    def turned(degrees, std=0.01):
+        std_rad = math.radians(std)
+        return refusal(vertical=VerticalOffset(0.0, 0.02, sign * math.radians(degrees), std_rad, 40))
+
+    assert turned(0.099) is None
+    assert_refuses(turned(0.101), RejectReason.IMAGES_NOT_RECTIFIED, 0.101, 0.1, "turn of one camera")
+    assert turned(0.2, std=0.08) is None
+
+
+def test_a_line_below_the_plane_of_the_lines():
+    assert refusal(buried_m=0.0299) is None
+    rejection = refusal(buried_m=0.0301)
+    assert_refuses(rejection, RejectReason.LINE_BELOW_ROAD, 30.1, 30.0, "below the plane", "kerb or a rail")
 
 
 @pytest.mark.parametrize(

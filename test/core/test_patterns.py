@@ -1,0 +1,48 @@
+"""Pairs of lines of one frame, and which of them is the road: nothing lies below it."""
+
+import numpy as np
+import pytest
+from independent_camera import ideal_pattern
+
+from stereo_selfcal import Extrinsics
+from stereo_selfcal.core.pattern import LanePattern
+from stereo_selfcal.core.patterns import buried_m
+from stereo_selfcal.synth.scenes import PAPER_RIG
+
+POSE = Extrinsics(1.4, 0.03, 0.0)
+
+
+def lane(left_m=1.75, right_m=-1.75, left_above_m=0.0, right_above_m=0.0):
+    """Return two lines, each of them at a height over the road: seen by a camera that much lower."""
+    patterns = [
+        ideal_pattern(PAPER_RIG, Extrinsics(POSE.height_m - above, POSE.pitch_rad, 0.0), (left_m, right_m))
+        for above in (left_above_m, right_above_m)
+    ]
+    rows = patterns[0].rows
+    left, right = (
+        (getattr(patterns[0], side)[0], getattr(patterns[1], side)[1]) for side in ("left", "right")
+    )
+    columns = np.array([[line.column_at(rows) for line in pair] for pair in (left, right)])
+    return LanePattern(left, right, patterns[0].vanishing_point, rows, columns)
+
+
+def test_lines_of_one_road_have_nothing_below():
+    assert max(buried_m([lane(), lane(right_m=-5.0), lane(left_m=5.0)], PAPER_RIG)) < 1e-3
+
+
+@pytest.mark.parametrize("height_m", [0.08, 0.6])
+def test_a_kerb_or_a_rail_has_the_line_below(height_m):
+    """The plane through a rail and the other line passes over the line beside the rail."""
+    road, rail = lane(), lane(left_m=2.2, left_above_m=height_m)
+    own, wrong = buried_m([road, rail], PAPER_RIG)
+    assert own < 1e-3
+    # At 1.75 m of the way from -1.75 to 2.2 m.
+    assert wrong == pytest.approx(height_m * 3.5 / 3.95, rel=0.2)
+
+
+def test_roads_fall_beyond_their_own_lane():
+    """By up to 5 % of the way against the own slope: no lower line; and farther aside nothing counts."""
+    road = lane()
+    assert buried_m([road, lane(left_m=4.75, left_above_m=-0.14)], PAPER_RIG)[0] < 0.03
+    assert buried_m([road, lane(left_m=4.75, left_above_m=-0.25)], PAPER_RIG)[0] > 0.03
+    assert buried_m([road, lane(left_m=7.0, left_above_m=-0.5)], PAPER_RIG)[0] < 0.03
