@@ -55,6 +55,10 @@ MIN_WIDTH_PX = 960
 TEXT_SCALE = 0.55
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 
+_GATE_COLUMNS = 3
+_WHOLE = 100.0  # from here on three digits are a whole number
+_UNITS = {"standard deviations": "std"}  # what is too long for a column
+
 _SHIFT = 4  # OpenCV takes coordinates in 1/16 px
 _NEAREST_DEPTH_M = 0.5  # road points nearer to the image plane are not drawn
 _MAX_POINTS = 40  # more dots on a line would hide it
@@ -123,6 +127,8 @@ def draw_overview(left: Image, right: Image, rig: StereoRig, result: Calibration
     view = draw_camera_view(left, rig, result, max(1.0, MIN_WIDTH_PX / left.shape[1]))
     width = view.shape[1]
     panels = [_header(result, width), view, _legend(width)]
+    if result.gates:
+        panels.append(_gates(result, width))
     extrinsics = shown_extrinsics(result)
     if extrinsics is not None and _fits(rig, left, right):
         panels.append(draw_birds_eye(left, right, rig, extrinsics, width))
@@ -324,13 +330,36 @@ def _numbers(result: CalibrationResult) -> list[str]:
     return [
         f"height {pose.height_m:.4f} m (std {std.height_m * 1e3:.1f} mm)     "
         f"pitch {math.degrees(pose.pitch_rad):+.3f} deg (std {math.degrees(std.pitch_rad):.4f})     "
-        f"roll {math.degrees(pose.roll_rad):+.3f} deg (std {math.degrees(std.roll_rad):.4f})"
+        f"roll {math.degrees(pose.roll_rad):+.3f} deg (std {math.degrees(std.roll_rad):.4f})",
+        *textwrap.wrap(_ascii("; ".join(result.notes)), 95),
     ]
 
 
 def _ascii(text: str) -> str:
     """OpenCV's fonts know nothing else."""
     return text.encode("ascii", "replace").decode()
+
+
+def _gates(result: CalibrationResult, width: int) -> Image:
+    """Return the strip with what each gate has measured beside its limit; the closed one stands out."""
+    strip = _Canvas(np.zeros((1, width, 3), dtype=np.uint8), 1.0)
+    step = 0.8 * _line_height(strip)
+    n_rows = -(-len(result.gates) // _GATE_COLUMNS)
+    strip = _Canvas(np.full((round((n_rows + 0.8) * step), width, 3), DARK, dtype=np.uint8), 1.0)
+    for number, gate in enumerate(result.gates):
+        column, row = divmod(number, n_rows)
+        unit = _UNITS.get(gate.unit, gate.unit)
+        text = f"{gate.name}: {_short(gate.value)} {unit} (limit {_short(gate.threshold)})"
+        x = (column + 0.03) * width / _GATE_COLUMNS
+        mark, colour = ("+", GREEN) if gate.passed else ("x", VERMILION)
+        x += strip.text(mark, x, (row + 1) * step, colour, size=0.8) + 0.3 * step
+        strip.text(_ascii(text), x, (row + 1) * step, WHITE if gate.passed else VERMILION, size=0.65)
+    return strip.pixels
+
+
+def _short(value: float) -> str:
+    """Return three digits, and no exponent for what is large."""
+    return f"{value:.0f}" if abs(value) >= _WHOLE else f"{value:.3g}"
 
 
 def _legend(width: int) -> Image:

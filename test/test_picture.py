@@ -11,7 +11,7 @@ from stereo_selfcal import picture
 from stereo_selfcal.core.extrinsics import Extrinsics
 from stereo_selfcal.core.geometry import apply_homography, image_from_road
 from stereo_selfcal.core.pattern import ImageLine, LanePattern
-from stereo_selfcal.core.results import CalibrationResult, Rejection, RejectReason, rejected
+from stereo_selfcal.core.results import CalibrationResult, GateReading, Rejection, RejectReason, rejected
 from stereo_selfcal.picture import draw_birds_eye, draw_camera_view, draw_overview, shown_extrinsics
 from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene
 
@@ -201,3 +201,26 @@ def test_png_round_trip():
     image = draw_overview(FRAME.left, FRAME.right, RIG, ACCEPTED)
     _, content = cv2.imencode(".png", image)
     np.testing.assert_array_equal(cv2.imdecode(content, cv2.IMREAD_COLOR), image)
+
+
+def test_gates_are_shown_and_the_closed_one_stands_out():
+    """As a strip below the rest; only a closed gate has the colour of a refusal."""
+    passed = GateReading("straight", 5000.0, 1000.0, "m", True)
+    closed = GateReading("consistent", 12.0, 10.0, "standard deviations", False)
+    refused = rejected(REJECTION)
+    without = draw_overview(FRAME.left, FRAME.right, RIG, refused)
+    for gates, stands_out in (((passed,), False), ((passed, closed), True)):
+        image = draw_overview(FRAME.left, FRAME.right, RIG, replace(refused, gates=gates))
+        np.testing.assert_array_equal(image[: len(without)], without)
+        strip = image[len(without) :]
+        assert has_colour(strip, picture.GREEN) > 0
+        assert (has_colour(strip, picture.VERMILION) > 0) == stands_out
+
+
+def test_notes_are_shown():
+    """What is not quite as it should be stands below the numbers."""
+    plain, noted = (
+        draw_overview(FRAME.left, FRAME.right, RIG, replace(ACCEPTED, notes=notes))
+        for notes in ((), ("not checked against the asphalt",))
+    )
+    assert len(noted) > len(plain)

@@ -93,11 +93,17 @@ class Calibrator:
         mean, covariance, used = fuse(poses, covariances)
         frames = [r for r, use in zip(self._accepted, used, strict=True) if use]
         yaws = [r.lane_yaw_rad for r in frames if r.lane_yaw_rad is not None]
+        bends = [r.lane_curvature_per_m for r in frames if r.lane_curvature_per_m is not None]
+        pose, covariance = Extrinsics.from_array(mean), covariance + shared(covariances[used])
+        if any("textured" in r.stages for r in frames):
+            # What the calibration of the cameras has left is the same in all frames.
+            covariance = covariance + covariance_by_rectification(self.rig, pose)
         fused = CalibrationResult(
             message="",
-            extrinsics=Extrinsics.from_array(mean),
-            covariance=covariance + shared(covariances[used]),
+            extrinsics=pose,
+            covariance=covariance,
             lane_yaw_rad=float(np.mean(yaws)),
+            lane_curvature_per_m=float(np.mean(bends)) if bends else None,
             stages={
                 name: Extrinsics.from_array(np.mean([r.stages[name].as_array() for r in frames], axis=0))
                 for name in frames[0].stages
@@ -251,6 +257,7 @@ class Calibrator:
             extrinsics=evidence.of_lines,
             covariance=best.covariance,
             lane_yaw_rad=best.lane_yaw_rad,
+            lane_curvature_per_m=bends.lateral_per_m,
             n_frames=1,
             gates=gates,
             notes=notes,

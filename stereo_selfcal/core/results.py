@@ -97,6 +97,7 @@ class CalibrationResult:
         extrinsics: The calibration, None when rejected.
         covariance: (3, 3) covariance of (height_m, pitch_rad, roll_rad), None when rejected.
         lane_yaw_rad: Yaw of the camera against the lane [rad], > 0: camera points left of it.
+        lane_curvature_per_m: Curvature of the lane as far as it was measured [1/m], > 0: bends left.
         stages: Estimate of every stage that ran, by name ("genetic", ...); kept on rejection too.
         stamp_s: Time stamp of the frame (of the last one when fused) [s].
         n_frames: Number of accepted frames behind the result.
@@ -111,6 +112,7 @@ class CalibrationResult:
     extrinsics: Extrinsics | None = None
     covariance: Array | None = None
     lane_yaw_rad: float | None = None
+    lane_curvature_per_m: float | None = None
     stages: dict[str, Extrinsics] = field(default_factory=dict)
     stamp_s: float = 0.0
     n_frames: int = 0
