@@ -126,9 +126,10 @@ class Calibrator:
             result = rejected(first.patterns.rejection, stamp_s, pattern=first.patterns.pattern)
         else:
             depths = buried_m(first.patterns, self.rig)
-            # The most promising pair of which nothing lies below, or else the most promising one.
-            best = next((i for i, depth in enumerate(depths) if depth <= MAX_LINE_HEIGHT_M), 0)
-            result = self._solve(first.patterns[best], images, stamp_s, depths[best])
+            result = self._solve(first.patterns[0], images, stamp_s, depths[0])
+            others = [i for i, depth in enumerate(depths) if depth <= MAX_LINE_HEIGHT_M]
+            if result.reason is RejectReason.LINE_BELOW_ROAD and others:
+                result = self._solve(first.patterns[others[0]], images, stamp_s, depths[others[0]])
         if result.accepted or not self.config.texture.check:
             return result
         return self._look_again(result, first, points, images, stamp_s)

@@ -298,7 +298,7 @@ def _turned(evidence: Evidence) -> Reading | None:
 
 
 def _buried(evidence: Evidence) -> Reading | None:
-    if evidence.buried_m is None:
+    if evidence.buried_m is None or evidence.bends is None:  # what bends is said to bend
         return None
     value, limit = evidence.buried_m, MAX_LINE_HEIGHT_M
     what = "another line lies below the plane of the lines, by"
@@ -320,14 +320,14 @@ GATES: tuple[Gate, ...] = (
         f"the lines may not be parallel or not lie in one plane: {_FIND_LINES}",
         _fitness,
     ),
+    Gate("straight", RejectReason.LINES_NOT_STRAIGHT, "calibrate on a straight road", _straight),
+    Gate("flat", RejectReason.ROAD_NOT_FLAT, "calibrate where the slope does not change", _flat),
     Gate(
         "nothing below",
         RejectReason.LINE_BELOW_ROAD,
         f"one of the lines may be a kerb or a rail: {_FIND_LINES}",
         _buried,
     ),
-    Gate("straight", RejectReason.LINES_NOT_STRAIGHT, "calibrate on a straight road", _straight),
-    Gate("flat", RejectReason.ROAD_NOT_FLAT, "calibrate where the slope does not change", _flat),
     Gate("determined", RejectReason.LINES_NOT_MATCHED, _FIND_LINES, _determined),
     Gate(
         "consistent",
