@@ -80,7 +80,12 @@ def covariance_by_road(
         rig: Intrinsics and baseline.
         extrinsics: The estimate from them.
         shape: Roughness, profile and mismatch of the road between them.
+
+    Returns:
+        Zeros where the road is a plane, as far as the asphalt shows.
     """
+    if not shape.uneven:
+        return np.zeros((3, 3))
     plane = plane_of(extrinsics, rig)
     ray = np.concatenate(_rays(pattern, rig))
     disparity = ray @ plane

@@ -36,6 +36,9 @@ _TYPICAL_MISMATCH_PX = 0.05
 _CAMBER_PER_M = 0.0036
 _PROFILES = np.array([0.125, 0.35, 1.0, 2.8])  # times that: from a plane in practice to a village street
 _PROFILE_LENGTH_M = 1.0  # wheel tracks and gutters are half a metre to a metre wide
+# A road is no plane where that is a hundred times less likely: rendered planes reach e^1, real roads e^15 and
+# more, or as little as planes where little of them is seen.
+_LEAST_EVIDENCE = math.log(100.0)
 _TUKEY_SIGMAS = 4.685  # 95 % efficient for Gaussian errors
 _REWEIGHTINGS = 8
 _SIGMA_OVER_MAD = 1.4826
@@ -74,6 +77,7 @@ class Surface:
         roughness: D [m^2/m^1.5], mean of its posterior.
         mismatch_px: Error of each cell's disparity beyond the noise, standard deviation.
         profile: Bend across the road, in units of a usual camber, root mean square of its posterior.
+        evidence: Logarithm of the likelihood of the best shape over that of a plane.
         weights: (C,) robust weights, 0 ... 1.
         residuals: (C,) heights over the plane [m]; NaN where not measured.
         noise_variance: (C,) of them [m^2].
@@ -85,6 +89,7 @@ class Surface:
     roughness: float
     mismatch_px: float
     profile: float
+    evidence: float
     weights: Array
     residuals: Array
     noise_variance: Array
@@ -102,6 +107,7 @@ class RoadShape:
         roughness: Mean squared difference of heights over distance^1.5 [m^2/m^1.5].
         mismatch_px: Error of the cells' disparities that neither noise nor road explains [px].
         profile: Bend across the road, in units of a usual camber (2.5 % at the edge of a two-lane road).
+        evidence: Logarithm of the likelihood of the best shape over that of a plane.
     """
 
     slope_change_rad: float
@@ -111,6 +117,12 @@ class RoadShape:
     roughness: float
     mismatch_px: float
     profile: float
+    evidence: float = math.inf
+
+    @property
+    def uneven(self) -> bool:
+        """Whether the road is surely no plane, as far as the images show it."""
+        return self.evidence > _LEAST_EVIDENCE
 
 
 def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface | None:
@@ -142,9 +154,10 @@ def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface |
     # No part of that for the others: it would pass for noise what is the road's shape.
     outlier = weights < _OUTLIER_WEIGHT
     inflated = noise + np.where(outlier, off**2 / np.maximum(weights, _LEAST_WEIGHT), 0.0)
-    roughness, mismatch, bend = _TYPICAL_ROUGHNESS, _TYPICAL_MISMATCH_PX, 1.0
+    found = (_TYPICAL_ROUGHNESS, _TYPICAL_MISMATCH_PX, 1.0, math.inf)
     if final:
-        roughness, mismatch, bend = _likely(y, x, inflated, profile, kernel, cells.metres[seen])
+        found = _likely(y, x, inflated, profile, kernel, cells.metres[seen])
+    roughness, mismatch, bend, evidence = found
     inflated = inflated + (mismatch * cells.metres[seen]) ** 2
     total = roughness * kernel + bend**2 * profile + np.diag(inflated)
     weighted = np.linalg.solve(total, x).T
@@ -160,6 +173,7 @@ def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface |
         roughness=roughness,
         mismatch_px=mismatch,
         profile=bend,
+        evidence=evidence,
         weights=everywhere,
         residuals=cells.heights - design @ plane,
         noise_variance=cells.variances + (mismatch * cells.metres) ** 2,
@@ -196,10 +210,11 @@ def _robust_weights(y: Array, x: Array, sigma: Array) -> tuple[Array, Array]:
 
 def _likely(
     y: Array, x: Array, noise: Array, profile: Array, kernel: Array, metres: Array
-) -> tuple[float, float, float]:
+) -> tuple[float, float, float, float]:
     """Return roughness [m^2/m^1.5], mismatch [px] and factor on the profile: means of their posterior.
 
-    It is the restricted likelihood: of the contrasts that no plane changes. Before, all values tried are
+    Fourth, the logarithm of the greatest likelihood over that of a plane. It is the restricted
+    likelihood: of the contrasts that no plane changes. Before, all values tried are
     equally probable.
     """
     basis = np.linalg.qr(x, mode="complete")[0][:, x.shape[1] :]
@@ -220,7 +235,15 @@ def _likely(
     posterior = np.exp(log_likelihood - log_likelihood.max())
     posterior /= posterior.sum()
     squares = posterior.sum(axis=1) @ np.array(tried) ** 2
-    return float(posterior.sum(axis=0) @ _ROUGHNESS), float(np.sqrt(squares[0])), float(np.sqrt(squares[1]))
+    of_plane = np.linalg.cholesky(by_noise)
+    rest = np.linalg.solve(of_plane, contrast)
+    plane = -0.5 * float(rest @ rest) - float(np.log(np.diag(of_plane)).sum())
+    return (
+        float(posterior.sum(axis=0) @ _ROUGHNESS),
+        float(np.sqrt(squares[0])),
+        float(np.sqrt(squares[1])),
+        float(log_likelihood.max()) - plane,
+    )
 
 
 def measure_shape(xy: Array, surface: Surface) -> RoadShape:
@@ -235,7 +258,14 @@ def measure_shape(xy: Array, surface: Surface) -> RoadShape:
     along, across = np.ptp(x) / 2.0, np.ptp(y) / 2.0
     if len(x) < _LEAST_CELLS_OF_SHAPE or along == 0.0 or across == 0.0:
         return RoadShape(
-            0.0, math.inf, 0.0, math.inf, surface.roughness, surface.mismatch_px, surface.profile
+            0.0,
+            math.inf,
+            0.0,
+            math.inf,
+            surface.roughness,
+            surface.mismatch_px,
+            surface.profile,
+            surface.evidence,
         )
     s, t = (x - np.mean(x)) / along, (y - np.mean(y)) / across
     design = np.column_stack([np.ones_like(s), s, t, s * s, t * t])
@@ -255,4 +285,5 @@ def measure_shape(xy: Array, surface: Surface) -> RoadShape:
         roughness=surface.roughness,
         mismatch_px=surface.mismatch_px,
         profile=surface.profile,
+        evidence=surface.evidence,
     )

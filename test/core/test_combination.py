@@ -1,5 +1,6 @@
 """Lines and asphalt together: heights of lines over a road, the road's shape as uncertainty, the mean."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -117,3 +118,11 @@ def test_rectification_is_a_fraction_of_a_pixel_everywhere():
     down = PAPER_RIG.fx * PAPER_RIG.baseline_m / POSE.height_m
     assert std[1] == pytest.approx(0.1 / down, rel=0.1)
     assert 0.0 < std[0] < 0.02 and 0.0 < std[2] < 0.01
+
+
+def test_a_road_that_may_be_a_plane_makes_the_lines_no_worse():
+    """A hundred times: what the asphalt does not surely show is not taken for the road's shape."""
+    rough = replace(PLANE, roughness=1e-6)
+    for evidence, uneven in ((math.log(99.0), False), (math.log(101.0), True)):
+        covariance = covariance_by_road(PATTERN, PAPER_RIG, POSE, replace(rough, evidence=evidence))
+        assert bool(covariance.any()) == uneven
