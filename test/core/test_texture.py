@@ -12,7 +12,7 @@ from stereo_selfcal import Extrinsics, StereoRig
 from stereo_selfcal.core.corridor import extrinsics_of, lay_out, plane_of
 from stereo_selfcal.core.rectification import vertical_offset
 from stereo_selfcal.core.texture import MIN_SIGMAS, align_texture
-from stereo_selfcal.core.unevenness import Cells, fit_surface
+from stereo_selfcal.core.unevenness import Cells, fit_surface, measure_shape
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import PAPER_RIG, random_scene
 
@@ -252,3 +252,14 @@ class TestRealFrames:
 def replace_roll(tolerance):
     """The cross slope of the lane may differ from that of the wider plane by more."""
     return np.array([*tolerance[:2], math.radians(1.2)])
+
+
+@pytest.mark.parametrize(("bump_m", "uneven"), [(0.0, False), (0.02, True)])
+def test_a_plane_is_told_from_a_road(bump_m, uneven):
+    """Cells a metre apart, 2 mm of noise; a hump of 2 cm that is 8 m long is no noise."""
+    x, y = (grid.ravel() for grid in np.meshgrid(np.arange(6.0, 26.0), np.arange(-2.0, 2.1)))
+    rng = np.random.default_rng(0)
+    heights = 0.002 * rng.standard_normal(x.size) + bump_m * np.exp(-0.5 * ((x - 12.0) / 2.0) ** 2)
+    cells = Cells(heights, np.full(x.size, 0.002**2), np.full(x.size, 0.05), np.column_stack([x, y]))
+    surface = fit_surface(cells, np.column_stack([np.ones_like(x), x, y]))
+    assert measure_shape(cells.xy, surface).uneven == uneven
