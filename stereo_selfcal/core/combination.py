@@ -12,7 +12,7 @@ import numpy as np
 
 from .corridor import plane_of, plane_to_extrinsics
 from .extrinsics import Array, Extrinsics, road_from_camera_rotation
-from .pattern import LanePattern
+from .pattern import ImageLine, LanePattern
 from .rig import StereoRig
 from .texture import AGREEMENT, TextureFit
 from .unevenness import RoadShape, kernels
@@ -21,6 +21,7 @@ from .unevenness import RoadShape, kernels
 RECTIFICATION_STD_PX = 0.1
 # Nothing is measured where the disparity is a pixel.
 _LEAST_DISPARITY_PX = 1.0
+_N_ROWS = 8  # of a line, which has two parameters
 # Painted lines lie in the asphalt; the lowest kerbs are 6 cm high, and half of that tells them apart.
 MAX_LINE_HEIGHT_M = 0.030
 # Height [m], pitch, roll [rad] by which both may differ all the same, as far as the lever of the nearest line
@@ -49,6 +50,30 @@ def heights_over(pattern: LanePattern, rig: StereoRig, lines: Extrinsics, road: 
         # Rows weigh as their pixels do; far ones say little of a height.
         heights.append(float(np.sum((seen - expected) / metres) / np.sum(1.0 / metres**2)))
     return np.array(heights)
+
+
+def place_of_line(left: ImageLine, right: ImageLine, plane: Array, rig: StereoRig) -> tuple[float, float]:
+    """Return the height of a line over a plane and its place to the left of the camera [m].
+
+    Args:
+        left: The line in the left image.
+        right: The same in the right image.
+        plane: (3,) of the road (:mod:`.corridor`).
+        rig: Intrinsics and baseline.
+    """
+    v = np.linspace(max(left.rows.min(), right.rows.min()), min(left.rows.max(), right.rows.max()), _N_ROWS)
+    columns = left.column_at(v), right.column_at(v)
+    disparity = columns[0] - columns[1]
+    u = (columns[0] + columns[1]) / 2.0
+    ray = np.column_stack([np.ones(len(v)), -(u - rig.cx) / rig.fx, -(v - rig.cy) / rig.fy])
+    expected = ray @ plane
+    metres = rig.fx * rig.baseline_m / np.linalg.norm(plane) / np.maximum(disparity, 1.0)
+    weights = metres**-2.0  # as pixels do
+    height = float(np.average((disparity - expected) * metres, weights=weights))
+    aside = float(
+        np.average(ray[:, 1] * rig.fx * rig.baseline_m / np.maximum(disparity, 1.0), weights=weights)
+    )
+    return height, aside
 
 
 def lies_on(pattern: LanePattern, rig: StereoRig, lines: Extrinsics, road: Extrinsics) -> bool:

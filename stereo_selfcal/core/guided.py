@@ -13,7 +13,7 @@ from itertools import islice, product
 
 import numpy as np
 
-from .combination import MAX_LINE_HEIGHT_M
+from .combination import MAX_LINE_HEIGHT_M, place_of_line
 from .config import CalibratorConfig
 from .corridor import extrinsics_of, plane_of
 from .extraction import Image
@@ -154,11 +154,7 @@ def _seen_by_both(
     right = refit_line(points[1].gradient, expected, points[1].noise_grey, first_row)
     if right is None or right.n_rows < config.extraction.min_line_rows:
         return None
-    v = np.linspace(max(left.rows.min(), right.rows.min()), min(left.rows.max(), right.rows.max()), 5)
-    seen = left.column_at(v) - right.column_at(v)
-    metres = rig.fx * rig.baseline_m / np.linalg.norm(plane) / np.maximum(seen, 1.0)
-    height = (seen - (left.column_at(v) - expected.column_at(v))) * metres
-    if v[-1] <= v[0] or abs(float(np.average(height, weights=metres**-2.0))) > MAX_LINE_HEIGHT_M:
+    if abs(place_of_line(left, right, plane, rig)[0]) > MAX_LINE_HEIGHT_M:
         return None
     if not may_lie_on_road(left, right, rig, config):
         return None

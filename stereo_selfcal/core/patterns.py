@@ -8,10 +8,10 @@ import numpy as np
 
 from . import checks
 from .closed_form import solve_plane
+from .combination import place_of_line
 from .config import CalibratorConfig
 from .corridor import plane_of
 from .extraction import Image, StripePoints
-from .extrinsics import Array
 from .hough import hough_peaks
 from .lines import fit_line, refit_line
 from .matching import (
@@ -28,7 +28,6 @@ from .pattern import ImageLine, LanePattern
 from .results import Rejection
 from .rig import StereoRig
 
-_N_ROWS = 8  # of a line, which has two parameters
 # A line of the next lane is asked as well; beyond, other roads begin.
 _LANE_M = 3.75
 # Roads fall by up to 2.5 % from their middle to both sides: beyond a crown, by as much as twice that against
@@ -144,10 +143,10 @@ def buried_m(patterns: list[LanePattern], rig: StereoRig) -> list[float]:
             depths.append(0.0)
             continue
         plane = plane_of(closed.extrinsics, rig)
-        own_m = np.array([_place(left, right, plane, rig)[1] for left, right in _pairs_of(pattern)])
+        own_m = np.array([place_of_line(left, right, plane, rig)[1] for left, right in _pairs_of(pattern)])
         depth = 0.0
         for left, right in lines:
-            height_m, aside_m = _place(left, right, plane, rig)
+            height_m, aside_m = place_of_line(left, right, plane, rig)
             beyond_m = max(aside_m - own_m.max(), own_m.min() - aside_m, 0.0)
             if beyond_m <= _LANE_M:
                 depth = max(depth, -height_m - _FALL * beyond_m)
@@ -157,20 +156,3 @@ def buried_m(patterns: list[LanePattern], rig: StereoRig) -> list[float]:
 
 def _pairs_of(pattern: LanePattern) -> list[tuple[ImageLine, ImageLine]]:
     return list(zip(pattern.left, pattern.right, strict=True))
-
-
-def _place(left: ImageLine, right: ImageLine, plane: Array, rig: StereoRig) -> tuple[float, float]:
-    """Return the height of a line over a plane and its place to the left of the camera [m]."""
-    v = np.linspace(max(left.rows.min(), right.rows.min()), min(left.rows.max(), right.rows.max()), _N_ROWS)
-    columns = left.column_at(v), right.column_at(v)
-    disparity = columns[0] - columns[1]
-    u = (columns[0] + columns[1]) / 2.0
-    ray = np.column_stack([np.ones(len(v)), -(u - rig.cx) / rig.fx, -(v - rig.cy) / rig.fy])
-    expected = ray @ plane
-    metres = rig.fx * rig.baseline_m / np.linalg.norm(plane) / np.maximum(disparity, 1.0)
-    weights = metres**-2.0  # as pixels do
-    height = float(np.average((disparity - expected) * metres, weights=weights))
-    aside = float(
-        np.average(ray[:, 1] * rig.fx * rig.baseline_m / np.maximum(disparity, 1.0), weights=weights)
-    )
-    return height, aside
