@@ -173,9 +173,11 @@ class Calibrator:
             if result.accepted and "textured" in result.stages:
                 return result
         seen = line_on_road(shown.extrinsics, matches, points, images, self.rig, self.config)
-        if seen is None or not shown.precise:
+        vertical = None
+        if seen is not None and shown.precise:
+            vertical = vertical_offset(images, self.rig, shown.extrinsics, seen[1])
+        if seen is None or vertical is None:  # rows that cannot be compared may be those of a turned camera
             return refused
-        vertical = vertical_offset(images, self.rig, shown.extrinsics, seen[1])
         gates, refusal = judge(Evidence(self.config, texture=shown, vertical=vertical))
         if refusal:
             return rejected(refusal, stamp_s, gates=gates, stages={"textured": shown.extrinsics})

@@ -166,11 +166,11 @@ def test_undetermined_pose():
 
 
 def test_cameras_that_contradict_each_other():
-    """Ten standard deviations of two numbers: a chi2 of 200."""
-    assert refusal(lines=replace(LINES, chi2=199.0)) is None
-    rejection = refusal(lines=replace(LINES, chi2=204.0))
+    """Seven standard deviations of two numbers: a chi2 of 98."""
+    assert refusal(lines=replace(LINES, chi2=97.0)) is None
+    rejection = refusal(lines=replace(LINES, chi2=99.0))
     words = "contradict each other", "images are rectified"
-    assert_refuses(rejection, RejectReason.LINES_INCONSISTENT, 102.0**0.5, 10, *words)
+    assert_refuses(rejection, RejectReason.LINES_INCONSISTENT, 49.5**0.5, 7, *words)
 
 
 @pytest.mark.parametrize(
