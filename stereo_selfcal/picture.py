@@ -163,6 +163,11 @@ def draw_camera_view(left: Image, rig: StereoRig, result: CalibrationResult, sca
         ends = np.array([0.0, rig.width - 1.0])
         horizon = np.column_stack([ends, horizon_row(rig, extrinsics, ends)])
         canvas.polyline(horizon, SKY_BLUE, 2 * canvas.thickness)
+    above = 0.0 if result.pattern is None else float(result.pattern.vanishing_point[1])
+    for line in result.unused_lines:
+        ends = np.array([max(above, line.rows.min()), line.rows.max()])
+        if ends[1] > ends[0]:  # what lies over the horizon is no line of the road
+            canvas.polyline(np.column_stack([line.column_at(ends), ends]), ORANGE, canvas.thickness)
     if result.pattern is not None:
         _draw_pattern(canvas, result.pattern, left.shape[0])
     return canvas.pixels
@@ -275,7 +280,7 @@ def _project(matrix: Array, x_m: Array, y_m: Array) -> Array:
 
 def _draw_pattern(canvas: _Canvas, pattern: LanePattern, height: int) -> None:
     """Draw the lines of the left camera, the points they were measured at, and where they meet."""
-    for line in pattern.left:
+    for line in pattern.lines[0]:
         rows = np.linspace(float(pattern.vanishing_point[1]), height - 1.0, _POLYLINE_POINTS)
         canvas.polyline(np.column_stack([line.column_at(rows), rows]), VERMILION, 2 * canvas.thickness)
         for point in _some_points(line):
@@ -372,6 +377,7 @@ def _legend(width: int) -> Image:
         ("left camera:", WHITE),
         ("o measured edge", WHITE),
         ("- lane line", VERMILION),
+        ("- other line", ORANGE),
         ("- horizon", SKY_BLUE),
         ("o lines meet", PURPLE),
         ("# road, 1 m x 5 m", YELLOW),

@@ -23,13 +23,14 @@ from .corridor import CELL_WIDTH_M
 from .extraction import Image, find_stripe_points
 from .extrinsics import Extrinsics
 from .fitness import PatternFitness
+from .further import further_lines
 from .fusion import fuse, shared
 from .gates import Evidence, judge
 from .genetic import GeneticResult, maximise_each
 from .geometry import SIDES
 from .guided import find_road, line_on_road, lines_on_road
 from .pattern import LanePattern
-from .patterns import Look, Points, Refused, buried_m, look
+from .patterns import Look, Points, Refused, buried_m, look, unused_lines
 from .rectification import vertical_offset
 from .refinement import refine
 from .results import CalibrationResult, Rejection, RejectReason, describe, rejected
@@ -75,7 +76,7 @@ class Calibrator:
         result = self._calibrate(left, right, stamp_s)
         if result.accepted:
             # Images' worth of points is not needed any more: memory must not grow with a bag.
-            self._accepted.append(replace(result, pattern=None, genetic=None))
+            self._accepted.append(replace(result, pattern=None, unused_lines=(), genetic=None))
         self._last = result
         return result
 
@@ -126,13 +127,14 @@ class Calibrator:
             result = rejected(first.patterns.rejection, stamp_s, pattern=first.patterns.pattern)
         else:
             depths = buried_m(first.patterns, self.rig)
-            result = self._solve(first.patterns[0], images, stamp_s, depths[0])
+            further = further_lines(first.patterns[0], first.matches, points, self.rig, self.config)
+            result = self._solve(first.patterns[0].joined(further), images, stamp_s, depths[0])
             others = [i for i, depth in enumerate(depths) if depth <= MAX_LINE_HEIGHT_M]
             if result.reason is RejectReason.LINE_BELOW_ROAD and others:
                 result = self._solve(first.patterns[others[0]], images, stamp_s, depths[others[0]])
-        if result.accepted or not self.config.texture.check:
-            return result
-        return self._look_again(result, first, points, images, stamp_s)
+        if not result.accepted and self.config.texture.check:
+            result = self._look_again(result, first, points, images, stamp_s)
+        return replace(result, unused_lines=unused_lines(first, result.pattern))
 
     def _look_again(
         self,
@@ -276,7 +278,7 @@ class Calibrator:
         """Compare an estimate from lines with the plane of the asphalt between them, and combine both."""
         if result.pattern is None or result.extrinsics is None or result.covariance is None:
             raise ValueError("only an accepted result can be compared with the road")
-        _, left_m, right_m = lane_in_road(result.pattern, self.rig, result.extrinsics)
+        _, left_m, right_m = lane_in_road(result.pattern.boundaries, self.rig, result.extrinsics)
         limits_m = (float(right_m) - _BESIDE_M, float(left_m) + _BESIDE_M)
         yaw = result.lane_yaw_rad or 0.0
         fit = align_texture(images, self.rig, result.extrinsics, yaw, limits_m=limits_m)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .extrinsics import Array, Extrinsics
-from .fitness import disparity_model
+from .fitness import disparity_model, point_weights
 from .pattern import LanePattern
 from .rig import StereoRig
 
@@ -37,10 +37,11 @@ def solve_plane(pattern: LanePattern, rig: StereoRig) -> ClosedForm | None:
         The extrinsics, or None when the points lie on one line or the plane is no road below the rig.
     """
     design, disparity = disparity_model(pattern, rig)
-    normal = design.T @ design
+    weighted = design.T * point_weights(pattern)
+    normal = weighted @ design
     if np.linalg.matrix_rank(normal) < len(normal):
         return None
-    solve = np.linalg.inv(normal) @ design.T
+    solve = np.linalg.inv(normal) @ weighted
     plane = solve @ disparity
     if plane[2] >= 0.0:  # disparity must grow downwards
         return None
@@ -51,12 +52,12 @@ def solve_plane(pattern: LanePattern, rig: StereoRig) -> ClosedForm | None:
         ]
     )
     covariance = np.zeros((3, 3))
-    zero = np.zeros(len(pattern.rows))
-    for camera, lines in ((1.0, pattern.left), (-1.0, pattern.right)):
+    n_rows = len(pattern.rows)
+    for camera, lines in zip((1.0, -1.0), pattern.lines, strict=True):
         for i, line in enumerate(lines):
-            changes = np.stack([np.ones_like(pattern.rows), pattern.rows - line.v_mid], axis=1)
-            by_line = camera * np.stack(
-                [np.append(c, zero) if i == 0 else np.append(zero, c) for c in changes.T], 1
+            by_line = np.zeros((len(design), 2))
+            by_line[i * n_rows : (i + 1) * n_rows] = camera * np.column_stack(
+                [np.ones(n_rows), pattern.rows - line.v_mid]
             )
             if camera > 0.0:
                 # Moving a point of the left image also moves where the plane is evaluated.

@@ -9,19 +9,24 @@ The paper says "E1 and E2 are normalised" without saying how. Here both are squa
   the road, minus where it does: disparity predicted minus disparity measured. The disparity of a plane
   is linear in the image, so the sum over all points is a quadratic form of three numbers, whatever
   their number.
+  A line beside the boundaries of the lane may lie higher or lower than their plane: its points count by how
+  sure that is.
 * E2 is the angle between the two lines on the road in units of one pixel's angle, 1 / f,
   times ``parallel_weight``: the vanishing point of two lines is known about ten times better than
   where the plane through their disparities has its horizon (peers' comparison: 0.002 against
   0.025 degrees of pitch at 5 % noise), and the smaller term of the two must not hide that.
+  A further line runs along the road, too, and is seen parallel to the others even where it lies beside their
+  plane. But it was painted another day, or is another edge: its angles count as pixels, without that weight.
 """
 
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from .config import FitnessConfig
 from .extrinsics import Array
-from .pattern import LanePattern
+from .pattern import UNEVEN_STD_M, LanePattern
 from .rig import StereoRig
 
 
@@ -38,14 +43,21 @@ class PatternFitness:
         self._focal_px = float(np.sqrt(rig.fx * rig.fy))
         ray_y, ray_z = _rays(pattern, rig)
         self._design, self._disparity = disparity_model(pattern, rig)
-        self._gram = self._design.T @ self._design / len(self._design)
-        self._moment = self._design.T @ self._disparity / len(self._design)
-        self._square = float(self._disparity @ self._disparity) / len(self._design)
-        # Normal of the plane through camera and line, from the first and last point: (4, 3).
+        weights = point_weights(pattern)
+        weighted = self._design.T * (weights / weights.sum())
+        self._gram = weighted @ self._design
+        self._moment = weighted @ self._disparity
+        self._square = float(weights @ self._disparity**2 / weights.sum())
+        # Normal of the plane through camera and line, from the first and last point.
         first = np.stack(np.broadcast_arrays(1.0, ray_y[..., 0], ray_z[..., 0]), axis=-1)
         last = np.stack(np.broadcast_arrays(1.0, ray_y[..., -1], ray_z[..., -1]), axis=-1)
-        # As columns, by camera: (2, 3, 2).
+        # As columns, by camera: (2, 3, L).
         self._normals = np.swapaxes(np.cross(first, last), 1, 2)
+        # The first pair are the boundaries; the others share a weight of 1.
+        pairs = np.ones(len(_pairs(self._normals.shape[-1])))
+        pairs[1:] /= max(len(pairs) - 1, 1)
+        pairs[0] = config.parallel_weight**2
+        self._pair_weights = self._focal_px**2 * pairs
         self.evaluations = 0
 
     def __call__(self, population: Array) -> Array:
@@ -60,7 +72,7 @@ class PatternFitness:
         """
         self.evaluations += len(population)
         trig = _trigonometry(population)
-        parallelism = self._weighted(_angle_between(self._normals[camera], *trig))
+        parallelism = self._parallelism(self._normals[camera], *trig)
         return self._fitness(self._matching_error(population[:, 0], *trig), parallelism)
 
     def seen_by_each(self, populations: Array) -> Array:
@@ -69,24 +81,23 @@ class PatternFitness:
         flat = populations.reshape(-1, populations.shape[2])
         self.evaluations += len(flat)
         trig = _trigonometry(flat)
-        angles = _angle_between(self._normals, *(part.reshape(shape) for part in trig)).ravel()
-        parallelism = self._weighted(angles)
+        parallelism = self._parallelism(self._normals, *(part.reshape(shape) for part in trig)).ravel()
         return self._fitness(self._matching_error(flat[:, 0], *trig), parallelism).reshape(shape)
 
     def errors(self, population: Array) -> tuple[Array, Array]:
         """Return the normalised E1 and E2 of (P, 3) candidates [px^2], each of shape (P,)."""
         self.evaluations += len(population)
         trig = _trigonometry(population)
-        angles = np.abs([_angle_between(normals, *trig) for normals in self._normals]).min(axis=0)
-        return self._matching_error(population[:, 0], *trig), self._weighted(angles)
+        parallelism = np.min([self._parallelism(normals, *trig) for normals in self._normals], axis=0)
+        return self._matching_error(population[:, 0], *trig), parallelism
 
     def _fitness(self, matching: Array, parallelism: Array) -> Array:
         fitness: Array = 1.0 / (np.maximum(matching, parallelism) + self._config.k)
         return fitness
 
-    def _weighted(self, angles: Array) -> Array:
-        """E2: squared angle between the lines [rad] in units of one pixel's angle, weighted."""
-        error: Array = (self._config.parallel_weight * self._focal_px * angles) ** 2
+    def _parallelism(self, normals: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
+        """E2: squared angles between the lines in units of one pixel's angle, weighted, (..., P)."""
+        error: Array = _angles_between(normals, cp, sp, cr, sr) ** 2 @ self._pair_weights
         return error
 
     def _plane(self, height: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
@@ -113,7 +124,7 @@ class PatternFitness:
         return plane
 
     def linear_terms(self, candidate: Array) -> tuple[Array, Array]:
-        """Return what the fitness is made of, before squares and minimum are taken.
+        """Return what the fitness of two lines is made of, before squares and minimum are taken.
 
         Args:
             candidate: (3,) height_m, pitch_rad, roll_rad.
@@ -123,16 +134,16 @@ class PatternFitness:
         """
         trig = _trigonometry(candidate[None])
         plane = self.plane(candidate)
-        angles = np.concatenate([_angle_between(normals, *trig) for normals in self._normals])
+        angles = np.concatenate([_angles_between(normals, *trig)[..., 0] for normals in self._normals])
         angles *= self._focal_px
         return self._design @ plane - self._disparity, angles
 
 
-def _angle_between(normals: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
-    """Return the angle between two lines as a camera puts them on the road [rad], (..., P).
+def _angles_between(normals: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
+    """Return the angles of all pairs of lines as a camera puts them on the road [rad], (..., P, pairs).
 
     Args:
-        normals: (..., 3, 2) normals of the planes through the camera and each line.
+        normals: (..., 3, L) normals of the planes through the camera and each line.
         cp: (..., P) cosine of pitch.
         sp: Its sine.
         cr: Cosine of roll.
@@ -143,7 +154,10 @@ def _angle_between(normals: Array, cp: Array, sp: Array, cr: Array, sr: Array) -
     rotation[..., 0], rotation[..., 1], rotation[..., 2] = cp, sp * sr, sp * cr
     rotation[..., 3], rotation[..., 4] = cr, -sr
     towards, aside = rotation[..., :3] @ normals, rotation[..., 3:] @ normals[..., 1:, :]
-    x0, x1, y0, y1 = towards[..., 0], towards[..., 1], aside[..., 0], aside[..., 1]
+    n_lines = normals.shape[-1]
+    # Of two lines as slices, which copy nothing.
+    first, second = (slice(0, 1), slice(1, 2)) if n_lines == 2 else tuple(_pairs(n_lines).T)
+    x0, x1, y0, y1 = towards[..., first], towards[..., second], aside[..., first], aside[..., second]
     dot = x0 * x1 + y0 * y1
     cross = x1 * y0 - x0 * y1
     # Lines have no direction: they differ by at most a right angle.
@@ -151,8 +165,22 @@ def _angle_between(normals: Array, cp: Array, sp: Array, cr: Array, sr: Array) -
     return angle
 
 
+def _pairs(n_lines: int) -> npt.NDArray[np.intp]:
+    """Return the numbers of the lines of each pair, (pairs, 2), the boundaries first."""
+    return np.column_stack(np.triu_indices(n_lines, 1))
+
+
+def point_weights(pattern: LanePattern) -> Array:
+    """Return the weights of the sampled points, (L N,).
+
+    A boundary has 1, a line that may lie as far beside their plane as boundaries do themselves a half.
+    """
+    weights = 1.0 / (1.0 + (pattern.height_stds_m / UNEVEN_STD_M) ** 2)
+    return np.repeat(weights, len(pattern.rows))
+
+
 def disparity_model(pattern: LanePattern, rig: StereoRig) -> tuple[Array, Array]:
-    """Return the rays (1, y, z) of the left camera's points, (2 N, 3), and their disparities [px], (2 N,).
+    """Return the rays (1, y, z) of the left camera's points, (L N, 3), and their disparities [px], (L N,).
 
     The disparity of a plane is linear in the ray.
     """
@@ -162,7 +190,7 @@ def disparity_model(pattern: LanePattern, rig: StereoRig) -> tuple[Array, Array]
 
 
 def _rays(pattern: LanePattern, rig: StereoRig) -> tuple[Array, Array]:
-    """Return y and z of the rays (1, y, z) in the body frame, (2 cameras, 2 lines, N rows) each."""
+    """Return y and z of the rays (1, y, z) in the body frame, (2 cameras, L lines, N rows) each."""
     ray_y = -(pattern.columns - rig.cx) / rig.fx
     return ray_y, np.broadcast_to(-(pattern.rows - rig.cy) / rig.fy, ray_y.shape)
 

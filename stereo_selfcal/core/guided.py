@@ -56,7 +56,7 @@ def roads_of_single_lines(
         config: Its search box bounds the pose.
     """
     box = config.search
-    for match in sorted(matches, key=lambda m: -m.similarity * (m.left.votes + m.right.votes)):
+    for match in sorted(matches, key=lambda m: -m.votes):
         left, right = match.left.line, match.right.line
         v = np.array([max(left.rows.min(), right.rows.min()), min(left.rows.max(), right.rows.max())])
         if v[1] <= v[0]:
@@ -118,7 +118,9 @@ def lines_on_road(
         for side, lines in zip(sides, found, strict=True):
             for candidate in lines:
                 match = _seen_by_both(candidate, plane, points, images, rig, config)
-                if match is not None and not any(_same(match, other) for other in side):
+                if match is not None and not any(
+                    match.left.line.is_stripe(other.left.line) for other in side
+                ):
                     side.append(match)
     pairs = [MatchedLines.of_matches(first, second) for first, second in product(*sides)]
     reach_px = MAX_GAP_RAD * rig.fy
@@ -164,12 +166,6 @@ def _seen_by_both(
     return Match(Candidate(left, candidate.votes), Candidate(right, candidate.votes), alike)
 
 
-def _same(a: Match, b: Match) -> bool:
-    """Whether two matches are one line."""
-    v = np.array([a.left.line.rows.mean(), a.left.line.rows.max()])
-    return bool(np.all(np.abs(a.left.line.column_at(v) - b.left.line.column_at(v)) < a.left.line.width_px))
-
-
 def _horizon(line: ImageLine, plane: Array, rig: StereoRig) -> float:
     """Return the row where a line of the left image leaves a road: where its disparity is none."""
     intercept, slope = _disparity_along(line, plane, rig)
@@ -212,7 +208,7 @@ def line_on_road(
         config: Settings of the extraction.
     """
     plane = plane_of(road, rig)
-    for match in sorted(matches, key=lambda m: -m.similarity * (m.left.votes + m.right.votes)):
+    for match in sorted(matches, key=lambda m: -m.votes):
         on_road = _seen_by_both(match.left, plane, points, images, rig, config)
         if on_road is None:
             continue

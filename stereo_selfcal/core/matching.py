@@ -25,7 +25,7 @@ from .rig import StereoRig
 
 # Four lines that miss their common point by this (RMS along the row) count half. Lines are fitted
 # to about a tenth of a pixel, and to a few tenths when extrapolated beyond their last dash.
-_HALF_CREDIT_PX = 0.3
+HALF_CREDIT_PX = 0.3
 
 # Pairs of boundaries that get the closer fit: a lane line, the kerb beside it and the line of the
 # next lane, on either side, make nine; more than five have never been near each other in score.
@@ -68,6 +68,11 @@ class Match:
     right: Candidate
     similarity: float
 
+    @property
+    def votes(self) -> float:
+        """Votes of both lines, weighted by how alike the cameras see them."""
+        return self.similarity * (self.left.votes + self.right.votes)
+
 
 Candidates = tuple[list[Candidate], list[Candidate]]  # left boundaries, right boundaries
 Matches = tuple[list[Match], list[Match]]
@@ -101,13 +106,12 @@ class MatchedLines:
     def of_matches(cls, first: Match, second: Match) -> MatchedLines:
         """Build from a left and a right boundary."""
         lines = [first.left.line, second.left.line, first.right.line, second.right.line]
-        votes = sum(m.similarity * (m.left.votes + m.right.votes) for m in (first, second))
-        return cls.of(lines, votes)
+        return cls.of(lines, first.votes + second.votes)
 
     @property
     def score(self) -> float:
         """What the choice among several goes by: many votes, little distance from one point."""
-        return self.votes / (1.0 + (self.concurrency_px / _HALF_CREDIT_PX) ** 2)
+        return self.votes / (1.0 + (self.concurrency_px / HALF_CREDIT_PX) ** 2)
 
 
 def match_lines(

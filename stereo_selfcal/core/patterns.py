@@ -12,6 +12,7 @@ from .combination import place_of_line
 from .config import CalibratorConfig
 from .corridor import plane_of
 from .extraction import Image, StripePoints
+from .further import GREATEST_FALL, LANE_M
 from .hough import hough_peaks
 from .lines import fit_line, refit_line
 from .matching import (
@@ -27,12 +28,6 @@ from .matching import (
 from .pattern import ImageLine, LanePattern
 from .results import Rejection
 from .rig import StereoRig
-
-# A line of the next lane is asked as well; beyond, other roads begin.
-_LANE_M = 3.75
-# Roads fall by up to 2.5 % from their middle to both sides: beyond a crown, by as much as twice that against
-# the slope of the own lane.
-_FALL = 0.05
 
 Points = tuple[StripePoints, StripePoints]
 
@@ -125,6 +120,13 @@ def _refit(
     return MatchedLines.of(lines, matched.votes)
 
 
+def unused_lines(found: Look, pattern: LanePattern | None) -> tuple[ImageLine, ...]:
+    """Return the lines of the left camera that a look has found and a pattern has no use for."""
+    used = [] if pattern is None else pattern.lines[0]
+    lines = [candidate.line for side in found.candidates[0] for candidate in side]
+    return tuple(line for line in lines if not any(line.is_stripe(other) for other in used))
+
+
 def buried_m(patterns: list[LanePattern], rig: StereoRig) -> list[float]:
     """Return how deep the deepest line of the other patterns lies below the plane of each [m].
 
@@ -148,8 +150,8 @@ def buried_m(patterns: list[LanePattern], rig: StereoRig) -> list[float]:
         for left, right in lines:
             height_m, aside_m = place_of_line(left, right, plane, rig)
             beyond_m = max(aside_m - own_m.max(), own_m.min() - aside_m, 0.0)
-            if beyond_m <= _LANE_M:
-                depth = max(depth, -height_m - _FALL * beyond_m)
+            if beyond_m <= LANE_M:
+                depth = max(depth, -height_m - GREATEST_FALL * beyond_m)
         depths.append(float(depth))
     return depths
 

@@ -1,12 +1,13 @@
 """Refinement: a maximum-likelihood fit of the stripes' grey values in both images at once.
 
 The genetic algorithm compares lines that were fitted to one edge of each stripe. Here one road
-(pose, yaw, position and width of both stripes) predicts both edges of both stripes in both
+(pose, yaw, position and width of all stripes) predicts both edges of all stripes in both
 images, and is fitted to the grey values around them by Gauss-Newton.
 
 Grey levels, ramps and blur are nuisances (:mod:`.blocks`). Linearised about the predicted edges, a block of
 rows says how far its edges are off and with what information; these displacements are linear in the
-parameters of the road, and are combined robustly.
+parameters of the road, and are combined robustly. A stripe beside the two boundaries has a height of its
+own, which is known only as far as roads are flat: it always says where the lane runs.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from .blocks import BLOCK_ROWS, RAMP_PX, Blocks, measure_blocks
 from .extraction import Image, edge_response
@@ -70,6 +72,35 @@ _WIDTHS_M = np.linspace(0.04, 0.70, 67)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Known:
+    """What is known of the road beforehand.
+
+    Attributes:
+        varied: (5 + 3 L,) the parameters that are free.
+        heights_m: (L,) heights of the stripes over the plane so far [m].
+        height_stds_m: (L,) their standard deviations about 0 [m]; 0 where they are not free.
+    """
+
+    varied: npt.NDArray[np.bool_]
+    heights_m: Array
+    height_stds_m: Array
+
+    def heights(self, variance: float) -> tuple[Array, Array]:
+        """Return the information (P, P) of the heights, and what it says of the next step (P,).
+
+        Args:
+            variance: Of the grey values, in which all information is measured.
+        """
+        n = len(self.varied) + 2  # with the blur of both lenses
+        information, pull = np.zeros((n, n)), np.zeros(n)
+        free = self.height_stds_m > 0.0
+        place = len(self.varied) - len(free) + np.flatnonzero(free)
+        information[place, place] = variance / self.height_stds_m[free] ** 2
+        pull[place] = -information[place, place] * self.heights_m[free]
+        return information, pull
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class RefinedFit:
     """Outcome of the refinement.
 
@@ -80,6 +111,7 @@ class RefinedFit:
         curvature_per_m: Curvature of the lane, > 0: to the left [1/m]; 0 where it was taken as straight.
         positions_m: (L,) middle of the stripes at x = 0, left positive [m].
         widths_m: (L,) width of the stripes [m].
+        heights_m: (L,) height of the stripes over the plane of the boundaries [m], which are in it.
         blur_px: (2,) standard deviation of the blur of the left and right lens [px].
         noise_grey: Standard deviation of the grey values about the model.
         scale: Deviance of a block over what the noise explains; 1 where the model is the road.
@@ -92,6 +124,7 @@ class RefinedFit:
     curvature_per_m: float
     positions_m: Array
     widths_m: Array
+    heights_m: Array
     blur_px: Array
     noise_grey: float
     scale: float
@@ -124,17 +157,19 @@ def refine(
     yaw, *left_edges = lane_in_road(pattern, rig, start)
     n_stripes = len(left_edges)
     widths = _start_widths(images, pattern, rig, start)
-    road = np.array(
-        [*start.as_array(), yaw, curvature_per_m or 0.0, *(np.array(left_edges) - widths / 2.0), *widths]
-    )
-    steps = np.array([*_POSE_STEPS, *[_STRIPE_STEP] * (2 * n_stripes)])
+    middles = np.array(left_edges) - widths / 2.0
+    heights = np.zeros(n_stripes)
+    road = np.array([*start.as_array(), yaw, curvature_per_m or 0.0, *middles, *widths, *heights])
+    steps = np.array([*_POSE_STEPS, *[_STRIPE_STEP] * (3 * n_stripes)])
+    varied = _varied(pattern, curvature_per_m is not None)
     blur = np.full(2, _BLUR_START_PX)
     noise = 0.0  # not known before the first pass
     vignetting: Array = np.zeros(2)
     all_rows = np.arange(rig.height - n_blocks * BLOCK_ROWS, rig.height).reshape(n_blocks, BLOCK_ROWS)
     for one in _PASSES:
         rows = all_rows[:, :: one.row_step]
-        variations = np.concatenate([road[None], road + np.diag(steps), road - np.diag(steps)])
+        changes = np.diag(steps)[varied]
+        variations = np.concatenate([road[None], road + changes, road - changes])
         middles = rows.mean(axis=1)
         if curvature_per_m is None:
             edges = predict_edges(variations, rig)
@@ -144,14 +179,16 @@ def refine(
             at_blocks = np.stack([bent_columns(variation, middles, rig) for variation in variations])
             columns = bent_columns(road, rows.astype(np.float64), rig)
             slopes = (columns[..., -1, -1] - columns[..., 0, 0]) / (rows[-1, -1] - rows[0, 0])
-        by_road = at_blocks[1 : len(road) + 1] - at_blocks[len(road) + 1 :]
+        by_road = np.zeros((len(road), *at_blocks.shape[1:]))
+        by_road[varied] = at_blocks[1 : len(changes) + 1] - at_blocks[len(changes) + 1 :]
         by_road /= (2.0 * steps).reshape(-1, 1, 1, 1, 1)
         window = (one.half_width, one.added_blur)
         profile = _vignetting_profile(columns, rig)
         steepness = vignetting[:, None, None] * profile
         blocks = measure_blocks(images, columns, slopes, rows, blur, window, noise, steepness)
         noise = blocks.variance
-        solution = _solve(blocks, by_road, one.reweightings, curvature_per_m is not None)
+        known = _Known(varied, heights, pattern.height_stds_m)
+        solution = _solve(blocks, by_road, one.reweightings, known)
         if solution is None:
             return None
         step, covariance, scale, used = solution
@@ -163,15 +200,17 @@ def refine(
             if one is not _PASSES[-1]:
                 loss = vignetting + _measure_vignetting(blocks, profile)
                 vignetting = np.clip(loss, 0.0, _MAX_VIGNETTING)
-        if not np.all(np.isfinite(road)) or road[0] <= 0.0 or np.any(road[N_POSE + n_stripes :] <= 0.0):
+        middles, widths, heights = np.split(road[N_POSE:], 3)
+        if not np.all(np.isfinite(road)) or road[0] <= 0.0 or np.any(widths <= 0.0):
             return None
     return RefinedFit(
         extrinsics=Extrinsics.from_array(road[:3]),
         covariance=(covariance[:3, :3] + covariance[:3, :3].T) / 2.0,
         lane_yaw_rad=float(road[3]),
         curvature_per_m=float(road[_CURVATURE]),
-        positions_m=road[N_POSE : N_POSE + n_stripes],
-        widths_m=road[N_POSE + n_stripes :],
+        positions_m=middles,
+        widths_m=widths,
+        heights_m=heights,
         blur_px=blur,
         noise_grey=float(np.sqrt(blocks.variance)),
         scale=scale,
@@ -179,8 +218,17 @@ def refine(
     )
 
 
+def _varied(pattern: LanePattern, bent: bool) -> npt.NDArray[np.bool_]:
+    """Return which parameters of the road are free, (5 + 3 L,): curvature and heights are not always."""
+    beside = pattern.height_stds_m > 0.0
+    varied = np.ones(N_POSE + 3 * len(beside), bool)
+    varied[_CURVATURE] = bent
+    varied[-len(beside) :] = beside
+    return varied
+
+
 def _solve(
-    blocks: Blocks, by_road: Array, reweightings: int, bent: bool
+    blocks: Blocks, by_road: Array, reweightings: int, known: _Known
 ) -> tuple[Array, Array, float, int] | None:
     """Solve for the change of all parameters, block by block weighted robustly.
 
@@ -208,19 +256,19 @@ def _solve(
     transposed = np.swapaxes(design, -1, -2)
     normals = transposed @ information @ design
     sides = (transposed @ gradient[..., None])[..., 0]
-    of_pose = np.ones(N_POSE, bool)
-    of_pose[_CURVATURE] = bent
-    free = np.concatenate([of_pose, np.tile(enough, 2), np.ones(2, bool)])
+    enough_of = np.concatenate([np.ones(N_POSE, bool), np.tile(enough, 3)])
+    free = np.concatenate([known.varied & enough_of, np.ones(2, bool)])
+    prior, pull = known.heights(blocks.variance)
     weights = np.ones(len(sides))
     # A camera that the template fits worse (its lens is sharper or softer) has larger deviances in all
     # of its blocks: they weigh less, but are no outliers.
     scales = np.ones(2)
     step: Array = np.zeros(len(free))
     for _ in range(reweightings):
-        normal = np.tensordot(weights, normals, axes=1)[np.ix_(free, free)]
+        normal = (np.tensordot(weights, normals, axes=1) + prior)[np.ix_(free, free)]
         if not np.all(np.isfinite(normal)) or np.linalg.matrix_rank(normal, hermitian=True) < len(normal):
             return None
-        step[free] = np.linalg.solve(normal, (weights @ sides)[free])
+        step[free] = np.linalg.solve(normal, (weights @ sides + pull)[free])
         residual = displacement - (design @ step)
         deviance = (residual[:, None] @ information @ residual[..., None])[:, 0, 0] / blocks.variance
         for i in np.unique(of_camera):
@@ -236,7 +284,8 @@ def _solve(
     scatter = float(np.mean(weight**4 * relative[counted])) * _TUKEY_DEVIANCE / 3.0
     if steepness <= 0.0:
         return None
-    information_left = np.tensordot(counted / scales[of_camera], normals, axes=1)[np.ix_(free, free)]
+    information_left = np.tensordot(counted / scales[of_camera], normals, axes=1) + prior
+    information_left = information_left[np.ix_(free, free)]
     inverse = np.linalg.pinv(information_left, hermitian=True) * (scatter / steepness**2)
     covariance = np.zeros((len(free), len(free)))
     covariance[np.ix_(free, free)] = inverse * blocks.variance
@@ -266,12 +315,12 @@ def _measure_vignetting(blocks: Blocks, profile: Array) -> Array:
 def _start_widths(
     images: tuple[Image, Image], pattern: LanePattern, rig: StereoRig, start: Extrinsics
 ) -> Array:
-    """Return the widths of both stripes [m] that put their right edges on falling grey values."""
+    """Return the widths of all stripes [m] that put their right edges on falling grey values."""
     horizon = float(pattern.vanishing_point[1])
     rows = np.arange(int(horizon) + 2 * BLOCK_ROWS, rig.height, 2)
     px_per_m = (rows - horizon) / start.height_m * rig.fx / rig.fy
-    score = np.zeros((len(pattern.left), len(_WIDTHS_M)))
-    for image, lines in zip(images, (pattern.left, pattern.right), strict=True):
+    score = np.zeros((len(pattern.columns[0]), len(_WIDTHS_M)))
+    for image, lines in zip(images, pattern.lines, strict=True):
         gradient = edge_response(image[rows], 1)
         for stripe, line in enumerate(lines):
             left = line.column_at(rows.astype(np.float64))[:, None]

@@ -11,7 +11,7 @@ from .extrinsics import Array, Extrinsics
 
 if TYPE_CHECKING:
     from .genetic import GeneticResult
-    from .pattern import LanePattern
+    from .pattern import ImageLine, LanePattern
 
 
 class RejectReason(Enum):
@@ -102,6 +102,7 @@ class CalibrationResult:
         stamp_s: Time stamp of the frame (of the last one when fused) [s].
         n_frames: Number of accepted frames behind the result.
         pattern: Lines and sampled points the estimate was made from, for pictures.
+        unused_lines: Lines of the left camera that were found and are not in the pattern.
         genetic: Report of the genetic algorithm.
         gates: Readings of all gates up to the first one that was closed.
         notes: Sentences about what is not quite as it should be, though no reason to refuse.
@@ -117,6 +118,7 @@ class CalibrationResult:
     stamp_s: float = 0.0
     n_frames: int = 0
     pattern: LanePattern | None = None
+    unused_lines: tuple[ImageLine, ...] = ()
     genetic: GeneticResult | None = None
     gates: tuple[GateReading, ...] = ()
     notes: tuple[str, ...] = ()

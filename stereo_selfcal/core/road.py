@@ -1,7 +1,8 @@
 """The road as a few numbers, and the edges of its stripes in both images.
 
 Parameters: height, pitch, roll, yaw of the lane, its curvature, middles of the L stripes (at x = 0, left
-positive), their L widths [m, rad]. Bent stripes are arcs about one centre, abreast of x = 0.
+positive), their L widths, their L heights over the plane [m, rad]. Bent stripes are arcs about one centre,
+abreast of x = 0.
 """
 
 from __future__ import annotations
@@ -27,13 +28,14 @@ def predict_edges(parameters: Array, rig: StereoRig) -> Array:
     """Return the edges of straight stripes (their tangents at x = 0) in the images as lines u = a + m v.
 
     Args:
-        parameters: (B, 5 + 2 L) roads.
+        parameters: (B, 5 + 3 L) roads.
         rig: Intrinsics and baseline.
 
     Returns:
         (B, 2 cameras, L stripes, 2 edges, 2): a [px] and m; the left edge first.
     """
     height, pitch, roll, yaw = parameters[:, :4].T
+    below = height[:, None] - np.split(parameters[:, N_POSE:], 3, axis=1)[2]  # the camera over each stripe
     cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
     zero = np.zeros_like(cp)
     # Rows: body axes x, y, z from road axes, the transpose of R_y(pitch) R_x(roll).
@@ -42,7 +44,7 @@ def predict_edges(parameters: Array, rig: StereoRig) -> Array:
     pixels = []
     for ahead in (_NEAR_M, _FAR_M):
         y = start - (np.tan(yaw) * ahead)[:, None, None]
-        points = np.stack(np.broadcast_arrays(ahead, y, -height[:, None, None]))
+        points = np.stack(np.broadcast_arrays(ahead, y, -below[..., None]))
         x_body, y_body, z_body = np.einsum("ijb,jbse->ibse", body_from_road, points)
         offsets = np.array([camera_centre_m(rig, side)[1] for side in SIDES])[:, None, None]
         u = rig.cx - rig.fx * (y_body[:, None] - offsets) / x_body[:, None]
@@ -57,7 +59,7 @@ def bent_columns(parameters: Array, rows: Array, rig: StereoRig) -> Array:
     """Return the columns of the edges of bent stripes.
 
     Args:
-        parameters: (5 + 2 L,) one road.
+        parameters: (5 + 3 L,) one road.
         rows: (...) rows [px], all below the horizon.
         rig: Intrinsics and baseline.
 
@@ -65,6 +67,7 @@ def bent_columns(parameters: Array, rows: Array, rig: StereoRig) -> Array:
         (2 cameras, L stripes, 2 edges, ...) columns [px].
     """
     height, pitch, roll, yaw, curvature = parameters[:N_POSE]
+    over = np.split(parameters[N_POSE:], 3)[2][:, None, None]
     line = predict_edges(parameters[None], rig)[0]
     flat = rows.ravel()
     columns = line[..., :1] + line[..., 1:] * flat
@@ -76,7 +79,7 @@ def bent_columns(parameters: Array, rows: Array, rig: StereoRig) -> Array:
             y_body = -(columns[camera] - rig.cx) / rig.fx
             z_body = -(flat - rig.cy) / rig.fy
             ahead, left, up = (row[0] + row[1] * y_body + row[2] * z_body for row in rotation)
-            depth = -centre[2] / np.minimum(up, -_LEAST_FALL)
+            depth = (over - centre[2]) / np.minimum(up, -_LEAST_FALL)
             x, y = centre[0] + depth * ahead, centre[1] + depth * left
             beside = _lateral_position(x, y, yaw, curvature) - start * np.cos(yaw)
             columns[camera] += beside * rig.fx / depth
@@ -95,16 +98,17 @@ def _lateral_position(x: Array, y: Array, yaw: float, curvature: float) -> Array
 
 def _edge_positions(parameters: Array) -> Array:
     """Return the lateral positions of the left and right edges at x = 0 [m], (B, L, 2)."""
-    middles, widths = np.split(parameters[:, N_POSE:], 2, axis=1)
+    middles, widths, _ = np.split(parameters[:, N_POSE:], 3, axis=1)
     positions: Array = middles[..., None] + widths[..., None] / 2.0 * np.array([1.0, -1.0])
     return positions
 
 
 def lane_in_road(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics) -> Array:
-    """Return lane yaw [rad] and the positions of both boundaries at x = 0 [m], from the left image."""
+    """Return lane yaw [rad] and the positions of all L lines at x = 0 [m], from the left image."""
     to_road = road_from_image(rig, extrinsics, "left")
-    ends = np.stack([pattern.columns[0][:, [0, -1]], np.broadcast_to(pattern.rows[[0, -1]], (2, 2))], axis=-1)
+    columns = pattern.columns[0][:, [0, -1]]
+    ends = np.stack([columns, np.broadcast_to(pattern.rows[[0, -1]], columns.shape)], axis=-1)
     far, near = np.moveaxis(apply_homography(to_road, ends), 1, 0)
-    tangent = float(np.mean((far[:, 1] - near[:, 1]) / (far[:, 0] - near[:, 0])))
+    tangent = float(np.mean(((far[:, 1] - near[:, 1]) / (far[:, 0] - near[:, 0]))[:2]))
     # The lane runs at minus the camera's yaw.
     return np.concatenate([[-np.arctan(tangent)], near[:, 1] - tangent * near[:, 0]])

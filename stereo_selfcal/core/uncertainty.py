@@ -66,6 +66,7 @@ def propagate(
         promise (R. T. Birge, "The calculation of errors by the method of least squares", Phys. Rev.
         40, 1932); None when the lines leave a parameter undetermined.
     """
+    pattern = pattern.boundaries  # what the others add is not counted
     lines = (*pattern.left, *pattern.right)
     measured = np.array([value for line in lines for value in (line.u_mid, line.slope)])
     information = np.zeros((8, 8))
@@ -144,8 +145,8 @@ def _sensitivity(
 
 def _predict(parameters: Array, lines: tuple[ImageLine, ...], rig: StereoRig) -> Array:
     """Return (u_mid, slope) of the four lines for (B, 6) parameters, shape (B, 8)."""
-    # Stripes of no width: both edges are the line.
-    roads = np.concatenate([parameters, np.zeros((len(parameters), 2))], axis=1)
+    # Stripes of no width, in the plane: both edges are the line.
+    roads = np.concatenate([parameters, np.zeros((len(parameters), 4))], axis=1)
     roads = np.insert(roads, 4, 0.0, axis=1)  # straight
     lines_uv = predict_edges(roads, rig)[:, :, :, 0].reshape(len(parameters), 4, 2)
     v_mid = np.array([line.v_mid for line in lines])

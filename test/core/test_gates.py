@@ -19,7 +19,9 @@ NOTHING = np.empty(0)
 POSE = Extrinsics(1.5, 0.02, -0.01)
 STRAIGHT = Bends(0.0, 1e-6, 0.0, 1e-6)
 LINES = LineFit(np.eye(3) * 1e-8, 0.0, 2.0)
-REFINED = RefinedFit(POSE, np.eye(3) * 1e-8, 0.0, 0.0, NOTHING, NOTHING, np.full(2, 0.5), 2.0, 1.0, 50)
+REFINED = RefinedFit(
+    POSE, np.eye(3) * 1e-8, 0.0, 0.0, NOTHING, NOTHING, NOTHING, np.full(2, 0.5), 2.0, 1.0, 50
+)
 ASPHALT = TextureFit(
     POSE,
     np.eye(3) * 1e-8,

@@ -92,12 +92,16 @@ def test_edges_are_those_of_another_projection(rig):
     for _ in range(50):
         pitch, roll, yaw = rng.uniform(-reach, reach)
         middles = rng.uniform(0.8, 2.5, 2) * [1, -1]
-        roads.append([rng.uniform(0.8, 2.5), pitch, roll, yaw, 0.0, *middles, *rng.uniform(0.05, 0.4, 2)])
+        heights = rng.uniform(-0.1, 0.1, 2)
+        widths = rng.uniform(0.05, 0.4, 2)
+        roads.append([rng.uniform(0.8, 2.5), pitch, roll, yaw, 0.0, *middles, *widths, *heights])
     predicted = predict_edges(np.array(roads), rig)
     rows = np.array([0.0, 240.0, rig.height - 1.0])
     for road, edges in zip(roads, predicted, strict=True):
-        pose, yaw = Extrinsics(*road[:3]), road[3]
+        yaw = road[3]
         for i, j, k in np.ndindex(2, 2, 2):
+            # A stripe over the road is one on a road nearer to the camera.
+            pose = Extrinsics(road[0] - road[9 + j], *road[1:3])
             across = road[5 + j] + (0.5 - k) * road[7 + j]
             # Positions are measured across the camera's x axis, those of the reference across the lane.
             slope, at_0 = image_line(rig, pose, CAMERAS[i], across * math.cos(yaw), yaw)
@@ -106,7 +110,8 @@ def test_edges_are_those_of_another_projection(rig):
 
 
 def test_the_first_edge_is_the_left_one():
-    edges = predict_edges(np.array([[*POSE.as_array(), YAW, 0.0, 1.6, -1.9, 0.12, 0.3]]), PAPER_RIG)[0]
+    road = [*POSE.as_array(), YAW, 0.0, 1.6, -1.9, 0.12, 0.3, 0.0, 0.0]
+    edges = predict_edges(np.array([road]), PAPER_RIG)[0]
     columns = edges[..., 0] + edges[..., 1] * 470.0
     assert np.all(columns[..., 0] < columns[..., 1])
 

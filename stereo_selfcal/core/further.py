@@ -1,0 +1,109 @@
+"""Further lines beside the two boundaries of a lane: double lines, those of bus lanes and of the next lanes.
+
+Only the boundaries make the plane, as the next lane may slope otherwise. What is told apart here: a line
+that is none of the road (a rail, the top of a kerb, a shadow) misses the point where all lines meet, or lies
+too high.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .closed_form import solve_plane
+from .combination import MAX_LINE_HEIGHT_M, place_of_line
+from .config import CalibratorConfig
+from .corridor import plane_of
+from .extraction import StripePoints
+from .extrinsics import Array
+from .lines import refit_line
+from .matching import HALF_CREDIT_PX, Match, Matches, common_point, first_sampled_row
+from .pattern import UNEVEN_STD_M, FurtherLine, ImageLine, LanePattern
+from .rig import StereoRig
+
+# A line of the next lane is asked as well; beyond, other roads begin.
+LANE_M = 3.75
+# Roads fall by up to 2.5 % from their middle to both sides: beyond a crown, by as much as twice that against
+# the slope of the own lane.
+GREATEST_FALL = 0.05
+# What is said to be the greatest is taken as two standard deviations.
+_FALL_STD = GREATEST_FALL / 2.0
+# Boundaries that miss their common point by this have half of their credit (:mod:`.matching`); a further line
+# could be left out, so it is held to that.
+_MAX_CONCURRENCY_PX = HALF_CREDIT_PX
+# Each costs as much as a boundary in the refinement; a road has rarely more lines within a lane's width.
+_MOST_LINES = 4
+# Lines are marked along the row. Farther aside, a line moves by more columns a row than it is wide where its
+# direction is seen, and is marked off by up to half a pixel, which the angles between lines do not bear.
+_MAX_SLOPE = 2.5
+
+
+def further_lines(
+    pattern: LanePattern,
+    matches: Matches,
+    points: tuple[StripePoints, StripePoints],
+    rig: StereoRig,
+    config: CalibratorConfig,
+) -> tuple[FurtherLine, ...]:
+    """Return the other lines both cameras see on the road of a lane, most voted first.
+
+    Args:
+        pattern: The boundaries of the lane.
+        matches: Lines both cameras see.
+        points: Stripe points of both images.
+        rig: Intrinsics and baseline.
+        config: Settings of the extraction.
+    """
+    closed = solve_plane(pattern, rig)
+    if closed is None:
+        return ()
+    plane = plane_of(closed.extrinsics, rig)
+    own = [place_of_line(*pair, plane, rig)[1] for pair in zip(pattern.left, pattern.right, strict=True)]
+    taken = [(place, _width_m(line, plane, rig)) for place, line in zip(own, pattern.left, strict=True)]
+    found: list[FurtherLine] = []
+    for match in sorted((m for side in matches for m in side), key=lambda m: -m.votes):
+        if len(found) == _MOST_LINES:
+            break
+        lines = _refit(match, pattern, points, rig, config)
+        if lines is None:
+            continue
+        height_m, aside_m = place_of_line(*lines, plane, rig)
+        width_m = _width_m(lines[0], plane, rig)
+        if any(abs(aside_m - place) < (width_m + width) / 2.0 for place, width in taken):
+            continue
+        beyond_m = max(aside_m - max(own), min(own) - aside_m, 0.0)
+        allowed_m = MAX_LINE_HEIGHT_M + GREATEST_FALL * beyond_m
+        if beyond_m > LANE_M or abs(height_m) > allowed_m:
+            continue
+        _, missed_px = common_point([*pattern.left, *pattern.right, *lines])
+        if missed_px > _MAX_CONCURRENCY_PX:
+            continue
+        taken.append((aside_m, width_m))
+        found.append(FurtherLine(*lines, float(np.hypot(UNEVEN_STD_M, _FALL_STD * beyond_m))))
+    return tuple(found)
+
+
+def _refit(
+    match: Match,
+    pattern: LanePattern,
+    points: tuple[StripePoints, StripePoints],
+    rig: StereoRig,
+    config: CalibratorConfig,
+) -> tuple[ImageLine, ImageLine] | None:
+    """Measure a line of both cameras where the pattern is sampled."""
+    first_row = first_sampled_row(pattern.vanishing_point, rig, config)
+    left, right = (
+        refit_line(view.gradient, candidate.line, view.noise_grey, first_row)
+        for view, candidate in zip(points, (match.left, match.right), strict=True)
+    )
+    if max(abs(match.left.line.slope), abs(match.right.line.slope)) > _MAX_SLOPE:
+        return None
+    if left is None or right is None or min(left.n_rows, right.n_rows) < config.extraction.min_line_rows:
+        return None
+    return left, right
+
+
+def _width_m(line: ImageLine, plane: Array, rig: StereoRig) -> float:
+    """Return the width of a stripe of the left image on the road [m]."""
+    ray = np.array([1.0, -(line.u_mid - rig.cx) / rig.fx, -(line.v_mid - rig.cy) / rig.fy])
+    # A pixel is baseline / disparity wide.
+    return line.width_px * rig.baseline_m / max(float(ray @ plane), 1.0)
