@@ -17,6 +17,7 @@ import numpy as np
 from .bias import bias_table
 from .false_alarms import false_alarm_table
 from .limit import limit_table
+from .many_lines import many_lines_table
 from .options import QUICK, RESULTS, Options
 from .paper import noise_table, seed_table
 from .peer_table import peer_table
@@ -32,6 +33,7 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "seeds": seed_table,
     "noise": noise_table,
     "limit": limit_table,
+    "many_lines": many_lines_table,
     "bias": bias_table,
     "peers": peer_table,
     "search": search_table,
