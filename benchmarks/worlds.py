@@ -44,6 +44,7 @@ class Verdict:
         reason: Why it was refused, "" when it was accepted.
         error: Estimate minus truth (mm, deg, deg); empty when refused.
         std: Reported standard deviations in the same units; empty when refused.
+        witness: Whether the asphalt was asked, and agreed.
     """
 
     index: int
@@ -52,6 +53,7 @@ class Verdict:
     reason: str
     error: Array
     std: Array
+    witness: bool = False
 
     @property
     def accepted(self) -> bool:
@@ -90,7 +92,7 @@ def judge_world(index: int, seed: int = SEED) -> Verdict:
         return Verdict(index, drawn.expected, names, str(result.reason), np.empty(0), np.empty(0))
     error = (result.extrinsics.as_array() - drawn.truth.as_array()) * READABLE
     std = np.sqrt(np.diag(result.covariance)) * READABLE
-    return Verdict(index, drawn.expected, names, "", error, std)
+    return Verdict(index, drawn.expected, names, "", error, std, "textured" in result.stages)
 
 
 def judge_worlds(number: int) -> list[Verdict]:
@@ -130,6 +132,8 @@ def _by_expectation(verdicts: list[Verdict]) -> Table:
         "either": lambda verdict: verdict.expected == "either",
         "refuse": lambda verdict: verdict.expected == "refuse",
         "all": lambda verdict: True,
+        "with the asphalt as a witness": lambda verdict: verdict.witness,
+        "by the lines alone": lambda verdict: verdict.accepted and not verdict.witness,
     }
     for name, belongs in groups.items():
         group = [verdict for verdict in verdicts if belongs(verdict)]

@@ -284,6 +284,11 @@ class Calibrator:
         fit = align_texture(images, self.rig, result.extrinsics, yaw, limits_m=limits_m)
         if fit is None or not fit.enough_texture or not fit.even_enough:
             lacking = "too uneven" if fit is not None and fit.enough_texture else "too little texture"
+            if self.config.texture.required:
+                evidence = replace(evidence, witness=0.0 if fit is None else fit.sufficiency)
+                gates, refusal = judge(evidence, but=result.gates)
+                known = {"pattern": result.pattern, "genetic": result.genetic, "stages": result.stages}
+                return rejected(refusal, result.stamp_s, gates=gates, **known)  # type: ignore[arg-type]
             return replace(result, notes=(*result.notes, f"not checked against the asphalt: {lacking}"))
         evidence = replace(
             evidence,

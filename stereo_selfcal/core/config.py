@@ -114,6 +114,13 @@ class TextureConfig:
         0,
         1,
     )
+    required: int = _setting(
+        0,
+        "Whether (1) to refuse what the asphalt has too little texture to confirm; needs texture.check",
+        "",
+        0,
+        1,
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -77,6 +77,7 @@ class Evidence:
         lines: Fit of a flat road to the lines.
         refined: Fit of the grey values of the stripes.
         clipped: Greatest part of clipped pixels in the lower half of an image.
+        witness: Texture of the asphalt over what is needed to believe it; None where it need not be.
         texture: The asphalt, where it can be believed.
         heights_m: (L,) heights of the lines over it [m].
         vertical: Vertical offset between the images.
@@ -91,6 +92,7 @@ class Evidence:
     lines: LineFit | None = None
     refined: RefinedFit | None = None
     clipped: float | None = None
+    witness: float | None = None
     texture: TextureFit | None = None
     heights_m: Array | None = None
     vertical: VerticalOffset | None = None
@@ -280,6 +282,13 @@ def _line_heights(evidence: Evidence) -> Reading | None:
     return Reading(what, 1e3 * value, 1e3 * MAX_LINE_HEIGHT_M, "mm", value <= MAX_LINE_HEIGHT_M)
 
 
+def _witness(evidence: Evidence) -> Reading | None:
+    if evidence.witness is None:
+        return None
+    what = "texture and evenness of the asphalt over what makes it a witness"
+    return Reading(what, evidence.witness, 1.0, "", evidence.witness >= 1.0)
+
+
 def _rectified(evidence: Evidence) -> Reading | None:
     if evidence.vertical is None:
         return None
@@ -347,6 +356,12 @@ GATES: tuple[Gate, ...] = (
         RejectReason.IMAGE_EXPOSURE,
         "set the exposure so that the road is neither black nor white",
         _exposure,
+    ),
+    Gate(
+        "witness",
+        RejectReason.ROAD_WITHOUT_TEXTURE,
+        "drive on in daylight with the lens clean, or accept what lines alone say with texture.required: 0",
+        _witness,
     ),
     Gate(
         "rectified",

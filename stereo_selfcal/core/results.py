@@ -30,6 +30,7 @@ class RejectReason(Enum):
     LINES_INCONSISTENT = "lines_inconsistent"
     STAGES_DISAGREE = "stages_disagree"
     TEXTURE_DISAGREES = "texture_disagrees"
+    ROAD_WITHOUT_TEXTURE = "road_without_texture"
     IMAGE_BLURRED = "image_blurred"
     IMAGE_EXPOSURE = "image_exposure"
     IMAGES_NOT_RECTIFIED = "images_not_rectified"

@@ -131,6 +131,13 @@ class TextureFit:
         return bool(np.all(np.diag(self.covariance) <= AGREEMENT**2))
 
     @property
+    def sufficiency(self) -> float:
+        """Texture, area and evenness over what is needed, the least of them: below 1 it is no witness."""
+        needed = [self.quality.sigmas / MIN_SIGMAS, self.quality.cell_share / MIN_CELL_SHARE]
+        needed += list(MAX_NOISE_STD / np.array(self.quality.noise_std))
+        return float(min([*needed, *(AGREEMENT / np.sqrt(np.diag(self.covariance)))]))
+
+    @property
     def precise(self) -> bool:
         """Whether it is twice as good as it has to be for a comparison: good enough with one line alone."""
         return bool(np.all(np.diag(self.covariance) <= (AGREEMENT / 2.0) ** 2))

@@ -40,6 +40,23 @@ def test_without_texture_the_lines_stand_alone_and_say_so():
     assert "not checked against the asphalt" in result.message
 
 
+def test_without_texture_nothing_is_accepted_where_it_is_required():
+    scene, images = coarse_asphalt(0.0)
+    result = Calibrator(scene.rig, CalibratorConfig.from_mapping({"texture.required": 1})).add(*images)
+    assert result.reason is RejectReason.ROAD_WITHOUT_TEXTURE
+    assert result.extrinsics is None
+    assert "refined" in result.stages
+    assert [gate.name for gate in result.gates if not gate.passed] == ["witness"]
+
+
+def test_with_texture_it_makes_no_difference_that_it_is_required():
+    scene, images = coarse_asphalt(12.0)
+    free = Calibrator(scene.rig).add(*images)
+    required = Calibrator(scene.rig, CalibratorConfig.from_mapping({"texture.required": 1})).add(*images)
+    assert required.accepted
+    assert required.extrinsics == free.extrinsics
+
+
 def raised(monkeypatch, height_m):
     """Move the estimate from lines up, as kerbs would."""
     refine = calibrator_module.refine

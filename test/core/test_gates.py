@@ -41,6 +41,7 @@ GOOD = Evidence(
     lines=LINES,
     refined=REFINED,
     clipped=0.01,
+    witness=3.0,
     texture=ASPHALT,
     heights_m=np.zeros(2),
     vertical=VerticalOffset(0.1, 0.02, 0.0, 0.0, 40),
@@ -203,6 +204,28 @@ def test_blur():
 def test_exposure():
     assert refusal(clipped=0.5) is None
     assert_refuses(refusal(clipped=0.51), RejectReason.IMAGE_EXPOSURE, 0.51, 0.5, "black or white")
+
+
+def test_witness():
+    assert refusal(witness=1.0) is None
+    assert refusal(witness=None) is None  # not required
+    assert_refuses(
+        refusal(witness=0.99), RejectReason.ROAD_WITHOUT_TEXTURE, 0.99, 1.0, "asphalt", "lines alone"
+    )
+
+
+@pytest.mark.parametrize("changes", [{"sigmas": 4.0}, {"cell_share": 0.2}, {"noise_std": (0.02, 1e-4, 1e-4)}])
+def test_half_the_texture_is_a_witness_of_half(changes):
+    assert ASPHALT.sufficiency >= 1.0
+    poor = replace(ASPHALT, quality=replace(ASPHALT.quality, **changes))
+    assert poor.sufficiency == pytest.approx(0.5)
+    assert not poor.enough_texture
+
+
+def test_an_uneven_road_is_no_witness_either():
+    uneven = replace(ASPHALT, covariance=np.diag([0.06, 1e-4, 1e-4]) ** 2)
+    assert uneven.sufficiency == pytest.approx(0.5)
+    assert uneven.enough_texture and not uneven.even_enough
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
