@@ -85,7 +85,7 @@ def test_names_are_unique_and_every_gate_has_a_remedy():
 
 def test_gates_without_evidence_are_not_read_and_those_of_before_not_again():
     early = replace(GOOD, bends=None, lines=None, refined=None, clipped=None, texture=None, heights_m=None)
-    first, _ = judge(replace(early, vertical=None, buried_m=None))
+    first, _ = judge(replace(early, vertical=None, buried_m=None, witness=None))
     assert [reading.name for reading in first] == ["plausible", "fitness"]
     # The fitness is bad by now, and was good when it was read.
     both, rejection = judge(replace(GOOD, fitness=0.0), but=first)
