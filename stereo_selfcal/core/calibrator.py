@@ -129,6 +129,8 @@ class Calibrator:
             depths = buried_m(first.patterns, self.rig)
             further = further_lines(first.patterns[0], first.matches, points, self.rig, self.config)
             result = self._solve(first.patterns[0].joined(further), images, stamp_s, depths[0])
+            if further and not result.accepted:
+                result = self._solve(first.patterns[0], images, stamp_s, depths[0])
             others = [i for i, depth in enumerate(depths) if depth <= MAX_LINE_HEIGHT_M]
             if result.reason is RejectReason.LINE_BELOW_ROAD and others:
                 result = self._solve(first.patterns[others[0]], images, stamp_s, depths[others[0]])

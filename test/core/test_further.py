@@ -9,6 +9,7 @@ import pytest
 from independent_camera import ideal_pattern
 
 from stereo_selfcal import Calibrator, CalibratorConfig, Extrinsics
+from stereo_selfcal.core import calibrator as calibrator_module
 from stereo_selfcal.core.extraction import find_stripe_points
 from stereo_selfcal.core.fitness import PatternFitness, point_weights
 from stereo_selfcal.core.further import further_lines
@@ -101,7 +102,7 @@ def test_a_line_at_its_own_height_is_seen_parallel():
     assert PatternFitness(third(height_m=0.05), PAPER_RIG, CONFIG.fitness).errors(at)[1][0] < 1e-9
 
 
-def test_angles_of_lines_beside_count_in_pixels_without_the_weight_of_the_boundaries():
+def test_angles_of_lines_beside_count_the_less_the_more_those_of_the_boundaries_count():
     at = POSE.as_array()[None]
     light, heavy = (
         PatternFitness(third(turn=0.01), PAPER_RIG, replace(CONFIG.fitness, parallel_weight=weight)).errors(
@@ -110,7 +111,7 @@ def test_angles_of_lines_beside_count_in_pixels_without_the_weight_of_the_bounda
         for weight in (1.0, 10.0)
     )
     assert light > 0.1
-    assert heavy == pytest.approx(light)
+    assert heavy == pytest.approx(light / 100.0)
 
 
 def test_refinement_is_surer_with_a_double_line_and_right():
@@ -133,6 +134,19 @@ def test_a_line_of_unknown_height_says_nothing_of_the_height():
     alone = refine(images, boundaries, scene.rig, scene.extrinsics)
     assert fit.extrinsics.height_m == pytest.approx(alone.extrinsics.height_m, abs=1e-3)
     assert math.sqrt(fit.covariance[0, 0]) == pytest.approx(math.sqrt(alone.covariance[0, 0]), rel=0.2)
+
+
+def test_lines_that_spoil_the_fit_are_left_out(monkeypatch):
+    scene, images = with_lines(1, 0.35)
+
+    def raised(pattern, *_):
+        left, right = pattern.left[0], pattern.right[0]
+        return (FurtherLine(left, replace(right, slope=right.slope - 0.05), 1e-4),)
+
+    monkeypatch.setattr(calibrator_module, "further_lines", raised)
+    result = Calibrator(scene.rig).add(*images)
+    assert result.accepted
+    assert result.pattern.further == ()
 
 
 def test_calibrator_takes_them_in_and_tells_the_others():
