@@ -16,8 +16,8 @@ The paper says "E1 and E2 are normalised" without saying how. Here both are squa
   where the plane through their disparities has its horizon (peers' comparison: 0.002 against
   0.025 degrees of pitch at 5 % noise), and the smaller term of the two must not hide that.
   A further line runs along the road, too, and is seen parallel to the others even where it lies beside their
-  plane. But it was painted another day, or is another edge, and farther aside its direction is measured worse:
-  its angles are divided by that weight, so that they do not outdo E1.
+  plane. But it was painted another day, or is another edge, and farther aside its direction is measured
+  worse: its angles are divided by that weight, so that they do not outdo E1.
 """
 
 from __future__ import annotations
