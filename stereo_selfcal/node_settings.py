@@ -1,6 +1,6 @@
 """Parameters of the node that are not settings of the calibrator; importing this needs no ROS.
 
-The node declares them, and :func:`stereo_selfcal.result_file.load_calibrator_config` knows by them
+The node declares them, and :func:`stereo_selfcal.parameter_file.load_calibrator_config` knows by them
 what a parameter file may hold besides the calibrator's settings: one list for both.
 """
 
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from .core.config import CalibratorConfig
 
+NODE_NAME = "stereo_selfcal"
 RIG_PREFIX = "rig."
 RESULT_PREFIX = "extrinsics."
 

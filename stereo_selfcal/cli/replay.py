@@ -15,6 +15,7 @@ from typing import Protocol
 import cv2
 import yaml
 
+from ..atomic_file import write_atomically
 from ..bags import StereoBag, StereoFrame
 from ..core.calibrator import Calibrator
 from ..core.config import CalibratorConfig
@@ -22,8 +23,9 @@ from ..core.errors import RigError
 from ..core.images import Image
 from ..core.results import CalibrationResult
 from ..core.rig import StereoRig
+from ..parameter_file import load_calibrator_config
 from ..picture import draw_overview
-from ..result_file import load_calibrator_config, write_atomically, write_result
+from ..result_file import write_result
 from .console import (
     EXIT_NOT_ACCEPTED,
     EXIT_OK,
