@@ -90,6 +90,12 @@ NODE_SETTINGS = (
     NodeSetting(
         "camera_frame", "stereo_camera", "Frame of the camera body: x forward, y left, z up, mid-baseline"
     ),
+    NodeSetting(
+        "exports",
+        "",
+        "Formats written beside output_path, comma separated: urdf, static_transform_publisher, autoware, "
+        "homographies",
+    ),
     NodeSetting("rig.width", 0, "Image width; 0: from CameraInfo", "px", 0, _GREATEST_PIXELS),
     NodeSetting("rig.height", 0, "Image height; 0: from CameraInfo", "px", 0, _GREATEST_PIXELS),
     NodeSetting(
