@@ -19,6 +19,7 @@ class Options:
         repeats: Repetitions of a timing.
         false_alarms: Pictures without a road of each kind.
         worlds: Random worlds.
+        kills: Writers of result files killed.
         all_sizes: Whether to go through all image sizes, or the smallest two only.
         folder: Where tables and plots go.
     """
@@ -29,6 +30,7 @@ class Options:
     repeats: int = 20
     false_alarms: int = 200
     worlds: int = 2000
+    kills: int = 200
     all_sizes: bool = True
     folder: Path = RESULTS
 
@@ -41,6 +43,7 @@ QUICK = Options(
     repeats=5,
     false_alarms=20,
     worlds=60,
+    kills=20,
     all_sizes=False,
     folder=RESULTS / "quick",
 )

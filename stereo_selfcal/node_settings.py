@@ -1,6 +1,6 @@
 """Parameters of the node that are not settings of the calibrator; importing this needs no ROS.
 
-The node declares them, and :func:`stereo_selfcal.result_file.load_calibrator_config` knows by them
+The node declares them, and :func:`stereo_selfcal.parameter_file.load_calibrator_config` knows by them
 what a parameter file may hold besides the calibrator's settings: one list for both.
 """
 
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from .core.config import CalibratorConfig
 
+NODE_NAME = "stereo_selfcal"
 RIG_PREFIX = "rig."
 RESULT_PREFIX = "extrinsics."
 
@@ -88,6 +89,12 @@ NODE_SETTINGS = (
     NodeSetting("road_frame", "road", "Frame of the road: the header of ~/pose"),
     NodeSetting(
         "camera_frame", "stereo_camera", "Frame of the camera body: x forward, y left, z up, mid-baseline"
+    ),
+    NodeSetting(
+        "exports",
+        "",
+        "Formats written beside output_path, comma separated: urdf, static_transform_publisher, autoware, "
+        "homographies",
     ),
     NodeSetting("rig.width", 0, "Image width; 0: from CameraInfo", "px", 0, _GREATEST_PIXELS),
     NodeSetting("rig.height", 0, "Image height; 0: from CameraInfo", "px", 0, _GREATEST_PIXELS),

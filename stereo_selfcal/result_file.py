@@ -1,37 +1,56 @@
-"""Files: the result as a ROS 2 parameter file, and the calibrator's settings from one. No ROS needed."""
+"""The result as a ROS 2 parameter file: written whole or not at all, every value checked when it is read."""
 
 from __future__ import annotations
 
 import math
 import os
-import secrets
-from collections.abc import Mapping
-from contextlib import suppress
-from dataclasses import dataclass
+import stat
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import yaml
 
 from . import __version__
-from .core.config import CalibratorConfig, flatten
+from .atomic_file import remove_leftovers, set_aside, write_atomically
 from .core.errors import ConfigError, OutputError
-from .core.extrinsics import Extrinsics
 from .core.results import CalibrationResult
 from .core.rig import StereoRig
-from .node_settings import RESULT_PREFIX, is_calibrator_setting
+from .node_settings import NODE_NAME, RESULT_PREFIX
+from .parameter_file import ANY_NODE, PARAMETERS, UnreadableFileError, node_parameters
+from .saved_result import RESULT_NAMES, SCHEMA, SavedResult
 
-SCHEMA = 1
-NODE_NAME = "stereo_selfcal"
-RESULT_NAMES = ("height_m", "pitch_rad", "roll_rad", "height_std_m", "pitch_std_rad", "roll_std_rad")
+__all__ = [
+    "NODE_NAME",
+    "RESULT_NAMES",
+    "Restored",
+    "SavedResult",
+    "check_fits",
+    "format_result",
+    "load_result",
+    "restore",
+    "result_parameters",
+    "set_aside",
+    "write_atomically",
+    "write_result",
+]
+
+# A result file has 1 kB, most of it names of topics.
+_MOST_BYTES = 65_536
+# Of a text that says where images came from; no name of a file or topic is longer, and it keeps the
+# file below _MOST_BYTES however it has to be escaped.
+_LONGEST_SOURCE = 1000
+
+# Rectified images of the same cameras have the same numbers to the last bit, as the file holds all of
+# them. Calibration tools print P with about six digits, so a hundredth of a pixel is a real difference.
+_SAME_PX = 0.01
+# Six digits of P[3] and of P[0] make the baseline uncertain by 2e-5 of it. The height is proportional to
+# it: 1e-4 is 0.14 mm of 1.4 m, below the 0.25 mm that one frame is sure of at best.
+_SAME_BASELINE = 1e-4
 
 _EQUATION = (
     "# p_road = R_z(0) R_y(pitch) R_x(roll) p_camera + [0, 0, height]"
     "   (REP-103: x forward, y left, z up; metres, radians)\n"
 )
-_ANY_NODE = "/**"
-_WILDCARDS = (_ANY_NODE, "*", "**", "/*")
-_PARAMETERS = "ros__parameters"
 
 
 class _Quoted(str):
@@ -40,30 +59,39 @@ class _Quoted(str):
     __slots__ = ()
 
 
+class _InOneLine(list):  # type: ignore[type-arg]
+    """List that is written in one line."""
+
+    __slots__ = ()
+
+
 class _Dumper(yaml.SafeDumper):  # type: ignore[misc]
-    """Dumper that quotes :class:`_Quoted`."""
+    """Dumper of :class:`_Quoted` and :class:`_InOneLine`."""
 
 
 _Dumper.add_representer(
     _Quoted, lambda dumper, text: dumper.represent_scalar("tag:yaml.org,2002:str", str(text), style='"')
 )
+_Dumper.add_representer(
+    _InOneLine,
+    lambda dumper, items: dumper.represent_sequence("tag:yaml.org,2002:seq", items, flow_style=True),
+)
 
 
 @dataclass(frozen=True, slots=True)
-class SavedResult:
-    """What a result file holds.
+class Restored:
+    """What was found at the start.
 
     Attributes:
-        extrinsics: The calibration.
-        std: Standard deviations of the same quantities.
-        rig: The rig it holds for.
-        provenance: stamp [s], source, frames, seed, version, schema.
+        saved: The calibration, None when there is none that can be used.
+        problem: One sentence: why what is there cannot be used, and where it is now. Empty when all is
+            well or no file is there.
+        kept_aside: Where a file that cannot be used was moved to, None when none was moved.
     """
 
-    extrinsics: Extrinsics
-    std: Extrinsics
-    rig: StereoRig
-    provenance: dict[str, Any]
+    saved: SavedResult | None = None
+    problem: str = ""
+    kept_aside: Path | None = None
 
 
 def result_parameters(result: CalibrationResult) -> dict[str, float]:
@@ -100,28 +128,41 @@ def format_result(result: CalibrationResult, rig: StereoRig, source: str, seed: 
         seed: Seed of the calibrator.
 
     Raises:
-        OutputError: The result is a rejection, or holds NaN or infinity.
+        OutputError: The result is a rejection, or holds what :func:`load_result` would refuse.
     """
     extrinsics = {
         name.removeprefix(RESULT_PREFIX): value for name, value in result_parameters(result).items()
     }
+    assert result.covariance is not None  # it has standard deviations
     provenance = {
         "schema": SCHEMA,
         "stamp": float(result.stamp_s),
         # A file name may hold bytes that are no UTF-8; they must not keep the result from being saved.
-        "source": _Quoted(source.encode("utf-8", "backslashreplace").decode("utf-8")),
+        "source": _Quoted(source[:_LONGEST_SOURCE].encode("utf-8", "backslashreplace").decode("utf-8")),
         "frames": int(result.n_frames),
         "seed": int(seed),
         "version": _Quoted(__version__),
         "rig": rig.to_mapping(),
+        "covariance": _InOneLine(float(value) for value in result.covariance.ravel()),
     }
-    document = {_ANY_NODE: {_PARAMETERS: {"extrinsics": extrinsics, "provenance": provenance}}}
+    parameters = {"extrinsics": extrinsics, "provenance": provenance}
+    try:
+        SavedResult.from_parameters(parameters)
+    except ConfigError as error:
+        raise OutputError(f"a result that cannot be right is not written: {error}") from error
+    document = {ANY_NODE: {PARAMETERS: parameters}}
     body: str = yaml.dump(document, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=math.inf)
     return _EQUATION + body
 
 
 def write_result(
-    path: Path | str, result: CalibrationResult, rig: StereoRig, *, source: str, seed: int
+    path: Path | str,
+    result: CalibrationResult,
+    rig: StereoRig,
+    *,
+    source: str,
+    seed: int,
+    keep_others: bool = False,
 ) -> None:
     """Write an accepted result as a ROS 2 parameter file, whole or not at all.
 
@@ -131,138 +172,102 @@ def write_result(
         rig: The rig it holds for.
         source: Where the images came from: a bag, topics.
         seed: Seed of the calibrator.
+        keep_others: Whether a file that is there and is no result file is kept aside
+            (:func:`.atomic_file.set_aside`) instead of being replaced.
 
     Raises:
-        OutputError: There is nothing to write, or the file cannot be written; what was there before
-            is untouched.
+        OutputError: There is nothing to write, or the file cannot be written, or what is there cannot
+            be kept aside; what was there before is untouched.
     """
-    write_atomically(path, format_result(result, rig, source, seed).encode("utf-8"))
-
-
-def write_atomically(path: Path | str, content: bytes) -> None:
-    """Replace a file in one step: whoever reads it, at whatever moment, finds the old or the new one.
-
-    Raises:
-        OutputError: It cannot be written; the old file is untouched and nothing is left beside it.
-    """
-    try:
-        target = Path(os.path.realpath(path))
-        # A rename would put a file in the place of a device such as /dev/null.
-        if os.path.lexists(target) and not target.is_file():
-            raise OutputError(f"{path} cannot be written: it is not a file; give the name of a file")
-        _replace(target, content)
-    except (OSError, ValueError) as error:  # ValueError: a NUL character in the name
-        detail = (getattr(error, "strerror", None) or str(error)).lower()
-        raise OutputError(
-            f"{path} cannot be written: {detail}; choose a writable folder that exists"
-        ) from error
-
-
-def _replace(target: Path, content: bytes) -> None:
-    # In the same folder, as a rename is atomic only within one file system.
-    temporary = target.with_name(f".{secrets.token_hex(8)}.tmp")
-    try:
-        with temporary.open("xb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(target)
-    except BaseException:
-        with suppress(OSError):
-            temporary.unlink()
-        raise
-    _sync_folder(target.parent)
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make the rename itself survive a power cut, where the file system and its rights allow."""
-    with suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY)
+    content = format_result(result, rig, source, seed).encode("utf-8")
+    if keep_others and Path(os.path.realpath(path)).is_file():
         try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+            load_result(path)
+        except ConfigError:
+            set_aside(path)
+    write_atomically(path, content)
 
 
 def load_result(path: Path | str) -> SavedResult:
     """Read a result file and check every value in it.
 
     Raises:
-        ConfigError: The file cannot be read, or is no result file of this schema.
-        RigError: The rig in it cannot be right.
+        UnreadableFileError: The file cannot be read.
+        ConfigError: It is no result file that can be used: one sentence with the file, the field, its
+            value and the remedy.
     """
-    parameters = _node_parameters(path)
-    try:
-        extrinsics, provenance = dict(parameters["extrinsics"]), dict(parameters["provenance"])
-        rig = dict(provenance.pop("rig"))
-        values = [float(extrinsics[name]) for name in RESULT_NAMES]
-    except (KeyError, TypeError, ValueError) as error:
-        raise ConfigError(f"{path} is no result file of stereo_selfcal: {error!r}") from error
-    if provenance.get("schema") != SCHEMA:
-        raise ConfigError(
-            f"{path} has schema {provenance.get('schema')!r}, this version reads {SCHEMA}: calibrate anew"
+    if _is_no_file(path):  # opening a pipe would wait for a writer
+        raise UnreadableFileError(
+            f"{path} cannot be read: it is not a file; give the name of a result file of {NODE_NAME}"
         )
-    if not all(math.isfinite(value) for value in values) or min(values[0], *values[3:]) < 0:
-        raise ConfigError(f"{path} holds impossible values {values}: calibrate anew")
-    return SavedResult(
-        Extrinsics(*values[:3]), Extrinsics(*values[3:]), StereoRig.from_mapping(rig), provenance
-    )
-
-
-def load_calibrator_config(path: Path | str) -> CalibratorConfig:
-    """Read the calibrator's settings from a ROS 2 parameter file, the one the node takes.
-
-    Parameters of the node itself are passed over; a name that neither knows is an error. Entries for
-    this node win over those for any node.
-
-    Args:
-        path: A file with ``/**:`` or ``stereo_selfcal:`` (in whatever namespace) and ``ros__parameters:``.
-
-    Raises:
-        ConfigError: The file cannot be read, is no parameter file, or a setting is wrong.
-    """
-    settings = {
-        name: value for name, value in flatten(_node_parameters(path)).items() if is_calibrator_setting(name)
-    }
+    parameters = node_parameters(path, _MOST_BYTES)
     try:
-        return CalibratorConfig.from_mapping(settings)
+        return SavedResult.from_parameters(parameters)
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
 
 
-def _node_parameters(path: Path | str) -> dict[str, Any]:
-    """Return the parameters a file has for this node."""
+def check_fits(saved: SavedResult, rig: StereoRig) -> None:
+    """Make sure that a saved calibration holds for the cameras that are there now.
+
+    Another size, focal length, principal point or baseline is another pair of rectified images: other
+    cameras, or the same ones calibrated anew, which may have turned the images by as much as is measured.
+
+    Raises:
+        ConfigError: It does not: one sentence with the values of both and the remedy.
+    """
+    now = asdict(rig)
+    for name, then in asdict(saved.rig).items():
+        greatest = 0.0 if name in ("width", "height") else _SAME_PX
+        if name == "baseline_m":
+            greatest = _SAME_BASELINE * then
+        if not abs(now[name] - then) <= greatest:
+            raise ConfigError(
+                f"the saved calibration is of other cameras: rig.{name} was {then:.10g}, now it is "
+                f"{now[name]:.10g} (they may differ by {greatest:.2g}); calibrate anew"
+            )
+
+
+def restore(path: Path | str) -> Restored:
+    """Find the calibration of the last run, for the start of a node.
+
+    A file that is corrupt, of something else or of a newer version is renamed
+    (:func:`.atomic_file.set_aside`) and so kept from being replaced. One that cannot be read or moved is
+    left where it is. Leftovers of a killed writer are removed. Whether the calibration holds for the
+    cameras is for :func:`check_fits`, once they are known.
+
+    Args:
+        path: The result file; there may be none.
+    """
+    remove_leftovers(path)
+    if _is_missing(path):
+        return Restored()
     try:
-        document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:  # ValueError: not UTF-8
-        detail = getattr(error, "strerror", None) or "it is not a text file"
-        raise ConfigError(f"{path} cannot be read: {detail.lower()}") from error
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" in line {mark.line + 1}" if mark else ""
-        raise ConfigError(f"{path} is not YAML{where}: {getattr(error, 'problem', None) or error}") from error
-    nodes = {str(name): value for name, value in document.items()} if isinstance(document, Mapping) else {}
-    ours = [name for name in nodes if name in _WILDCARDS]
-    ours += [name for name in nodes if name.rpartition("/")[2] == NODE_NAME]
-    if not ours:
-        raise ConfigError(
-            f"{path} is no parameter file: '{_ANY_NODE}:' or '{NODE_NAME}:' with '{_PARAMETERS}:' is needed"
-        )
-    merged: dict[str, Any] = {}
-    for name in ours:
-        section = nodes[name]
-        parameters = section.get(_PARAMETERS) if isinstance(section, Mapping) else None
-        if not isinstance(parameters, Mapping):
-            raise ConfigError(f"{path}: '{name}:' has no '{_PARAMETERS}:' with parameters in it")
-        merged = _merged(merged, parameters)
-    return merged
+        return Restored(load_result(path))
+    except UnreadableFileError as error:
+        return Restored(problem=f"{error}; it stays where it is")
+    except ConfigError as error:
+        problem = str(error)
+    try:
+        aside = set_aside(path)
+    except OutputError as error:
+        return Restored(problem=f"{problem}; it stays where it is: {error}")
+    return Restored(problem=f"{problem}; kept aside as {aside}", kept_aside=aside)
 
 
-def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``base`` with the values of ``over``, level by level."""
-    merged = dict(base)
-    for name, value in over.items():
-        below = merged.get(str(name))
-        nested = isinstance(value, Mapping) and isinstance(below, Mapping)
-        merged[str(name)] = _merged(below, value) if nested else value  # type: ignore[arg-type]
-    return merged
+def _is_missing(path: Path | str) -> bool:
+    try:
+        Path(path).stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return True
+    except (OSError, ValueError):  # told when it is read
+        return False
+    return False
+
+
+def _is_no_file(path: Path | str) -> bool:
+    """Whether it is a folder, a pipe, a device."""
+    try:
+        return not stat.S_ISREG(Path(path).stat().st_mode)
+    except (OSError, ValueError):  # told when it is read
+        return False

@@ -3,45 +3,32 @@
 import dataclasses
 import math
 import os
-import stat
 
 import numpy as np
 import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
+from result_making import EXTRINSICS, RIG, a_result, write
 
-from stereo_selfcal import CalibrationResult, CalibratorConfig, ConfigError, Extrinsics, StereoRig
+from stereo_selfcal import Extrinsics, result_file
 from stereo_selfcal.core.errors import OutputError
 from stereo_selfcal.core.results import Rejection, RejectReason, rejected
 from stereo_selfcal.result_file import (
+    Restored,
     format_result,
-    load_calibrator_config,
     load_result,
+    restore,
     result_parameters,
-    write_atomically,
-    write_result,
 )
-
-RIG = StereoRig(640, 480, 516.6, 516.6, 319.5, 239.5, 0.1481)
-# Awkward on purpose: no short decimal, and so small that repr() has an exponent without a point.
-EXTRINSICS = Extrinsics(1 / 3, 1e-05, -2 / 7)
-COVARIANCE = np.diag([1e-6, 1e-10, 4e-8])
-
-
-def a_result(**changes):
-    result = CalibrationResult(
-        "fine", extrinsics=EXTRINSICS, covariance=COVARIANCE, stamp_s=1_700_000_000.123456789, n_frames=3
-    )
-    return dataclasses.replace(result, **changes)
 
 
 def a_rejection():
     return rejected(Rejection(RejectReason.NO_LINES_FOUND, "lines found", 0, 2, "", "look at the road"))
 
 
-def write(path, result=None, source="bags/straight_road"):
-    write_result(path, result or a_result(), RIG, source=source, seed=7)
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
 
 
 def test_shape_is_that_of_the_contract(tmp_path):
@@ -71,7 +58,9 @@ def test_shape_is_that_of_the_contract(tmp_path):
         "seed": 7,
         "version": "0.1.0",
         "rig": dataclasses.asdict(RIG),
+        "covariance": [1e-6, 0.0, 0.0, 0.0, 1e-10, 0.0, 0.0, 0.0, 4e-8],
     }
+    assert "      covariance: [1.0e-06, 0.0, 0.0, " in text, "in one line, all of them floats to rcl"
 
 
 def test_parameters_have_the_names_of_the_contract():
@@ -89,10 +78,10 @@ def test_same_result_same_bytes():
     assert format_result(a_result(), RIG, "bag", 0) == format_result(a_result(), RIG, "bag", 0)
 
 
-numbers = st.floats(-1e3, 1e3)
+angles = st.floats(-1.04, 1.04)
 
 
-@given(st.floats(0.01, 1e3), numbers, numbers, st.floats(0, 1e3), st.text(max_size=20))
+@given(st.floats(0.05, 20), angles, angles, st.floats(1e-20, 1.0), st.text(max_size=20))
 def test_round_trip_to_the_last_bit(tmp_path_factory, height, pitch, roll, variance, source):
     path = tmp_path_factory.mktemp("round") / "out.yaml"
     result = a_result(extrinsics=Extrinsics(height, pitch, roll), covariance=np.diag([variance] * 3))
@@ -103,6 +92,11 @@ def test_round_trip_to_the_last_bit(tmp_path_factory, height, pitch, roll, varia
     assert saved.rig == RIG
     assert saved.provenance["frames"] == 3
     assert saved.provenance["source"] == source.encode("utf-8", "backslashreplace").decode()
+
+
+def test_source_of_any_length_can_be_read_again(tmp_path):
+    write(tmp_path / "out.yaml", source="\udce9" * 100_000)
+    assert load_result(tmp_path / "out.yaml").extrinsics == EXTRINSICS
 
 
 @pytest.mark.parametrize(
@@ -123,9 +117,15 @@ def test_any_source_stays_one_line_of_text(tmp_path, source):
         a_result(extrinsics=Extrinsics(math.nan, 0.0, 0.0)),
         a_result(covariance=np.diag([math.inf, 1, 1])),
         a_result(covariance=None),
+        a_result(extrinsics=Extrinsics(21.0, 0.0, 0.0)),
+        a_result(extrinsics=Extrinsics(1.4, 0.0, -1.1)),
+        a_result(covariance=np.diag([0.0, 1e-10, 1e-10])),
+        a_result(covariance=np.full((3, 3), 1e-6) - 2e-6 * (1 - np.eye(3))),
+        a_result(n_frames=0),
+        a_result(stamp_s=math.nan),
     ],
 )
-def test_nothing_but_a_finite_calibration_is_written(tmp_path, result):
+def test_nothing_but_what_can_be_read_again_is_written(tmp_path, result):
     path = tmp_path / "out.yaml"
     path.write_text("old")
     with pytest.raises(OutputError):
@@ -142,164 +142,118 @@ def test_file_replaces_the_old_one_and_leaves_nothing_beside_it(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_file_has_the_rights_of_any_new_file(tmp_path):
-    mask = os.umask(0o022)
-    try:
-        write(tmp_path / "out.yaml")
-    finally:
-        os.umask(mask)
-    assert stat.S_IMODE((tmp_path / "out.yaml").stat().st_mode) == 0o644
-
-
-def test_link_is_followed(tmp_path):
-    (tmp_path / "real").mkdir()
-    link = tmp_path / "link.yaml"
-    link.symlink_to(tmp_path / "real" / "out.yaml")
-    write(link)
-    assert link.is_symlink()
-    assert load_result(tmp_path / "real" / "out.yaml").extrinsics == EXTRINSICS
-
-
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda folder: folder / "missing" / "out.yaml", "no such file or directory"),
-        (lambda folder: folder, "is not a file"),
-        (lambda folder: folder / ("n" * 300), "name too long"),
-        (lambda folder: folder / "a\0b", "null"),
-        (lambda _: "/proc/out.yaml", "cannot be written"),
-        (lambda _: "/dev/null", "is not a file"),
-    ],
-)
-def test_unwritable_path_is_named_with_the_remedy(tmp_path, make, words):
-    path = make(tmp_path)
-    with pytest.raises(OutputError) as error:
-        write(path)
-    assert str(path) in str(error.value) and words in str(error.value)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("call", ["os.fsync", "pathlib.Path.replace"])
-def test_full_disk_leaves_the_old_file_and_no_other(tmp_path, monkeypatch, call):
+def test_full_disk_leaves_the_last_calibration(tmp_path, monkeypatch):
     def fail(*_args):
         raise OSError(28, "No space left on device")
 
-    path = tmp_path / "out.yaml"
-    path.write_text("old")
-    monkeypatch.setattr(call, fail)
-    with pytest.raises(OutputError, match=r"out\.yaml cannot be written: no space left"):
-        write_atomically(path, b"new")
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_file_is_synced_before_and_its_folder_after_the_rename(tmp_path, monkeypatch):
-    steps = []
-    sync, replace = os.fsync, type(tmp_path).replace
-    monkeypatch.setattr(
-        os,
-        "fsync",
-        lambda fd: steps.append("folder" if stat.S_ISDIR(os.fstat(fd).st_mode) else "file") or sync(fd),
-    )
-    monkeypatch.setattr(
-        type(tmp_path), "replace", lambda self, to: steps.append("rename") or replace(self, to)
-    )
     write(tmp_path / "out.yaml")
-    assert steps == ["file", "rename", "folder"]
+    monkeypatch.setattr("os.fsync", fail)
+    with pytest.raises(OutputError, match=r"out\.yaml cannot be written: no space left"):
+        write(tmp_path / "out.yaml", a_result(n_frames=9))
+    assert load_result(tmp_path / "out.yaml").n_frames == 3
+    assert names(tmp_path) == ["out.yaml"]
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("height_m: 0.3", "height: 0.3", "no result file"),
-        ("schema: 1", "schema: 2", "schema 2"),
-        ("height_m: 0.3", "height_m: .nan #", "impossible"),
-        ("height_m: 0.3", "height_m: -0.3", "impossible"),
-        ("height_std_m: ", "height_std_m: -", "impossible"),
-        ("baseline_m: 0.1481", "baseline_m: 0.0", "baseline_m"),
-        ("roll_rad: ", "roll_rad: abc", "no result file"),
-        ("extrinsics:", "[", "not YAML in line"),
-        ("/**:", "/other:", "no parameter file"),
-        ("ros__parameters", "parameters", "has no 'ros__parameters:'"),
-    ],
-)
-def test_every_value_is_checked_on_loading(tmp_path, old, new, words):
+def test_another_file_is_replaced_or_kept_aside_as_asked(tmp_path):
     path = tmp_path / "out.yaml"
-    write(path)
-    text = path.read_text(encoding="utf-8")
-    assert old in text
-    path.write_text(text.replace(old, new, 1), encoding="utf-8")
-    with pytest.raises(ValueError, match=words):  # ConfigError and RigError are ValueErrors
-        load_result(path)
+    path.write_text("/other: {ros__parameters: {}}")
+    write(path, keep_others=True)
+    assert load_result(path).extrinsics == EXTRINSICS
+    assert (tmp_path / "out.yaml.rejected").read_text() == "/other: {ros__parameters: {}}"
+    write(path, a_result(n_frames=4), keep_others=True)
+    assert load_result(path).n_frames == 4
+    assert names(tmp_path) == ["out.yaml", "out.yaml.rejected"]
+
+
+def test_another_file_that_cannot_be_kept_aside_is_not_replaced(tmp_path, monkeypatch):
+    def refuse(path):
+        raise OutputError(f"{path} cannot be kept aside")
+
+    (tmp_path / "out.yaml").write_text("somebody's")
+    monkeypatch.setattr(result_file, "set_aside", refuse)
+    with pytest.raises(OutputError, match="kept aside"):
+        write(tmp_path / "out.yaml", keep_others=True)
+    assert (tmp_path / "out.yaml").read_text() == "somebody's"
+
+
+def test_calibration_is_restored(tmp_path):
+    write(tmp_path / "out.yaml")
+    restored = restore(tmp_path / "out.yaml")
+    assert restored.saved.extrinsics == EXTRINSICS
+    assert (restored.problem, restored.kept_aside) == ("", None)
+    assert names(tmp_path) == ["out.yaml"]
+
+
+@pytest.mark.parametrize("name", ["out.yaml", "no/such/folder/out.yaml", "link.yaml", "file/out.yaml"])
+def test_missing_file_is_no_problem(tmp_path, name):
+    (tmp_path / "link.yaml").symlink_to(tmp_path / "nowhere.yaml")
+    (tmp_path / "file").write_text("")
+    assert restore(tmp_path / name) == Restored()
+
+
+def test_leftovers_of_a_killed_node_are_removed_at_the_start(tmp_path):
+    write(tmp_path / "out.yaml")
+    (tmp_path / ".stereo_selfcal.0123456789abcdef.tmp").write_text("half")
+    restore(tmp_path / "out.yaml")
+    assert names(tmp_path) == ["out.yaml"]
 
 
 @pytest.mark.parametrize(
-    "content", [b"", b"\xff\xfe", b"[1, 2]", b"word", b"/**: 3", b"a: [", b"!!python/object:os.system {}"]
-)
-def test_what_is_no_parameter_file_is_one_clear_error(tmp_path, content):
-    path = tmp_path / "x.yaml"
-    path.write_bytes(content)
-    for load in (load_result, load_calibrator_config):
-        with pytest.raises(ConfigError, match=r"x\.yaml"):
-            load(path)
-
-
-def test_missing_file():
-    with pytest.raises(ConfigError, match=r"missing\.yaml cannot be read: no such file"):
-        load_calibrator_config("missing.yaml")
-
-
-def config_from(tmp_path, text):
-    path = tmp_path / "config.yaml"
-    path.write_text(text, encoding="utf-8")
-    return load_calibrator_config(path)
-
-
-@pytest.mark.parametrize("node", ["/**", "stereo_selfcal", "/stereo_selfcal", "/car/stereo_selfcal"])
-def test_calibrator_settings_are_read_and_the_nodes_own_passed_over(tmp_path, node):
-    config = config_from(
-        tmp_path,
-        f"""
-{node}:
-  ros__parameters:
-    seed: 5
-    genetic: {{population: 50}}
-    search.height_max_m: 3
-    timeout_s: 1.0
-    frames: 4
-    rig: {{fx: 1.0, baseline_m: 2.0}}
-    extrinsics: {{height_m: 1.0}}
-    provenance: {{schema: 1}}
-    use_sim_time: true
-    qos_overrides: {{/left/image_rect: {{subscription: {{reliability: reliable}}}}}}
-""",
-    )
-    assert (config.seed, config.genetic.population, config.search.height_max_m) == (5, 50, 3.0)
-    assert config.fitness == CalibratorConfig().fitness
-
-
-def test_entries_for_the_node_win_over_those_for_any_node(tmp_path):
-    config = config_from(
-        tmp_path,
-        """
-stereo_selfcal: {ros__parameters: {genetic: {population: 50}}}
-/**: {ros__parameters: {seed: 3, genetic: {population: 60, max_generations: 70}}}
-other: {ros__parameters: {seed: 9}}
-""",
-    )
-    assert (config.seed, config.genetic.population, config.genetic.max_generations) == (3, 50, 70)
-
-
-@pytest.mark.parametrize(
-    ("setting", "words"),
+    ("content", "words"),
     [
-        ("sed: 1", "unknown setting 'sed'"),
-        ("genetic: {population: 0}", "genetic.population is 0"),
-        ("genetic: {population: many}", "a whole number is needed"),
-        ("search: {height_min_m: 4.0, height_max_m: 1.0}", "must be the smaller"),
+        (b"", "is empty"),
+        (bytes(1000), "is not YAML"),
+        (b"\x89PNG\xff", "is not a text file"),
+        (b"/**: {ros__parameters: {extrinsics: {height_m: 1.4", "is not YAML in line 1"),
+        (b"/amcl: {ros__parameters: {alpha1: 0.2}}", "no parameter file"),
+        (b"/**: {ros__parameters: {alpha1: 0.2}}", "no result file of stereo_selfcal"),
+        (b"/**: {ros__parameters: {extrinsics: {a: 1}, provenance: {schema: 9}}}", "newer version"),
+        (b"a: &a [1]\n/**: *a", "aliases"),
+        (b"#" * 65_537, "larger than 65536 bytes"),
     ],
 )
-def test_wrong_settings_name_the_file(tmp_path, setting, words):
-    with pytest.raises(ConfigError) as error:
-        config_from(tmp_path, f"/**: {{ros__parameters: {{{setting}}}}}")
-    assert words in str(error.value) and "config.yaml: " in str(error.value)
+def test_file_that_cannot_be_used_is_kept_aside_untouched(tmp_path, content, words):
+    path = tmp_path / "out.yaml"
+    path.write_bytes(content)
+    os.utime(path, ns=(1, 1_234_567_890_123_456_789))
+    restored = restore(path)
+    assert restored.saved is None
+    assert words in restored.problem and "\n" not in restored.problem
+    assert restored.problem.startswith(str(path)) and str(restored.kept_aside) in restored.problem
+    assert restored.kept_aside == tmp_path / "out.yaml.rejected"
+    assert restored.kept_aside.read_bytes() == content
+    assert restored.kept_aside.stat().st_mtime_ns == 1_234_567_890_123_456_789
+    assert restore(path) == Restored(), "the next start has nothing to complain of"
+    write(path)
+    assert names(tmp_path) == ["out.yaml", "out.yaml.rejected"]
+
+
+def test_bad_file_of_a_read_only_folder_stays_and_is_told(tmp_path, monkeypatch):
+    def refuse(*_args):
+        raise OSError(30, "Read-only file system")
+
+    (tmp_path / "out.yaml").write_text("bad")
+    monkeypatch.setattr("stereo_selfcal.atomic_file._reserve", refuse)
+    restored = restore(tmp_path / "out.yaml")
+    assert (restored.saved, restored.kept_aside) == (None, None)
+    assert "it stays where it is: " in restored.problem and "read-only file system" in restored.problem
+    assert (tmp_path / "out.yaml").read_text() == "bad"
+
+
+def test_what_cannot_be_read_stays_and_is_told(tmp_path, monkeypatch):
+    """It may be a good calibration, on a disk that answers at the next start."""
+
+    def fail(*_args, **_kwargs):
+        raise OSError(5, "Input/output error")
+
+    os.mkfifo(tmp_path / "pipe")
+    for name, words in ((".", "not a file"), ("pipe", "not a file"), ("a\0b", "null")):
+        restored = restore(tmp_path / name)
+        assert (restored.saved, restored.kept_aside) == (None, None)
+        assert words in restored.problem and "it stays where it is" in restored.problem
+    write(tmp_path / "out.yaml")
+    monkeypatch.setattr("pathlib.Path.open", fail)
+    restored = restore(tmp_path / "out.yaml")
+    assert (restored.saved, restored.kept_aside) == (None, None)
+    assert "input/output error; it stays where it is" in restored.problem
+    assert names(tmp_path) == ["out.yaml", "pipe"]

@@ -14,10 +14,10 @@ from typing import Any
 import cv2
 import numpy as np
 
+from ..atomic_file import write_atomically
 from ..core.extrinsics import Array, Extrinsics
 from ..core.limits import DEFAULT_CONTRAST, limits, location_std
 from ..core.rig import StereoRig
-from ..result_file import write_atomically
 from ..synth.scenes import PAPER_RIG
 from ..synth.world import LANE_WIDTH_M, LINE_WIDTH_M, MAX_TILT_RAD, PSF_SIGMA_PX
 from .chart import Curve, Panel, Picture, draw_charts

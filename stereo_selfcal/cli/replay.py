@@ -15,15 +15,18 @@ from typing import Protocol
 import cv2
 import yaml
 
+from ..atomic_file import write_atomically
 from ..bags import StereoBag, StereoFrame
 from ..core.calibrator import Calibrator
 from ..core.config import CalibratorConfig
-from ..core.errors import RigError
+from ..core.errors import ConfigError, RigError
 from ..core.images import Image
 from ..core.results import CalibrationResult
 from ..core.rig import StereoRig
+from ..exports import EXPORTS, export_paths, parse_exports, write_exports
+from ..parameter_file import load_calibrator_config, load_frames
 from ..picture import draw_overview
-from ..result_file import load_calibrator_config, write_atomically, write_result
+from ..result_file import write_result
 from .console import (
     EXIT_NOT_ACCEPTED,
     EXIT_OK,
@@ -129,7 +132,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _replay(argv: list[str]) -> int:
     arguments = _parser().parse_args(argv)
-    _check_outputs(arguments.output, arguments.picture)
+    _check_outputs(arguments.output, arguments.picture, arguments.exports)
+    frames = load_frames(arguments.config)
     rig = None if arguments.rig is None else read_rig_file(arguments.rig)
     config = _config(arguments.config, arguments.seed)
     with StereoBag(arguments.bag, arguments.left, arguments.right, arguments.tolerance_s) as bag:
@@ -140,6 +144,8 @@ def _replay(argv: list[str]) -> int:
     if arguments.output is not None and estimate.accepted:
         source = arguments.bag.resolve().name  # the folders above it are nobody's business
         write_result(arguments.output, estimate, rig, source=source, seed=config.seed)
+        assert estimate.extrinsics is not None
+        write_exports(arguments.output, arguments.exports, estimate.extrinsics, rig, *frames)
     if arguments.picture is not None:
         _write_picture(arguments.picture, replay, rig)
     report = as_json if arguments.json else table_summary
@@ -147,10 +153,14 @@ def _replay(argv: list[str]) -> int:
     return EXIT_OK if estimate.accepted else EXIT_NOT_ACCEPTED
 
 
-def _check_outputs(output: Path | None, picture: Path | None) -> None:
+def _check_outputs(output: Path | None, picture: Path | None, exports: tuple[str, ...]) -> None:
     """Refuse files that cannot be written, before any work is done for them."""
     if output is not None:
         check_writable(output, "--output")
+        for path in export_paths(output, exports):
+            check_writable(path, "--export")
+    elif exports:
+        raise UsageError("--export writes beside the file of --output: give --output")
     if picture is not None:
         check_writable(picture, "--picture")
         if picture.suffix.lower() != ".png":
@@ -218,6 +228,13 @@ def _tolerance_s(text: str) -> float:
     return value
 
 
+def _exports(text: str) -> tuple[str, ...]:
+    try:
+        return parse_exports(text)
+    except ConfigError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
 def _parser() -> Parser:
     parser = Parser(
         prog="replay",
@@ -234,6 +251,14 @@ def _parser() -> Parser:
     add("--config", metavar="FILE", type=Path, help="settings of the calibrator (YAML)")
     add("--seed", metavar="N", type=int, help="seed of the random numbers (default: that of the settings)")
     add("--output", metavar="FILE", type=Path, help="write the result as a ROS 2 parameter file (YAML)")
+    add(
+        "--export",
+        dest="exports",
+        metavar="NAME[,NAME]",
+        type=_exports,
+        default=(),
+        help=f"write these formats beside FILE of --output: {', '.join(EXPORTS)}",
+    )
     add(
         "--picture",
         metavar="FILE",

@@ -10,8 +10,11 @@ from typing import Any
 from ..core.config import CalibratorConfig
 from ..core.errors import ConfigError, RigError
 from ..core.rig import StereoRig
+from ..exports import parse_exports
 from ..node_settings import RIG_PREFIX, all_settings, is_calibrator_setting
 
+# Parameters whose value here is not the text that was given.
+_CONVERTED = ("output_path", "exports")
 SETTINGS = {setting.name: setting for setting in all_settings()}
 
 
@@ -29,6 +32,7 @@ class NodeConfig:
         frames: Accepted frames fused per call.
         road_frame: Frame of the road.
         camera_frame: Frame of the camera body.
+        exports: Names of the files written beside the result file.
         rig: Values of ``rig.*`` without the prefix, empty when all are 0.
         calibrator: Settings of the calibrator.
     """
@@ -42,6 +46,7 @@ class NodeConfig:
     frames: int
     road_frame: str
     camera_frame: str
+    exports: tuple[str, ...]
     rig: Mapping[str, float]
     calibrator: CalibratorConfig
 
@@ -66,8 +71,9 @@ class NodeConfig:
         }
         settings = {name: value for name, value in values.items() if is_calibrator_setting(name)}
         return cls(
-            **{name: values[name] for name in cls.__slots__ if name in values and name != "output_path"},
+            **{name: values[name] for name in cls.__slots__ if name in values and name not in _CONVERTED},
             output_path=_output_path(values["output_path"]),
+            exports=_exports(values["exports"], values["output_path"]),
             rig=rig if any(rig.values()) else {},
             calibrator=CalibratorConfig.from_mapping(settings),
         )
@@ -86,6 +92,16 @@ class NodeConfig:
                 f"{', '.join(missing)} not set: set all parameters of {RIG_PREFIX}* or none of them"
             )
         return StereoRig.from_mapping(self.rig)
+
+
+def _exports(text: str, output_path: str) -> tuple[str, ...]:
+    try:
+        names = parse_exports(text)
+    except ConfigError as error:
+        raise ConfigError(f"exports is {text!r}: {error}") from error
+    if names and not output_path.strip():
+        raise ConfigError(f"exports is {text!r}, but output_path, beside which they are written, is empty")
+    return names
 
 
 def _output_path(text: str) -> Path | None:

@@ -21,6 +21,7 @@ from stereo_selfcal.cli.replay import main, read_rig_file, run_replay
 from stereo_selfcal.core.config import CalibratorConfig
 from stereo_selfcal.core.extrinsics import Extrinsics
 from stereo_selfcal.core.results import CalibrationResult, Rejection, RejectReason, describe, rejected
+from stereo_selfcal.result_file import load_result
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 POSE = Extrinsics(1.4, 0.05, -0.01)
@@ -130,6 +131,31 @@ def test_files(bag, calibrator, tmp_path, capsys):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["overview.png", "result.yaml"]
     assert main([str(bag), "--output", str(output), "--picture", str(picture), "--seed", "7"]) == 0
     assert first == (capsys.readouterr().out, output.read_bytes(), picture.read_bytes()), "deterministic"
+
+
+def test_exports_are_written_beside_the_result(bag, calibrator, tmp_path):
+    config = tmp_path / "config.yaml"
+    config.write_text("/**: {ros__parameters: {road_frame: asphalt}}")
+    arguments = [str(bag), "--output", str(tmp_path / "out.yaml"), "--export", "autoware,urdf"]
+    assert main([*arguments, "--config", str(config)]) == 0
+    names = {"config.yaml", "out.yaml", "out.autoware.yaml", "out.urdf.xml"}
+    assert {path.name for path in tmp_path.iterdir()} == names
+    pose = yaml.safe_load((tmp_path / "out.autoware.yaml").read_text())["asphalt"]["stereo_camera"]
+    saved = load_result(tmp_path / "out.yaml").extrinsics
+    assert (pose["z"], pose["pitch"], pose["roll"]) == (saved.height_m, saved.pitch_rad, saved.roll_rad)
+
+
+def test_export_without_a_result_file_has_no_place(bag, calibrator, capsys):
+    assert main([str(bag), "--export", "urdf"]) == 2
+    assert "give --output" in capsys.readouterr().err
+    assert calibrator.made == []
+
+
+def test_export_that_cannot_be_written_costs_no_work(bag, calibrator, tmp_path, capsys):
+    (tmp_path / "out.urdf.xml").mkdir()
+    assert main([str(bag), "--output", str(tmp_path / "out.yaml"), "--export", "urdf"]) == 2
+    assert "--export" in capsys.readouterr().err
+    assert calibrator.made == []
 
 
 @pytest.mark.parametrize("as_json", [False, True])
@@ -300,6 +326,7 @@ BAD_INPUT = {
         config_file("stereo_selfcal: {ros__parameters: {genetic: {size: 5}}}"),
         "genetic.size",
     ),
+    "unknown export": (recording(cameras(), "--output", "x.yaml", "--export", "tf"), "they are urdf, "),
     "picture no PNG": (recording(cameras(), "--picture", "x.pdf"), "end the name in .png"),
     "one file for both": (
         recording(cameras(), "--picture", "x.png", "--output", "./x.png"),

@@ -14,8 +14,10 @@ from ros_graph import Graph, NodeProcess
 
 from stereo_selfcal import CalibratorConfig, ConfigError
 from stereo_selfcal.core.config import flatten
+from stereo_selfcal.exports import EXPORTS
 from stereo_selfcal.node_settings import FOREIGN_NAMES, NODE_SETTINGS, all_settings, is_calibrator_setting
-from stereo_selfcal.result_file import RESULT_NAMES, load_calibrator_config
+from stereo_selfcal.parameter_file import load_calibrator_config
+from stereo_selfcal.result_file import RESULT_NAMES
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
 
 CONFIG = ros_graph.ROOT / "config"
@@ -127,6 +129,12 @@ def test_output_path_is_absolute_and_knows_the_home_folder(monkeypatch):
     assert config(output_path=" ").output_path is None
 
 
+def test_exports_are_a_list_of_names():
+    assert config().exports == ()
+    assert config(exports="autoware, urdf").exports == ("autoware", "urdf")
+    assert all(name in SETTINGS["exports"].description for name in EXPORTS)
+
+
 def test_rig_is_all_or_nothing():
     assert config().rig_from_parameters() is None
     rig = {"width": 640, "height": 480, "fx": 500.0, "fy": 500.0, "cx": 320.0, "cy": 240.0, "baseline_m": 0.1}
@@ -143,6 +151,8 @@ def test_rig_is_all_or_nothing():
         ({"camera_frame": ""}, "camera_frame is empty"),
         ({"output_path": "~nobody_of_this_name/x"}, "give the whole path"),
         ({"search__height_max_m": 0.1}, "must be the smaller"),
+        ({"exports": "urdf,tf"}, "exports is 'urdf,tf': there is no export 'tf': they are urdf, "),
+        ({"exports": "urdf", "output_path": " "}, "exports is 'urdf', but output_path, .* is empty"),
     ],
 )
 def test_impossible_combinations(changes, words):

@@ -1,0 +1,48 @@
+"""A process that is killed while it writes leaves the last acknowledged result, or a newer one."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+KILLS = 30
+
+# A writer that is not atomic, and a little slow so that few kills will do.
+CARELESS = """
+import sys, time
+from pathlib import Path
+from benchmarks import kills
+from stereo_selfcal import result_file
+
+def careless(path, content):
+    with Path(path).open("wb") as file:
+        file.write(content[: len(content) // 2])
+        file.flush()
+        time.sleep(0.005)
+        file.write(content[len(content) // 2 :])
+
+result_file.write_atomically = careless
+kills.main(sys.argv[1:])
+"""
+
+
+def report_of(folder, *program):
+    """Run in a process of its own, as it forks."""
+    command = [sys.executable, *program, str(folder), str(KILLS), "1"]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=True)
+    return json.loads(run.stdout)
+
+
+def test_killed_writers_lose_nothing_that_was_acknowledged(tmp_path):
+    report = report_of(tmp_path, "-m", "benchmarks.kills")
+    assert report["kills"] == KILLS
+    assert (report["unreadable"], report["mixed"], report["older"]) == (0, 0, 0)
+    assert report["acknowledged"] > 0
+    assert report["left_after_restart"] == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["result.yaml"]
+
+
+def test_the_same_kills_find_a_writer_that_is_not_atomic(tmp_path):
+    report = report_of(tmp_path, "-c", CARELESS)
+    assert report["unreadable"] + report["mixed"] + report["older"] > 0
