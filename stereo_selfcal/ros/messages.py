@@ -1,4 +1,4 @@
-"""The messages the node publishes, from results and counters."""
+"""The messages the node publishes, from results."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Mapping
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import Parameter
@@ -72,24 +71,4 @@ def pose_message(
     pose_covariance = np.zeros((6, 6))
     pose_covariance[np.ix_(_POSE_ROWS, _POSE_ROWS)] = covariance
     message.pose.covariance = pose_covariance.ravel()
-    return message
-
-
-def diagnostics_message(
-    stamp: Time, name: str, hardware_id: str, level: bytes, text: str, values: Mapping[str, str]
-) -> DiagnosticArray:
-    """Return one diagnostic status.
-
-    Args:
-        stamp: Time of the report.
-        name: Name of the status.
-        hardware_id: What it is about: the frame of the camera.
-        level: DiagnosticStatus.OK, WARN, ...
-        text: One sentence.
-        values: Measured values by key.
-    """
-    pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
-    status = DiagnosticStatus(level=level, name=name, message=text, hardware_id=hardware_id, values=pairs)
-    message = DiagnosticArray(status=[status])
-    message.header.stamp = stamp
     return message
