@@ -8,23 +8,29 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from ..core.errors import OutputError
+from ..core.extrinsics import Array
+from ..core.pattern import LanePattern
+from ..core.results import CalibrationResult
+from ..core.rig import StereoRig
 from ..node_settings import NODE_SETTINGS
 from ..result_file import NODE_NAME, write_result
-from .calibration import CalibrationCall, Outcome
+from .calibration import Outcome
 from .config import NodeConfig
-from .diagnostics import Snapshot, diagnostics_message
+from .diagnostics import CalibrationReport
 from .inputs import StereoInput
+from .live import LiveFrames
+from .markers import lanes_on_road
 from .outputs import Outputs, Publication
 from .parameters import NodeParameters
+from .record import FrameRecord, FrameReport, InForce, ReportingCall
+from .reporter import DiagnosticsReporter
+from .views import Views
 
-_DIAGNOSTICS_PERIOD_S = 1.0
 _BUSY = "busy: a calibration is running; call again when it has answered"
 
 
@@ -47,24 +53,31 @@ class SelfcalNode:
         self.node = Node(NODE_NAME, **kwargs)
         self._parameters = NodeParameters(self.node, self._on_parameters)
         self._input = StereoInput(self.node, self._parameters.config)
+        self._live = LiveFrames(self._input, lambda: self._parameters.config)
         self._outputs = Outputs(self.node, self._parameters)
         self._calibrating = threading.Lock()
-        self._diagnostics = self.node.create_publisher(DiagnosticArray, "/diagnostics", 1)
+        self._record = FrameRecord()
+        self._last_lines: tuple[LanePattern, StereoRig] | None = None
+        self._in_force: InForce | None = None
+        self._last_answer = "not called yet"
+        self._last_success: bool | None = None
+        self._views = Views(
+            self.node, self._live.one, lambda: self._in_force, lambda: self._parameters.config
+        )
+        self._reporter = DiagnosticsReporter(
+            self.node, self._input, lambda: self._parameters.config, self._calibration_report
+        )
         self.node.create_service(
             Trigger, "~/calibrate", self._on_calibrate, callback_group=ReentrantCallbackGroup()
         )
-        self._last_answer = "not called yet"
-        self._last_success: bool | None = None
-        self._reported = (self._input.state.counts, time.monotonic())
-        # On the steady clock: a simulation that stands still must not silence the diagnostics.
-        clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self.node.create_timer(_DIAGNOSTICS_PERIOD_S, self._on_diagnostics_timer, clock=clock)
+        self._views.start()
         topics = self._input.topics
         self.node.get_logger().info(f"listening to {topics.left} and {topics.right}; call ~/calibrate")
 
     def stop(self) -> None:
-        """End a running call: the node shuts down."""
+        """End a running call and the pictures: the node shuts down."""
         self._input.stop()
+        self._views.stop()
 
     def _on_parameters(self, config: NodeConfig) -> None:
         self._input.configure(config)
@@ -92,21 +105,54 @@ class SelfcalNode:
 
     def _calibrate(self, config: NodeConfig) -> tuple[bool, str]:
         """Return success and message of one call."""
-        self._input.begin()
-        try:
-            outcome = CalibrationCall(self._input, config).run()
-        finally:
-            self._input.end()
-        if outcome.result is None or outcome.rig is None:
+        self._last_lines = None
+        with self._live.all() as frames:
+            outcome = ReportingCall(frames, config, self._on_frame).run()
+        result, rig = outcome.result, outcome.rig
+        if result is None or rig is None:
             return False, outcome.message
-        self._outputs.publish(Publication(outcome.result, config.road_frame, outcome.stamp_ns))
+        self._outputs.publish(Publication(result, config, outcome.stamp_ns, self._lanes(result)))
+        # In effect from here on, saved or not.
+        since_s = time.monotonic()
+        self._in_force = InForce(result, rig, since_s, saved="not yet")
+        saved, save_failed = self._try_to_save(outcome, config)
+        self._in_force = InForce(result, rig, since_s, saved, save_failed)
+        return True, f"{outcome.message}; {saved}"
+
+    def _on_frame(self, report: FrameReport) -> None:
+        """Remember a frame that was calibrated; called by the thread of the call."""
+        self._record.add(report)
+        self._views.show(report)
+        if report.result.accepted and report.result.pattern is not None:
+            self._last_lines = report.result.pattern, report.rig
+
+    def _lanes(self, result: CalibrationResult) -> tuple[Array, ...]:
+        """Return the lane lines of the last accepted frame on the road of the result."""
+        if self._last_lines is None or result.extrinsics is None:
+            return ()
+        return lanes_on_road(*self._last_lines, result.extrinsics)
+
+    def _calibration_report(self) -> CalibrationReport:
+        in_force = self._in_force
+        state = "uncalibrated" if in_force is None else "calibrated"
+        return CalibrationReport(
+            state="calibrating" if self._calibrating.locked() else state,
+            in_force=in_force,
+            age_s=0.0 if in_force is None else time.monotonic() - in_force.since_s,
+            last_answer=self._last_answer,
+            last_success=self._last_success,
+            frames=self._record.statistics,
+        )
+
+    def _try_to_save(self, outcome: Outcome, config: NodeConfig) -> tuple[str, bool]:
+        """Save the result; return what came of it, and whether it failed."""
         if config.output_path is None:
-            return True, f"{outcome.message}; not saved, as output_path is empty"
+            return "not saved, as output_path is empty", False
         try:
             self._save(outcome, config, config.output_path)
         except OutputError as error:
-            return True, f"{outcome.message}; in effect, but not saved: {error}"
-        return True, f"{outcome.message}; saved to {config.output_path}"
+            return f"in effect, but not saved: {error}", True
+        return f"saved to {config.output_path}", False
 
     def _save(self, outcome: Outcome, config: NodeConfig, path: Path) -> None:
         assert outcome.result is not None and outcome.rig is not None
@@ -121,26 +167,6 @@ class SelfcalNode:
         topics = self._input.topics
         source = f"{topics.left} {topics.right}"
         write_result(path, outcome.result, outcome.rig, source=source, seed=config.calibrator.seed)
-
-    def _on_diagnostics_timer(self) -> None:
-        now_s, counts = time.monotonic(), self._input.state.counts
-        before, before_s = self._reported
-        self._reported = (counts, now_s)
-        snapshot = Snapshot(
-            node=self.node.get_fully_qualified_name(),
-            camera_frame=self._parameters.config.camera_frame,
-            calibrating=self._calibrating.locked(),
-            counts=counts,
-            before=before,
-            elapsed_s=now_s - before_s,
-            last_answer=self._last_answer,
-            last_success=self._last_success,
-        )
-        try:
-            self._diagnostics.publish(diagnostics_message(self.node.get_clock().now().to_msg(), snapshot))
-        except RuntimeError:  # rcl's errors
-            if self.node.context.ok():  # Ctrl-C may come at any moment; then there is nobody to tell
-                raise
 
 
 def _default_output_path() -> Path:

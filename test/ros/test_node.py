@@ -41,7 +41,7 @@ def script(graph, monkeypatch):
     outcomes = []
 
     class ScriptedCall:
-        def __init__(self, source, config):
+        def __init__(self, source, config, report):
             pass
 
         def run(self):
@@ -50,7 +50,7 @@ def script(graph, monkeypatch):
                 raise outcome
             return outcome
 
-    monkeypatch.setattr(selfcal_module, "CalibrationCall", ScriptedCall)
+    monkeypatch.setattr(selfcal_module, "ReportingCall", ScriptedCall)
     selfcal = SelfcalNode()
     executor = MultiThreadedExecutor(4)
     executor.add_node(selfcal.node)
