@@ -30,7 +30,7 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 # By the word of the state. What is not known is nothing to rely on.
 _STATE_LEVELS = {"calibrating": OK, "calibrated": OK, "uncalibrated": WARN, "suspect": WARN, "invalid": ERROR}
 _LEAST_ELAPSED_S = 1e-3  # two reports at once must not divide by zero
-_AGE_UNITS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"))
+_AGE_UNITS = ((86400, "d"), (3600, "h"), (60, "min"), (1, "s"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,10 +160,9 @@ def age_text(age_s: float) -> str:
     """Return a time for people: the two largest units, ``5 min 12 s``."""
     if not math.isfinite(age_s):
         return "unknown"
-    left_s, parts = max(0.0, age_s), []
+    left_s, parts = max(0, int(age_s)), []
     for size_s, unit in _AGE_UNITS:
-        number = int(left_s // size_s)
-        left_s -= number * size_s
+        number, left_s = divmod(left_s, size_s)
         if number or unit == "s":
             parts.append(f"{number} {unit}")
         elif parts:
