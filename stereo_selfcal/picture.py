@@ -49,7 +49,6 @@ BIRDS_EYE_FAR_M = 35.0
 BIRDS_EYE_HALF_WIDTH_M = 3.5
 BIRDS_EYE_ASPECT = 0.42  # height over width of the panel
 BIRDS_EYE_NEAR_M = (2.0, 15.0)  # bounds of where the view begins: at the lower edge of the image
-
 # A stream of pictures is looked at in a window and sent over a network: no wider than this.
 MAX_STREAM_WIDTH_PX = 1280
 
@@ -188,8 +187,9 @@ def draw_birds_eye(
 ) -> Image:
     """Lay the road as both cameras see it over each other, seen from above.
 
-    The left camera is red, the right one cyan: where they agree the road is grey, where they do
-    not it has coloured fringes. Driving direction to the right, left of the road up.
+    The left camera is orange, the right one blue: where they agree the road is grey, where they do
+    not it has coloured fringes, which red and cyan ones would not be for people who are blind to red or
+    green. Driving direction to the right, left of the road up.
 
     Args:
         left: (H, W) uint8 image of the left camera.
@@ -207,13 +207,14 @@ def draw_birds_eye(
     canvas_from_road = np.array(
         [[along, 0.0, -along * near_m], [0.0, -across, across * BIRDS_EYE_HALF_WIDTH_M], [0.0, 0.0, 1.0]]
     )
-    red = _from_above(left, rig, extrinsics, "left", canvas_from_road, (width, height))
-    cyan = _from_above(right, rig, extrinsics, "right", canvas_from_road, (width, height))
-    both = (red > 0) & (cyan > 0)
+    orange = _from_above(left, rig, extrinsics, "left", canvas_from_road, (width, height))
+    blue = _from_above(right, rig, extrinsics, "right", canvas_from_road, (width, height))
+    both = (orange > 0) & (blue > 0)
     if both.any():  # cameras of different brightness would tint all of the road
-        gain = float(red[both].mean() / cyan[both].mean())
-        cyan = np.clip(cyan * gain, 0, 255).astype(np.uint8)
-    canvas = Canvas(np.dstack([cyan, cyan, red]), 1.0)
+        gain = float(orange[both].mean() / blue[both].mean())
+        blue = np.clip(blue * gain, 0, 255).astype(np.uint8)
+    green = np.asarray(cv2.addWeighted(orange, 0.5, blue, 0.5, 0.0), np.uint8)
+    canvas = Canvas(np.dstack([blue, green, orange]), 1.0)
     lower_edge = height - 0.35 * TEXT_SCALE * 30 * width / MIN_WIDTH_PX
     for x_m in np.arange(0.0, BIRDS_EYE_FAR_M, GRID_ALONG_M):
         column = along * (x_m - near_m)
@@ -225,7 +226,7 @@ def draw_birds_eye(
         _blend_line(canvas, [[0.0, row], [float(width), row]])
     _title(
         canvas,
-        f"bird's-eye view, ahead is right: left camera red, right camera cyan, "
+        f"bird's-eye view, ahead is right: left camera orange, right camera blue, "
         f"coloured fringes: misfit, 1 m across = {across / along:.1f} x 1 m along",
     )
     return canvas.pixels

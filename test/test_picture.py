@@ -293,3 +293,14 @@ def test_text_stays_inside_the_picture():
     strip = Canvas(np.zeros((60, 960, 3), np.uint8), 1.0)
     strip.text("x" * 500, 10, 40)
     assert (strip.pixels[:, -1] > 150).sum() == 0
+
+
+def test_fringes_are_orange_and_blue(no_grid):
+    """Not red and green, which most of those who are colour-blind cannot tell apart."""
+    left, right = np.full((480, 640), 60, np.uint8), np.full((480, 640), 60, np.uint8)
+    left[:, :280] = right[:, 360:] = 200  # left of the road only the left camera sees something bright
+    view = draw_birds_eye(left, right, RIG, POSE)[40:, 500:].astype(int)
+    blue, green, red = view[:150].reshape(-1, 3).mean(axis=0)
+    assert red > green + 10 > blue + 20
+    blue, green, red = view[-150:-40].reshape(-1, 3).mean(axis=0)
+    assert blue > green + 10 > red + 20

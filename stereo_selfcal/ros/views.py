@@ -39,8 +39,8 @@ from .live import LiveFrame, NoFrame
 from .messages import image_message
 from .record import FrameReport, InForce
 
-# Whoever turns a camera or waits for a line sees enough with one picture a second, and drawing (40 ms
-# for a pair of 1280 x 720) takes no more than some percent of a core then.
+# Whoever turns a camera or waits for a line sees enough with one picture a second, and drawing (25 ms
+# for both views of 1280 x 720) takes no more than some percent of a core then.
 PERIOD_S = 1.0
 # The last frame of a call stays long enough for its verdict and numbers to be read.
 HOLD_S = 5.0
@@ -144,7 +144,7 @@ class Views:
             found = f"the images have {frame.left.shape[1]} x {frame.left.shape[0]} px"
             wanted = f"the calibration is for {in_force.rig.width} x {in_force.rig.height} px"
             return None, None, Verdict("OTHER CAMERA", VERMILION, (f"{found}, {wanted}: calibrate again",))
-        verdict = Verdict(f"IN FORCE for {age}", SKY_BLUE, numbers(in_force.result))
+        verdict = Verdict(f"CALIBRATION IN FORCE, {age} old", SKY_BLUE, numbers(in_force.result))
         return in_force.rig, in_force.result, verdict
 
     def _draw(
