@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 import traceback
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -51,28 +52,31 @@ class SelfcalNode:
 
     def __init__(self, **kwargs: Any) -> None:
         self.node = Node(NODE_NAME, **kwargs)
-        self._parameters = NodeParameters(self.node, self._on_parameters)
-        self._input = StereoInput(self.node, self._parameters.config)
-        self._live = LiveFrames(self._input, lambda: self._parameters.config)
-        self._outputs = Outputs(self.node, self._parameters)
-        self._calibrating = threading.Lock()
-        self._record = FrameRecord()
-        self._last_lines: tuple[LanePattern, StereoRig] | None = None
-        self._in_force: InForce | None = None
-        self._last_answer = "not called yet"
-        self._last_success: bool | None = None
-        self._views = Views(
-            self.node, self._live.one, lambda: self._in_force, lambda: self._parameters.config
-        )
-        self._reporter = DiagnosticsReporter(
-            self.node, self._input, lambda: self._parameters.config, self._calibration_report
-        )
-        self.node.create_service(
-            Trigger, "~/calibrate", self._on_calibrate, callback_group=ReentrantCallbackGroup()
-        )
+        with ExitStack() as failed:
+            failed.callback(self.node.destroy_node)  # half a node would answer to its name
+            self._parameters = NodeParameters(self.node, self._on_parameters)
+            self._input = StereoInput(self.node, self._parameters.config)
+            self._live = LiveFrames(self._input, lambda: self._parameters.config)
+            self._outputs = Outputs(self.node, self._parameters)
+            self._calibrating = threading.Lock()
+            self._record = FrameRecord()
+            self._last_lines: tuple[LanePattern, StereoRig] | None = None
+            self._in_force: InForce | None = None
+            self._last_answer = "not called yet"
+            self._last_success: bool | None = None
+            self._views = Views(
+                self.node, self._live.one, lambda: self._in_force, lambda: self._parameters.config
+            )
+            self._reporter = DiagnosticsReporter(
+                self.node, self._input, lambda: self._parameters.config, self._calibration_report
+            )
+            self.node.create_service(
+                Trigger, "~/calibrate", self._on_calibrate, callback_group=ReentrantCallbackGroup()
+            )
+            topics = self._input.topics
+            self.node.get_logger().info(f"listening to {topics.left} and {topics.right}; call ~/calibrate")
+            failed.pop_all()
         self._views.start()
-        topics = self._input.topics
-        self.node.get_logger().info(f"listening to {topics.left} and {topics.right}; call ~/calibrate")
 
     def stop(self) -> None:
         """End a running call and the pictures: the node shuts down."""

@@ -156,6 +156,9 @@ def test_missing_tf2_is_said_at_the_start(start, monkeypatch):
     monkeypatch.setitem(sys.modules, "tf2_ros", None)
     with pytest.raises(ConfigError, match="install tf2_ros_py or set publish_tf to false"):
         start(publish_tf=True)
+    watcher = rclpy.create_node("watcher")
+    assert "stereo_selfcal" not in watcher.get_node_names()  # nor does half a node stay
+    watcher.destroy_node()
 
 
 @pytest.mark.parametrize(
