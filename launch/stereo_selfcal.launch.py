@@ -1,6 +1,7 @@
-"""Starts the node beside a running stereo camera.
+"""Starts the node beside a running stereo camera; every parameter of the node is an argument.
 
 ros2 launch stereo_selfcal stereo_selfcal.launch.py camera:=/front_stereo output_path:=/data/front.yaml
+ros2 launch stereo_selfcal stereo_selfcal.launch.py --show-args
 """
 
 from launch import LaunchContext, LaunchDescription
@@ -10,27 +11,32 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
+from stereo_selfcal.node_settings import NodeSetting, all_settings
+
 PACKAGE = "stereo_selfcal"
 
-# Launch argument -> the node's topic, default, description.
+# Launch argument -> the node's topic, description.
 TOPICS = {
     "left_image": ("left/image_rect", "Rectified image of the left camera"),
     "right_image": ("right/image_rect", "Rectified image of the right camera"),
     "left_camera_info": ("left/camera_info", "CameraInfo of the left camera"),
     "right_camera_info": ("right/camera_info", "CameraInfo of the right camera"),
 }
-# Parameters that are often given on the command line; empty leaves them to params_file.
-PARAMETERS = {
-    "output_path": (str, "File the result is written to"),
-    "image_transport": (str, "raw or compressed"),
-    "approximate_sync": (bool, "Whether the stamps of a left and a right image may differ"),
-    "approximate_sync_tolerance_seconds": (float, "By how much [s]"),
-    "timeout_s": (float, "How long ~/calibrate waits for usable frames [s]"),
-    "frames": (int, "Accepted frames that one call of ~/calibrate fuses"),
-    "road_frame": (str, "Frame of the road"),
-    "camera_frame": (str, "Frame of the camera body"),
-    "use_sim_time": (bool, "Whether time comes from /clock"),
-}
+# Parameters that every node has.
+COMMON = {"use_sim_time": (bool, "Whether time comes from /clock")}
+
+
+def parameters() -> dict[str, tuple[type, str]]:
+    """Return type and description of every parameter by name: those the node declares."""
+    declared = {s.name: (type(s.default), f"{s.description}{_range(s)}") for s in all_settings()}
+    return {**declared, **COMMON}
+
+
+def _range(setting: NodeSetting) -> str:
+    unit = f" {setting.unit}" if setting.unit else ""
+    if setting.choices:
+        return f"; one of {', '.join(setting.choices)}"
+    return "" if setting.low is None else f"; {setting.low:g} ... {setting.high:g}{unit}"
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -52,9 +58,10 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(name, default_value=topic, description=description)
         for name, (topic, description) in TOPICS.items()
     ]
+    # An empty argument leaves the parameter to params_file; an empty word can be given there alone.
     arguments += [
         DeclareLaunchArgument(name, default_value="", description=f"{description} (empty: from params_file)")
-        for name, (_, description) in PARAMETERS.items()
+        for name, (_, description) in parameters().items()
     ]
     return LaunchDescription([*arguments, OpaqueFunction(function=_node)])
 
@@ -70,10 +77,9 @@ def _node(context: LaunchContext) -> list[Node]:
     for name, (topic, _) in TOPICS.items():
         target = given(name)
         remappings.append((topic, target if target.startswith("/") or not camera else f"{camera}/{target}"))
-    parameters = [given("params_file")]
-    parameters += [
+    values = [
         {name: ParameterValue(LaunchConfiguration(name), value_type=kind)}
-        for name, (kind, _) in PARAMETERS.items()
+        for name, (kind, _) in parameters().items()
         if given(name)
     ]
     return [
@@ -84,7 +90,7 @@ def _node(context: LaunchContext) -> list[Node]:
             namespace=given("namespace"),
             output="screen",
             remappings=remappings,
-            parameters=parameters,
+            parameters=[given("params_file"), *values],
             ros_arguments=["--log-level", given("log_level")],
         )
     ]

@@ -86,7 +86,7 @@ NODE_SETTINGS = (
     ),
     NodeSetting("timeout_s", 10.0, "How long ~/calibrate waits for usable frames", "s", 0.1, 3600.0),
     NodeSetting("frames", 1, "Accepted frames that one call of ~/calibrate fuses", "", 1, 10_000),
-    NodeSetting("road_frame", "road", "Frame of the road: the header of ~/pose"),
+    NodeSetting("road_frame", "road", "Frame of the road, in ~/pose and ~/markers"),
     NodeSetting(
         "camera_frame", "stereo_camera", "Frame of the camera body: x forward, y left, z up, mid-baseline"
     ),
@@ -95,6 +95,12 @@ NODE_SETTINGS = (
         "",
         "Formats written beside output_path, comma separated: urdf, static_transform_publisher, autoware, "
         "homographies",
+    ),
+    NodeSetting(
+        "publish_tf",
+        False,
+        "Whether /tf_static gets camera_frame as a child of road_frame; needs tf2_ros",
+        fixed=True,
     ),
     NodeSetting("rig.width", 0, "Image width; 0: from CameraInfo", "px", 0, _GREATEST_PIXELS),
     NodeSetting("rig.height", 0, "Image height; 0: from CameraInfo", "px", 0, _GREATEST_PIXELS),

@@ -1,37 +1,38 @@
 """Pictures by which a person judges a calibration at a glance; drawn with OpenCV, imports no ROS.
 
-Colours are BGR. They are those of Okabe and Ito ("Color Universal Design", 2008), which people
-with any kind of colour vision can tell apart; the verdict is also a word.
+The colours are told apart by people with any kind of colour vision; the verdict is also a word.
 """
 
 from __future__ import annotations
 
 import math
-import textwrap
-from dataclasses import dataclass
-from itertools import pairwise
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from .canvas import (
+    DARK,
+    GREEN,
+    MIN_WIDTH_PX,
+    ORANGE,
+    PURPLE,
+    SKY_BLUE,
+    TEXT_SCALE,
+    VERMILION,
+    WHITE,
+    YELLOW,
+    Canvas,
+    Verdict,
+    dark_strip,
+    to_ascii,
+    verdict_strip,
+)
 from .core.extrinsics import Array, Extrinsics
 from .core.geometry import Side, apply_homography, horizon_row, image_from_road, road_from_image
 from .core.images import Image
 from .core.pattern import ImageLine, LanePattern
 from .core.results import CalibrationResult
 from .core.rig import StereoRig
-
-Colour = tuple[int, int, int]
-
-ORANGE: Colour = (0, 159, 230)
-SKY_BLUE: Colour = (233, 180, 86)
-GREEN: Colour = (115, 158, 0)
-YELLOW: Colour = (66, 228, 240)
-VERMILION: Colour = (0, 94, 213)
-PURPLE: Colour = (167, 121, 204)
-WHITE: Colour = (255, 255, 255)
-DARK: Colour = (40, 40, 40)
 
 # Metric grid on the road: cells of 1 m across and 5 m along, as far as paint can be judged.
 GRID_ACROSS_M = 1.0
@@ -48,66 +49,16 @@ BIRDS_EYE_FAR_M = 35.0
 BIRDS_EYE_HALF_WIDTH_M = 3.5
 BIRDS_EYE_ASPECT = 0.42  # height over width of the panel
 BIRDS_EYE_NEAR_M = (2.0, 15.0)  # bounds of where the view begins: at the lower edge of the image
-
-# A smaller image is enlarged to this width, so that sub-pixel differences and text can be seen.
-MIN_WIDTH_PX = 960
-# Text of this relative size is legible on a canvas of MIN_WIDTH_PX.
-TEXT_SCALE = 0.55
-FONT = cv2.FONT_HERSHEY_SIMPLEX
+# A stream of pictures is looked at in a window and sent over a network: no wider than this.
+MAX_STREAM_WIDTH_PX = 1280
 
 _GATE_COLUMNS = 3
 _WHOLE = 100.0  # from here on three digits are a whole number
 _UNITS = {"standard deviations": "std"}  # what is too long for a column
 
-_SHIFT = 4  # OpenCV takes coordinates in 1/16 px
 _NEAREST_DEPTH_M = 0.5  # road points nearer to the image plane are not drawn
 _MAX_POINTS = 40  # more dots on a line would hide it
 _POLYLINE_POINTS = 32
-
-
-@dataclass(frozen=True, slots=True)
-class _Canvas:
-    """A picture ``scale`` times as large as the camera image it shows."""
-
-    pixels: Image
-    scale: float
-
-    @property
-    def thickness(self) -> int:
-        """Line thickness [px] that looks the same in pictures of any size."""
-        return max(1, round(float(self.pixels.shape[1]) / MIN_WIDTH_PX))
-
-    def position(self, points: npt.ArrayLike) -> npt.NDArray[np.int32]:
-        """Return image points (..., 2) [px] in this picture, in OpenCV's fixed-point numbers."""
-        xy = (np.asarray(points, dtype=np.float64) + 0.5) * self.scale - 0.5  # pixel centres are integers
-        return np.round(xy * (1 << _SHIFT)).astype(np.int32)
-
-    def polyline(self, points: Array, colour: Colour, thickness: int | None = None) -> None:
-        """Draw a polyline through image points (N, 2) [px], leaving out those far outside."""
-        limit = 4.0 * max(self.pixels.shape[:2]) / self.scale
-        for start, end in pairwise(points):
-            if np.isfinite([start, end]).all() and np.abs([start, end]).max() < limit:
-                (a, b), size = self.position([start, end]).tolist(), thickness or self.thickness
-                cv2.line(self.pixels, a, b, colour, size, cv2.LINE_AA, _SHIFT)
-
-    def dot(self, point: Array, radius_px: float, colour: Colour, thickness: int = -1) -> None:
-        """Draw a dot, or with a positive thickness a ring."""
-        radius = round(radius_px * self.thickness * (1 << _SHIFT))
-        cv2.circle(self.pixels, self.position(point).tolist(), radius, colour, thickness, cv2.LINE_AA, _SHIFT)
-
-    def text(self, text: str, x: float, y: float, colour: Colour = WHITE, size: float = 1.0) -> int:
-        """Write on a dark plate, the lower left corner at (x, y) of this picture; return the width [px]."""
-        scale = size * TEXT_SCALE * self.pixels.shape[1] / MIN_WIDTH_PX
-        # The fonts of OpenCV 4 and 5 differ in width; what would run out of the picture is made smaller.
-        wanted = cv2.getTextSize(text, FONT, scale, self.thickness)[0][0]
-        scale *= min(1.0, max(self.pixels.shape[1] - x, 1) / max(wanted, 1))
-        (width, height), below = cv2.getTextSize(text, FONT, scale, self.thickness)
-        left, baseline, margin = round(x), round(y), 2 * self.thickness
-        rows = slice(max(baseline - height - margin, 0), max(baseline + below, 0))
-        columns = slice(max(left - margin, 0), max(left + width + margin, 0))
-        self.pixels[rows, columns] = DARK
-        cv2.putText(self.pixels, text, (left, baseline), FONT, scale, colour, self.thickness, cv2.LINE_AA)
-        return int(width)
 
 
 def draw_overview(left: Image, right: Image, rig: StereoRig, result: CalibrationResult) -> Image:
@@ -126,7 +77,7 @@ def draw_overview(left: Image, right: Image, rig: StereoRig, result: Calibration
         left = np.zeros((rig.height, rig.width), dtype=np.uint8)
     view = draw_camera_view(left, rig, result, max(1.0, MIN_WIDTH_PX / left.shape[1]))
     width = view.shape[1]
-    panels = [_header(result, width), view, _legend(width)]
+    panels = [verdict_strip(verdict_of(result), width), view, _legend(width)]
     if result.gates:
         panels.append(_gates(result, width))
     extrinsics = shown_extrinsics(result)
@@ -142,27 +93,39 @@ def shown_extrinsics(result: CalibrationResult) -> Extrinsics | None:
     return list(result.stages.values())[-1] if result.stages else None
 
 
-def draw_camera_view(left: Image, rig: StereoRig, result: CalibrationResult, scale: float = 1.0) -> Image:
+def draw_camera_view(
+    left: Image,
+    rig: StereoRig | None,
+    result: CalibrationResult | None,
+    scale: float = 1.0,
+    stripes: Array | None = None,
+) -> Image:
     """Draw points, lines, horizon and road grid over the image of the left camera.
 
     Args:
         left: (H, W) uint8 image of the left camera, not empty.
-        rig: The rig it comes from.
-        result: Its calibration, accepted or not.
+        rig: The rig it comes from, None if it is not known.
+        result: Its calibration, accepted or not; None if there is none.
         scale: Enlargement of the image.
+        stripes: (N, 2) places [px] where the edge of a stripe was marked, whatever became of them.
 
     Returns:
         (scale H, scale W, 3) uint8 BGR.
     """
     size = (round(left.shape[1] * scale), round(left.shape[0] * scale))
     grey = cv2.resize(left, size, interpolation=cv2.INTER_LINEAR)
-    canvas = _Canvas(np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), dtype=np.uint8), scale)
-    extrinsics = shown_extrinsics(result)
-    if extrinsics is not None and _fits(rig, left):
+    canvas = Canvas(np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), dtype=np.uint8), scale)
+    extrinsics = None if result is None else shown_extrinsics(result)
+    if extrinsics is not None and rig is not None and _fits(rig, left):
         _draw_grid(canvas, rig, extrinsics)
+    if stripes is not None:
+        canvas.specks(stripes, ORANGE)
+    if extrinsics is not None and rig is not None and _fits(rig, left):
         ends = np.array([0.0, rig.width - 1.0])
         horizon = np.column_stack([ends, horizon_row(rig, extrinsics, ends)])
         canvas.polyline(horizon, SKY_BLUE, 2 * canvas.thickness)
+    if result is None:
+        return canvas.pixels
     above = 0.0 if result.pattern is None else float(result.pattern.vanishing_point[1])
     for line in result.unused_lines:
         ends = np.array([max(above, line.rows.min()), line.rows.max()])
@@ -173,13 +136,67 @@ def draw_camera_view(left: Image, rig: StereoRig, result: CalibrationResult, sca
     return canvas.pixels
 
 
+def draw_debug_image(
+    left: Image,
+    rig: StereoRig | None,
+    result: CalibrationResult | None,
+    verdict: Verdict,
+    stripes: Array | None = None,
+) -> Image:
+    """Compose a verdict and the camera view into the picture of a stream.
+
+    Args:
+        left: (H, W) uint8 image of the left camera, not empty.
+        rig: The rig it comes from, None if it is not known.
+        result: The calibration to draw over it, None if there is none.
+        verdict: What is to be said of it.
+        stripes: (N, 2) places [px] where the edge of a stripe was marked.
+
+    Returns:
+        (H', W', 3) uint8 BGR, :data:`MIN_WIDTH_PX` to :data:`MAX_STREAM_WIDTH_PX` wide.
+    """
+    view = draw_camera_view(left, rig, result, _stream_width(left) / left.shape[1], stripes)
+    width = view.shape[1]
+    return np.vstack([verdict_strip(verdict, width), view, _legend(width, with_stripes=True)])
+
+
+def draw_fringes(
+    left: Image, right: Image, rig: StereoRig, extrinsics: Extrinsics, verdict: Verdict
+) -> Image:
+    """Compose a verdict and the bird's-eye view into the picture of a stream.
+
+    Args:
+        left: (H, W) uint8 image of the left camera, of the rig's size.
+        right: The same of the right camera.
+        rig: The rig both images come from.
+        extrinsics: Its pose over the road.
+        verdict: What is to be said of it.
+
+    Returns:
+        (H', W', 3) uint8 BGR, as wide as :func:`draw_debug_image` of the same images.
+    """
+    width = _stream_width(left)
+    return np.vstack([verdict_strip(verdict, width), draw_birds_eye(left, right, rig, extrinsics, width)])
+
+
+def draw_notice(verdict: Verdict) -> Image:
+    """Return a picture that says in words why there is nothing to show."""
+    return verdict_strip(verdict, MIN_WIDTH_PX, round(MIN_WIDTH_PX * BIRDS_EYE_ASPECT))
+
+
+def _stream_width(left: Image) -> int:
+    """Return how wide a picture of a stream is [px]."""
+    return int(min(max(left.shape[1], MIN_WIDTH_PX), MAX_STREAM_WIDTH_PX))
+
+
 def draw_birds_eye(
     left: Image, right: Image, rig: StereoRig, extrinsics: Extrinsics, width: int = MIN_WIDTH_PX
 ) -> Image:
     """Lay the road as both cameras see it over each other, seen from above.
 
-    The left camera is red, the right one cyan: where they agree the road is grey, where they do
-    not it has coloured fringes. Driving direction to the right, left of the road up.
+    The left camera is orange, the right one blue: where they agree the road is grey, where they do
+    not it has coloured fringes, which red and cyan ones would not be for people who are blind to red or
+    green. Driving direction to the right, left of the road up.
 
     Args:
         left: (H, W) uint8 image of the left camera.
@@ -197,13 +214,14 @@ def draw_birds_eye(
     canvas_from_road = np.array(
         [[along, 0.0, -along * near_m], [0.0, -across, across * BIRDS_EYE_HALF_WIDTH_M], [0.0, 0.0, 1.0]]
     )
-    red = _from_above(left, rig, extrinsics, "left", canvas_from_road, (width, height))
-    cyan = _from_above(right, rig, extrinsics, "right", canvas_from_road, (width, height))
-    both = (red > 0) & (cyan > 0)
+    orange = _from_above(left, rig, extrinsics, "left", canvas_from_road, (width, height))
+    blue = _from_above(right, rig, extrinsics, "right", canvas_from_road, (width, height))
+    both = (orange > 0) & (blue > 0)
     if both.any():  # cameras of different brightness would tint all of the road
-        gain = float(red[both].mean() / cyan[both].mean())
-        cyan = np.clip(cyan * gain, 0, 255).astype(np.uint8)
-    canvas = _Canvas(np.dstack([cyan, cyan, red]), 1.0)
+        gain = float(orange[both].mean() / blue[both].mean())
+        blue = np.clip(blue * gain, 0, 255).astype(np.uint8)
+    green = np.asarray(cv2.addWeighted(orange, 0.5, blue, 0.5, 0.0), np.uint8)
+    canvas = Canvas(np.dstack([blue, green, orange]), 1.0)
     lower_edge = height - 0.35 * TEXT_SCALE * 30 * width / MIN_WIDTH_PX
     for x_m in np.arange(0.0, BIRDS_EYE_FAR_M, GRID_ALONG_M):
         column = along * (x_m - near_m)
@@ -215,8 +233,8 @@ def draw_birds_eye(
         _blend_line(canvas, [[0.0, row], [float(width), row]])
     _title(
         canvas,
-        f"bird's-eye view, ahead is right: left camera red, right camera cyan, "
-        f"1 m across = {across / along:.1f} x 1 m along",
+        f"bird's-eye view, ahead is right: left camera orange, right camera blue, "
+        f"coloured fringes: misfit, 1 m across = {across / along:.1f} x 1 m along",
     )
     return canvas.pixels
 
@@ -250,12 +268,12 @@ def _from_above(
     )
 
 
-def _draw_grid(canvas: _Canvas, rig: StereoRig, extrinsics: Extrinsics) -> None:
+def _draw_grid(canvas: Canvas, rig: StereoRig, extrinsics: Extrinsics) -> None:
     """Draw the metric grid of the road, half transparent, with its distances."""
     matrix = image_from_road(rig, extrinsics, "left")
     # Under the image's lower edge, so that the lines run out of the picture.
     near_m = max(1.0, 0.5 * _near_edge_m(rig, extrinsics))
-    painted = _Canvas(canvas.pixels.copy(), canvas.scale)
+    painted = Canvas(canvas.pixels.copy(), canvas.scale)
     along_m = np.geomspace(near_m, GRID_FAR_M, _POLYLINE_POINTS)
     across_m = np.linspace(-GRID_HALF_WIDTH_M, GRID_HALF_WIDTH_M, _POLYLINE_POINTS)
     for y_m in np.arange(-GRID_HALF_WIDTH_M, GRID_HALF_WIDTH_M + GRID_ACROSS_M, GRID_ACROSS_M):
@@ -267,7 +285,7 @@ def _draw_grid(canvas: _Canvas, rig: StereoRig, extrinsics: Extrinsics) -> None:
         points = _project(matrix, np.full_like(across_m, x_m), across_m)
         seen = points[points[:, 0] < (1 - LABEL_MARGIN) * rig.width]  # false for NaN
         if seen.size:
-            x, y = canvas.position(seen[0]) / (1 << _SHIFT)  # the rightmost one
+            x, y = canvas.pixel(seen[0])  # the rightmost one
             canvas.text(f"{x_m:.0f} m", x + 6 * canvas.thickness, y, YELLOW, size=0.8)
 
 
@@ -278,7 +296,7 @@ def _project(matrix: Array, x_m: Array, y_m: Array) -> Array:
     return np.asarray(homogeneous[:, :2] / depth_m)
 
 
-def _draw_pattern(canvas: _Canvas, pattern: LanePattern, height: int) -> None:
+def _draw_pattern(canvas: Canvas, pattern: LanePattern, height: int) -> None:
     """Draw the lines of the left camera, the points they were measured at, and where they meet."""
     for line in pattern.lines[0]:
         rows = np.linspace(float(pattern.vanishing_point[1]), height - 1.0, _POLYLINE_POINTS)
@@ -296,61 +314,43 @@ def _some_points(line: ImageLine) -> Array:
     return np.column_stack([line.columns, line.rows])[::every]
 
 
-def _blend_line(canvas: _Canvas, points: list[list[float]]) -> None:
+def _blend_line(canvas: Canvas, points: list[list[float]]) -> None:
     """Draw a faint line on the bird's-eye view."""
-    painted = _Canvas(canvas.pixels.copy(), canvas.scale)
+    painted = Canvas(canvas.pixels.copy(), canvas.scale)
     painted.polyline(np.array(points), YELLOW)
     cv2.addWeighted(painted.pixels, 0.3, canvas.pixels, 0.7, 0, dst=canvas.pixels)
 
 
-def _title(canvas: _Canvas, text: str) -> None:
-    canvas.text(text, 0.5 * _line_height(canvas), _line_height(canvas), size=0.8)
+def _title(canvas: Canvas, text: str) -> None:
+    canvas.text(text, 0.5 * canvas.line_height, canvas.line_height, size=0.8)
 
 
-def _line_height(canvas: _Canvas) -> float:
-    """Distance of two lines of text [px]."""
-    return 44 * TEXT_SCALE * float(canvas.pixels.shape[1]) / MIN_WIDTH_PX
+def verdict_of(result: CalibrationResult) -> Verdict:
+    """Return what is to be said of a result, in words and numbers."""
+    if not result.accepted:
+        return Verdict(f"REFUSED: {result.reason}", VERMILION, (result.message,))
+    frames = f" from {result.n_frames} frames" if result.n_frames > 1 else ""
+    return Verdict(f"CALIBRATED{frames}", GREEN, numbers(result))
 
 
-def _header(result: CalibrationResult, width: int) -> Image:
-    """Return the strip with the verdict in words and numbers."""
-    verdict, colour = ("CALIBRATED", GREEN) if result.accepted else (f"REFUSED: {result.reason}", VERMILION)
-    if result.accepted and result.n_frames > 1:
-        verdict += f" from {result.n_frames} frames"
-    lines = _numbers(result) if result.accepted else textwrap.wrap(_ascii(result.message), 95)
-    strip = _Canvas(np.zeros((1, width, 3), dtype=np.uint8), 1.0)
-    step = _line_height(strip)
-    strip = _Canvas(np.full((round((len(lines) + 1.9) * step), width, 3), DARK, dtype=np.uint8), 1.0)
-    cv2.rectangle(strip.pixels, (0, 0), (round(0.4 * step), strip.pixels.shape[0]), colour, cv2.FILLED)
-    strip.text(verdict, 0.9 * step, 1.15 * step, size=1.3)
-    for number, line in enumerate(lines):
-        strip.text(line, 0.9 * step, (2.3 + number) * step)
-    return strip.pixels
-
-
-def _numbers(result: CalibrationResult) -> list[str]:
+def numbers(result: CalibrationResult) -> tuple[str, ...]:
+    """Return the lines with an accepted result and what is to be noted of it."""
     pose, std = result.extrinsics, result.std
     if pose is None or std is None:
-        return [_ascii(result.message)]
-    return [
+        return (result.message,)
+    line = (
         f"height {pose.height_m:.4f} m (std {std.height_m * 1e3:.1f} mm)     "
         f"pitch {math.degrees(pose.pitch_rad):+.3f} deg (std {math.degrees(std.pitch_rad):.4f})     "
-        f"roll {math.degrees(pose.roll_rad):+.3f} deg (std {math.degrees(std.roll_rad):.4f})",
-        *textwrap.wrap(_ascii("; ".join(result.notes)), 95),
-    ]
-
-
-def _ascii(text: str) -> str:
-    """OpenCV's fonts know nothing else."""
-    return text.encode("ascii", "replace").decode()
+        f"roll {math.degrees(pose.roll_rad):+.3f} deg (std {math.degrees(std.roll_rad):.4f})"
+    )
+    return (line, "; ".join(result.notes)) if result.notes else (line,)
 
 
 def _gates(result: CalibrationResult, width: int) -> Image:
     """Return the strip with what each gate has measured beside its limit; the closed one stands out."""
-    strip = _Canvas(np.zeros((1, width, 3), dtype=np.uint8), 1.0)
-    step = 0.8 * _line_height(strip)
+    step = 0.8 * dark_strip(width, 1).line_height
     n_rows = -(-len(result.gates) // _GATE_COLUMNS)
-    strip = _Canvas(np.full((round((n_rows + 0.8) * step), width, 3), DARK, dtype=np.uint8), 1.0)
+    strip = dark_strip(width, (n_rows + 0.8) * step)
     for number, gate in enumerate(result.gates):
         column, row = divmod(number, n_rows)
         unit = _UNITS.get(gate.unit, gate.unit)
@@ -358,7 +358,7 @@ def _gates(result: CalibrationResult, width: int) -> Image:
         x = (column + 0.03) * width / _GATE_COLUMNS
         mark, colour = ("+", GREEN) if gate.passed else ("x", VERMILION)
         x += strip.text(mark, x, (row + 1) * step, colour, size=0.8) + 0.3 * step
-        strip.text(_ascii(text), x, (row + 1) * step, WHITE if gate.passed else VERMILION, size=0.65)
+        strip.text(to_ascii(text), x, (row + 1) * step, WHITE if gate.passed else VERMILION, size=0.65)
     return strip.pixels
 
 
@@ -367,13 +367,12 @@ def _short(value: float) -> str:
     return f"{value:.0f}" if abs(value) >= _WHOLE else f"{value:.3g}"
 
 
-def _legend(width: int) -> Image:
+def _legend(width: int, with_stripes: bool = False) -> Image:
     """Return the strip that names the colours of the camera view."""
-    strip = _Canvas(np.zeros((1, width, 3), dtype=np.uint8), 1.0)
-    step = _line_height(strip)
-    strip = _Canvas(np.full((round(1.5 * step), width, 3), DARK, dtype=np.uint8), 1.0)
+    step = dark_strip(width, 1).line_height
+    strip = dark_strip(width, 1.5 * step)
     x = 0.5 * step
-    for text, colour in (
+    entries = [
         ("left camera:", WHITE),
         ("o measured edge", WHITE),
         ("- lane line", VERMILION),
@@ -381,6 +380,9 @@ def _legend(width: int) -> Image:
         ("- horizon", SKY_BLUE),
         ("o lines meet", PURPLE),
         ("# road, 1 m x 5 m", YELLOW),
-    ):
+    ]
+    if with_stripes:
+        entries[0] = (". stripe", ORANGE)
+    for text, colour in entries:
         x += strip.text(text, x, step, colour, size=0.9) + step
     return strip.pixels

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -161,13 +162,17 @@ class Graph:
             self.destroy(self.node.destroy_subscription, subscription)
 
     def wait_for_diagnostics(self, accept):
-        """Return the first diagnostic status for which ``accept(values, status)`` holds."""
+        """Return the first diagnostic status for which ``accept(values, status)`` holds.
+
+        A status without a key that ``accept`` asks for is another one than is meant.
+        """
         found = []
 
         def received(message):
             for status in message.status:
-                if accept({pair.key: pair.value for pair in status.values}, status):
-                    found.append(status)
+                with suppress(KeyError):
+                    if accept({pair.key: pair.value for pair in status.values}, status):
+                        found.append(status)
 
         subscription = self.node.create_subscription(DiagnosticArray, "/diagnostics", received, 10)
         try:

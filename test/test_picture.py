@@ -7,12 +7,23 @@ import cv2
 import numpy as np
 import pytest
 
+from stereo_selfcal import canvas as canvas_module
 from stereo_selfcal import picture
+from stereo_selfcal.canvas import Canvas, Verdict, verdict_strip
 from stereo_selfcal.core.extrinsics import Extrinsics
 from stereo_selfcal.core.geometry import apply_homography, image_from_road
 from stereo_selfcal.core.pattern import ImageLine, LanePattern
 from stereo_selfcal.core.results import CalibrationResult, GateReading, Rejection, RejectReason, rejected
-from stereo_selfcal.picture import draw_birds_eye, draw_camera_view, draw_overview, shown_extrinsics
+from stereo_selfcal.picture import (
+    draw_birds_eye,
+    draw_camera_view,
+    draw_debug_image,
+    draw_fringes,
+    draw_notice,
+    draw_overview,
+    shown_extrinsics,
+    verdict_of,
+)
 from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene
 
 RIG = PAPER_RIG
@@ -224,3 +235,72 @@ def test_notes_are_shown():
         for notes in ((), ("not checked against the asphalt",))
     )
     assert len(noted) > len(plain)
+
+
+def rig_and_image(width, height):
+    return replace_size(width, height), np.zeros((height, width), np.uint8)
+
+
+@pytest.mark.parametrize(("width", "shown"), [(320, 960), (960, 960), (1100, 1100), (1920, 1280)])
+def test_pictures_of_a_stream_are_neither_small_nor_huge(width, shown):
+    rig, image = rig_and_image(width, width * 3 // 4)
+    verdict = verdict_of(ACCEPTED)
+    assert draw_debug_image(image, rig, ACCEPTED, verdict).shape[1] == shown
+    assert draw_fringes(image, image, rig, POSE, verdict).shape[1] == shown
+
+
+def test_horizon_of_a_stream_lies_where_parallel_lines_meet():
+    """The blue line runs through the image of the point at infinity straight ahead of the rig."""
+    verdict = Verdict("", picture.GREEN)
+    picture_, header = draw_debug_image(BLACK, RIG, ACCEPTED, verdict), verdict_strip(verdict, 960)
+    view = picture_[len(header) : len(header) + 720].astype(float)
+    far = apply_homography(image_from_road(RIG, POSE, "left"), [1e9, 0.0])
+    column, row = ((far + 0.5) * 1.5 - 0.5).round().astype(int)
+    blue = np.where(np.abs(view - picture.SKY_BLUE).max(axis=2) < 60, 1.0, 0.0)[:, column]
+    rows = np.flatnonzero(blue)
+    assert rows.size and abs(rows.mean() - row) < 1.5
+
+
+def test_stripes_are_painted_though_nothing_came_of_them():
+    """Without a result or a rig, too: they tell whether paint is seen at all."""
+    verdict = Verdict("not calibrated", picture.YELLOW)
+    places = np.array([[100.0, 200.0], [300.0, 400.0], [-5.0, 3.0], [5000.0, 3.0]])
+    view = draw_camera_view(BLACK, None, None, 2.0, stripes=places)
+    painted = np.argwhere((view == canvas_module.ORANGE).all(axis=2))
+    assert {tuple(p) for p in np.round(painted / 2.0 / 20) * 20} == {(200.0, 100.0), (400.0, 300.0)}
+    assert draw_debug_image(BLACK, None, None, verdict, places).shape[1] == 960
+
+
+def test_words_of_a_verdict_are_there_and_wrapped():
+    def ink(verdict):
+        strip = verdict_strip(verdict, 960)
+        return (strip[:, 40:] > 150).all(axis=2).sum(), len(strip)
+
+    none, short = ink(Verdict("", picture.GREEN)), ink(Verdict("REFUSED", picture.GREEN))
+    long = ink(Verdict("REFUSED", picture.GREEN, ("bend of the road: 320 m, limit 1000 m; " * 6,)))
+    assert none[0] == 0 < short[0] < long[0]
+    assert none[1] == short[1] < long[1]
+    assert draw_notice(Verdict("no picture", picture.GREEN)).shape == (403, 960, 3)
+
+
+def test_verdict_of_a_refusal_names_reason_and_limit():
+    verdict = verdict_of(rejected(REJECTION))
+    assert verdict.title == "REFUSED: lines_not_straight"
+    assert "3 px, limit 1 px; drive straight" in verdict.lines[0]
+
+
+def test_text_stays_inside_the_picture():
+    strip = Canvas(np.zeros((60, 960, 3), np.uint8), 1.0)
+    strip.text("x" * 500, 10, 40)
+    assert (strip.pixels[:, -1] > 150).sum() == 0
+
+
+def test_fringes_are_orange_and_blue(no_grid):
+    """Not red and green, which most of those who are colour-blind cannot tell apart."""
+    left, right = np.full((480, 640), 60, np.uint8), np.full((480, 640), 60, np.uint8)
+    left[:, :280] = right[:, 360:] = 200  # left of the road only the left camera sees something bright
+    view = draw_birds_eye(left, right, RIG, POSE)[40:, 500:].astype(int)
+    blue, green, red = view[:150].reshape(-1, 3).mean(axis=0)
+    assert red > green + 10 > blue + 20
+    blue, green, red = view[-150:-40].reshape(-1, 3).mean(axis=0)
+    assert blue > green + 10 > red + 20

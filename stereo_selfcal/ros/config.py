@@ -33,6 +33,7 @@ class NodeConfig:
         road_frame: Frame of the road.
         camera_frame: Frame of the camera body.
         exports: Names of the files written beside the result file.
+        publish_tf: Whether the result goes to /tf_static as well.
         rig: Values of ``rig.*`` without the prefix, empty when all are 0.
         calibrator: Settings of the calibrator.
     """
@@ -47,6 +48,7 @@ class NodeConfig:
     road_frame: str
     camera_frame: str
     exports: tuple[str, ...]
+    publish_tf: bool
     rig: Mapping[str, float]
     calibrator: CalibratorConfig
 
@@ -66,6 +68,8 @@ class NodeConfig:
         for name in ("road_frame", "camera_frame"):
             if not values[name].strip():
                 raise ConfigError(f"{name} is empty: the name of a frame is needed")
+        if values["publish_tf"]:
+            _check_tf_frames(values["road_frame"], values["camera_frame"])
         rig = {
             name.removeprefix(RIG_PREFIX): values[name] for name in SETTINGS if name.startswith(RIG_PREFIX)
         }
@@ -102,6 +106,17 @@ def _exports(text: str, output_path: str) -> tuple[str, ...]:
     if names and not output_path.strip():
         raise ConfigError(f"exports is {text!r}, but output_path, beside which they are written, is empty")
     return names
+
+
+def _check_tf_frames(road_frame: str, camera_frame: str) -> None:
+    """Refuse frames that tf2 would refuse, or that would make the tree a loop."""
+    if road_frame == camera_frame:
+        raise ConfigError(
+            f"road_frame and camera_frame are both {road_frame!r}: with publish_tf they must differ"
+        )
+    for name, frame in (("road_frame", road_frame), ("camera_frame", camera_frame)):
+        if frame.startswith("/"):
+            raise ConfigError(f"{name} is {frame!r}: frames of /tf_static do not begin with a slash")
 
 
 def _output_path(text: str) -> Path | None:

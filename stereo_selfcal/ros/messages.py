@@ -1,18 +1,20 @@
-"""The messages the node publishes, from results and counters."""
+"""The messages the node publishes of a result, and pictures as messages."""
 
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Mapping
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion
+from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion, TransformStamped
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import Parameter
+from sensor_msgs.msg import Image as ImageMessage
 
 from ..core.extrinsics import Array, Extrinsics
+from ..core.images import Image
 
 _NS_PER_S = 1_000_000_000
 
@@ -75,21 +77,36 @@ def pose_message(
     return message
 
 
-def diagnostics_message(
-    stamp: Time, name: str, hardware_id: str, level: bytes, text: str, values: Mapping[str, str]
-) -> DiagnosticArray:
-    """Return one diagnostic status.
+def transform_message(
+    extrinsics: Extrinsics, road_frame: str, camera_frame: str, stamp_ns: int
+) -> TransformStamped:
+    """Return the camera body (child) in the road frame (parent): it maps p_camera to p_road.
 
     Args:
-        stamp: Time of the report.
-        name: Name of the status.
-        hardware_id: What it is about: the frame of the camera.
-        level: DiagnosticStatus.OK, WARN, ...
-        text: One sentence.
-        values: Measured values by key.
+        extrinsics: The calibration.
+        road_frame: Name of the road frame.
+        camera_frame: Name of the camera's body frame.
+        stamp_ns: Stamp of the (last) frame [ns].
     """
-    pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
-    status = DiagnosticStatus(level=level, name=name, message=text, hardware_id=hardware_id, values=pairs)
-    message = DiagnosticArray(status=[status])
-    message.header.stamp = stamp
+    message = TransformStamped(child_frame_id=camera_frame)
+    message.header.stamp = time_message(stamp_ns)
+    message.header.frame_id = road_frame
+    message.transform.translation.z = float(extrinsics.height_m)
+    message.transform.rotation = quaternion_message(extrinsics)
+    return message
+
+
+def image_message(picture: Image, frame: str, stamp_ns: int) -> ImageMessage:
+    """Return a picture (H, W, 3) uint8 BGR as a message.
+
+    Args:
+        picture: The picture.
+        frame: Frame of the camera.
+        stamp_ns: Stamp of the frame in it [ns].
+    """
+    height, width = picture.shape[:2]
+    message = ImageMessage(height=height, width=width, encoding="bgr8", step=3 * width)
+    message.header.stamp = time_message(stamp_ns)
+    message.header.frame_id = frame
+    message.data = array("B", picture.tobytes())  # anything else is checked byte by byte
     return message

@@ -57,7 +57,7 @@ def test_node_and_replay_give_the_same_numbers(graph, tmp_path, bag):
         while not answer.done():
             player.play_once()
         assert answer.result().success, answer.result().message
-        graph.wait_for_diagnostics(lambda values, _: values["state"] == "idle")
+        graph.wait_for_diagnostics(lambda values, _: values["state"] == "calibrated")
         answer = graph.start_calibrate()
         graph.wait_for_diagnostics(lambda values, _: values["state"] == "calibrating")
         player.play_once()

@@ -15,9 +15,10 @@ from ros_graph import Graph, wait_for
 
 from stereo_selfcal import CalibrationResult, Extrinsics
 from stereo_selfcal.result_file import RESULT_NAMES, load_result
-from stereo_selfcal.ros import node as node_module
+from stereo_selfcal.ros import selfcal as selfcal_module
 from stereo_selfcal.ros.calibration import Outcome
-from stereo_selfcal.ros.node import SelfcalNode
+from stereo_selfcal.ros.node import main
+from stereo_selfcal.ros.selfcal import SelfcalNode
 
 RESULTS = [f"extrinsics.{name}" for name in RESULT_NAMES]
 RESULT = CalibrationResult(
@@ -40,7 +41,7 @@ def script(graph, monkeypatch):
     outcomes = []
 
     class ScriptedCall:
-        def __init__(self, source, config):
+        def __init__(self, source, config, report):
             pass
 
         def run(self):
@@ -49,7 +50,7 @@ def script(graph, monkeypatch):
                 raise outcome
             return outcome
 
-    monkeypatch.setattr(node_module, "CalibrationCall", ScriptedCall)
+    monkeypatch.setattr(selfcal_module, "ReportingCall", ScriptedCall)
     selfcal = SelfcalNode()
     executor = MultiThreadedExecutor(4)
     executor.add_node(selfcal.node)
@@ -140,6 +141,6 @@ def test_many_calls_at_once_get_an_answer_each(graph, script):
 def test_help_and_wrong_arguments(capsys):
     for arguments, status in ((["--help"], 0), (["surplus"], 2)):
         with pytest.raises(SystemExit) as end:
-            node_module.main(arguments)
+            main(arguments)
         assert end.value.code == status
     assert "~/calibrate" in capsys.readouterr().out

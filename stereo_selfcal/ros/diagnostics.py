@@ -1,0 +1,302 @@
+"""What goes to ``/diagnostics``, from a plain snapshot of the node; needs no graph.
+
+There is one status for each thing a person can mend, and its level says who is needed:
+
+* OK: nobody.
+* WARN: somebody should look: nothing arrives, nothing is calibrated yet, the last call was refused.
+* ERROR: it cannot work before somebody changes something: a CameraInfo that contradicts itself, a
+  QoS that does not match, an encoding that cannot be read, an invalid calibration.
+* STALE is never sent: it is what diagnostic_aggregator and rqt_robot_monitor make of a node that is
+  silent for some seconds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from ..core.pairing import PairCounts
+from ..core.results import Rejection, describe
+from ..core.rig import StereoRig
+from .calibration import Topics
+from .record import FrameStatistics, InForce
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+# By the word of the state. What is not known is nothing to rely on.
+_STATE_LEVELS = {"calibrating": OK, "calibrated": OK, "uncalibrated": WARN, "suspect": WARN, "invalid": ERROR}
+_LEAST_ELAPSED_S = 1e-3  # two reports at once must not divide by zero
+_AGE_UNITS = ((86400, "d"), (3600, "h"), (60, "min"), (1, "s"))
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationReport:
+    """The calibration and how it came about.
+
+    Attributes:
+        state: Word of the state: uncalibrated, calibrating, calibrated, suspect, invalid.
+        reason: Why it is in this state, one sentence; "" where that is obvious.
+        in_force: The calibration the node stands by, None if there is none.
+        age_s: Its age [s].
+        last_answer: What the last call answered.
+        last_success: Whether that was a result, None before the first call.
+        frames: Frames so far.
+    """
+
+    state: str
+    reason: str = ""
+    in_force: InForce | None = None
+    age_s: float = 0.0
+    last_answer: str = "not called yet"
+    last_success: bool | None = None
+    frames: FrameStatistics = field(default_factory=FrameStatistics)
+
+
+@dataclass(frozen=True, slots=True)
+class ImagesReport:
+    """What arrives.
+
+    Attributes:
+        counts: Images and pairs so far.
+        added: The same within the last ``elapsed_s``.
+        elapsed_s: Time over which rates are measured [s].
+        listening: False while images are not wanted, so that none arrive.
+        no_pair: Why there was no pair within that time, "" if there was one.
+        nearest_s: Least difference of a left and a right stamp [s], None before the first.
+        topics: Names of the topics.
+        publishers: Publishers of the left and of the right images.
+        drops: Images that were not used, by reason, besides those without a partner.
+        formats: Size and encoding of the images by side.
+        incompatible_qos: Sentences about publishers whose QoS does not match, with both policies.
+        unusable: Sentences about images that cannot be read.
+    """
+
+    counts: PairCounts
+    added: PairCounts
+    elapsed_s: float
+    listening: bool = True
+    no_pair: str = ""
+    nearest_s: float | None = None
+    topics: Topics | None = None
+    publishers: tuple[int, int] | None = None
+    drops: Mapping[str, int] = field(default_factory=dict)
+    formats: Mapping[str, str] = field(default_factory=dict)
+    incompatible_qos: tuple[str, ...] = ()
+    unusable: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class CameraInfoReport:
+    """What is known of the cameras.
+
+    Attributes:
+        source: "CameraInfo", or "parameters rig.*".
+        rig: The rig, None as long as it is not known.
+        missing: Sentence about a CameraInfo that has not come yet, "" when it has.
+        faults: Sentences about what cannot be right.
+        doubts: Sentences about what is strange, though it can be worked with.
+    """
+
+    source: str
+    rig: StereoRig | None = None
+    missing: str = ""
+    faults: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """What the node knows of itself when it reports.
+
+    Attributes:
+        node: Full name of the node.
+        road_frame: Frame of the road.
+        camera_frame: Frame of the camera: the hardware the report is about.
+        calibration: The calibration.
+        images: What arrives.
+        camera_info: What is known of the cameras.
+    """
+
+    node: str
+    road_frame: str
+    camera_frame: str
+    calibration: CalibrationReport
+    images: ImagesReport
+    camera_info: CameraInfoReport
+
+
+def diagnostics_message(stamp: Time, snapshot: Snapshot) -> DiagnosticArray:
+    """Return the report of the node: calibration, images, camera info.
+
+    Args:
+        stamp: Time of the report.
+        snapshot: What is to be reported.
+    """
+    parts = {
+        "calibration": _calibration(snapshot),
+        "images": _images(snapshot.images),
+        "camera info": _camera_info(snapshot.camera_info),
+    }
+    statuses = [
+        DiagnosticStatus(
+            level=level,
+            name=f"{snapshot.node}: {topic}",
+            message=text,
+            hardware_id=snapshot.camera_frame,
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
+        )
+        for topic, (level, text, values) in parts.items()
+    ]
+    message = DiagnosticArray(status=statuses)
+    message.header.stamp = stamp
+    return message
+
+
+def age_text(age_s: float) -> str:
+    """Return a time for people: the two largest units, ``5 min 12 s``."""
+    if not math.isfinite(age_s):
+        return "unknown"
+    left_s, parts = max(0, int(age_s)), []
+    for size_s, unit in _AGE_UNITS:
+        number, left_s = divmod(left_s, size_s)
+        if number or unit == "s":
+            parts.append(f"{number} {unit}")
+        elif parts:
+            break
+    return " ".join(parts[:2])
+
+
+_Part = tuple[bytes, str, dict[str, str]]
+
+
+def _calibration(snapshot: Snapshot) -> _Part:
+    report = snapshot.calibration
+    values = {"state": report.state}
+    if report.reason:
+        values["state_reason"] = report.reason
+    values |= _estimate(report)
+    values |= {"last_answer": report.last_answer, **_frames(report.frames)}
+    values |= {"road_frame": snapshot.road_frame, "camera_frame": snapshot.camera_frame}
+    level, text = _verdict(report)
+    return level, text, values
+
+
+def _verdict(report: CalibrationReport) -> tuple[bytes, str]:
+    """Return level and sentence of the calibration."""
+    level = _STATE_LEVELS.get(report.state, WARN)
+    refused = report.last_success is False
+    if report.in_force is None:
+        if report.state == "calibrating":
+            return level, "calibrating"
+        text = report.last_answer if refused else "call ~/calibrate on a straight road with painted lines"
+        return level, f"{report.state}: {report.reason or text}"
+    text = f"{report.state}: {_described(report.in_force)}, {age_text(report.age_s)} old"
+    if report.reason:
+        text = f"{report.state}: {report.reason}; {_described(report.in_force)}"
+    if level == OK and report.state != "calibrating":
+        if refused:
+            return (
+                WARN,
+                f"the last call was refused: {report.last_answer}; what was found before stays in force",
+            )
+        if report.in_force.save_failed:
+            return WARN, f"{text}; {report.in_force.saved}"
+    return level, text
+
+
+def _described(in_force: InForce) -> str:
+    extrinsics, std = in_force.result.extrinsics, in_force.result.std
+    return "no numbers" if extrinsics is None or std is None else describe(extrinsics, std)
+
+
+def _estimate(report: CalibrationReport) -> dict[str, str]:
+    """Return the calibration in force, in units for people."""
+    in_force = report.in_force
+    pose, std = (None, None) if in_force is None else (in_force.result.extrinsics, in_force.result.std)
+    if in_force is None or pose is None or std is None:
+        return dict.fromkeys(("age", "height", "pitch", "roll"), "none")
+    values = {
+        "age": age_text(report.age_s),
+        "height": f"{pose.height_m:.4f} m (std {std.height_m * 1e3:.1f} mm)",
+        "pitch": f"{math.degrees(pose.pitch_rad):+.4f} deg (std {math.degrees(std.pitch_rad):.4f})",
+        "roll": f"{math.degrees(pose.roll_rad):+.4f} deg (std {math.degrees(std.roll_rad):.4f})",
+        "from_frames": str(in_force.result.n_frames),
+        "saved": in_force.saved or "no",
+    }
+    if in_force.result.notes:
+        values["notes"] = "; ".join(in_force.result.notes)
+    return values
+
+
+def _frames(frames: FrameStatistics) -> dict[str, str]:
+    values = {
+        "frames_accepted": str(frames.accepted),
+        "frames_rejected": str(sum(frames.rejected.values())),
+        **{f"rejected_{reason}": str(count) for reason, count in frames.rejected.items()},
+    }
+    if frames.last_rejection is not None:
+        values |= _rejection(frames.last_rejection, frames.last_rejection_age_s)
+    if frames.total:
+        last_ms, mean_ms, longest_ms = (1e3 * t for t in (frames.last_s, frames.mean_s, frames.longest_s))
+        values["time_per_frame"] = f"{last_ms:.0f} ms (mean {mean_ms:.0f}, longest {longest_ms:.0f})"
+    return values
+
+
+def _rejection(rejection: Rejection, age_s: float) -> dict[str, str]:
+    unit = f" {rejection.unit}" if rejection.unit else ""
+    return {
+        "last_rejection": str(rejection.reason),
+        "last_rejection_measured": f"{rejection.what}: {rejection.value:.4g}{unit}",
+        "last_rejection_limit": f"{rejection.threshold:.4g}{unit}",
+        "last_rejection_remedy": rejection.remedy,
+        "last_rejection_age": age_text(age_s),
+    }
+
+
+def _images(report: ImagesReport) -> _Part:
+    added, elapsed_s = report.added, max(report.elapsed_s, _LEAST_ELAPSED_S)
+    rates = [f"{count / elapsed_s:.1f}" for count in (added.left, added.right, added.pairs)]
+    values = dict(zip(("left_rate_hz", "right_rate_hz", "pair_rate_hz"), rates, strict=True))
+    values |= {name: str(getattr(report.counts, name)) for name in report.counts.__slots__}
+    values |= {f"dropped_{reason}": str(count) for reason, count in report.drops.items()}
+    nearest = "not measured" if report.nearest_s is None else f"{report.nearest_s * 1e3:.3f} ms"
+    values["nearest_stamp_difference"] = nearest
+    values |= {f"{side}_format": text for side, text in report.formats.items()}
+    if report.topics is not None:
+        values |= {"left_topic": report.topics.left, "right_topic": report.topics.right}
+    if report.publishers is not None:
+        values["left_publishers"], values["right_publishers"] = map(str, report.publishers)
+    values["incompatible_qos"] = "; ".join(report.incompatible_qos) or "none"
+    faults = (*report.incompatible_qos, *report.unusable)
+    if faults:
+        return ERROR, "; ".join(faults), values
+    if not report.listening:
+        return OK, "not listening: images are read when they are wanted", values
+    if not added.pairs:
+        return WARN, report.no_pair or f"no pairs: left {rates[0]} Hz, right {rates[1]} Hz", values
+    return OK, f"{rates[2]} pairs per second (left {rates[0]} Hz, right {rates[1]} Hz)", values
+
+
+def _camera_info(report: CameraInfoReport) -> _Part:
+    rig = report.rig
+    values = {"source": report.source}
+    if rig is not None:
+        values |= {
+            "size": f"{rig.width} x {rig.height} px",
+            "focal_length": f"{rig.fx:.2f}, {rig.fy:.2f} px",
+            "principal_point": f"{rig.cx:.2f}, {rig.cy:.2f} px",
+            "baseline": f"{rig.baseline_m:.4f} m",
+        }
+    values["faults"] = "; ".join(report.faults) or "none"
+    values["doubts"] = "; ".join(report.doubts) or "none"
+    if report.faults:
+        return ERROR, values["faults"], values
+    if report.missing or rig is None:
+        return WARN, report.missing or "the rig is not known yet", values
+    if report.doubts:
+        return WARN, values["doubts"], values
+    return OK, f"{values['size']}, baseline {values['baseline']}, from {report.source}", values

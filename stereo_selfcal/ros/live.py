@@ -1,0 +1,138 @@
+"""Single frames from the input for whoever wants to see what is there now, while no call takes them."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from ..core.errors import ImageError, RigError
+from ..core.images import Image, message_to_grey
+from ..core.rig import StereoRig
+from .calibration import FrameSource, no_pair_reason
+from .config import NodeConfig
+from .inputs import StereoInput
+
+# A call that comes while a single frame is being waited for takes over after this time at most.
+_SLICE_S = 0.05
+_CLOCK_STEP_S = 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiveFrame:
+    """A frame as it came.
+
+    Attributes:
+        left: (H, W) uint8 image of the left camera.
+        right: The same of the right camera.
+        rig: Their rig, None as long as it is not known.
+        problem: Why it is not, "" otherwise.
+        stamp_ns: Stamp of the frame [ns].
+    """
+
+    left: Image
+    right: Image
+    rig: StereoRig | None
+    problem: str
+    stamp_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class NoFrame:
+    """Why there is no frame, in one sentence."""
+
+    reason: str
+
+
+def known_rig(source: FrameSource, config: NodeConfig) -> StereoRig | None:
+    """Return the rig of the parameters or of CameraInfo, None before both have come.
+
+    Raises:
+        RigError: It cannot be right.
+    """
+    rig = config.rig_from_parameters()
+    left, right = source.camera_infos
+    if rig is not None or left is None or right is None:
+        return rig
+    return StereoRig.from_camera_info(left, right)
+
+
+def missing_info(source: FrameSource) -> str:
+    """Return the sentence about a CameraInfo that has not come, "" when both have."""
+    infos = zip((source.topics.left_info, source.topics.right_info), source.camera_infos, strict=True)
+    missing = [f"{topic} (publishers: {source.publishers(topic)})" for topic, info in infos if info is None]
+    return f"no CameraInfo on {' and '.join(missing)}: publish it or set rig.*" if missing else ""
+
+
+class LiveFrames:
+    """Shares the input between calls, which need every frame, and those that look at one now and then.
+
+    Args:
+        source: The input.
+        config: Returns the parameters.
+    """
+
+    def __init__(self, source: StereoInput, config: Callable[[], NodeConfig]) -> None:
+        self._source = source
+        self._config = config
+        self._taking = threading.Lock()
+        self._claimed = threading.Event()
+
+    @contextmanager
+    def all(self) -> Iterator[StereoInput]:
+        """Have the input alone, from fresh frames on; one thread at a time."""
+        self._claimed.set()
+        with self._taking:
+            self._source.begin()
+            try:
+                yield self._source
+            finally:
+                self._source.end()
+                self._claimed.clear()
+
+    def one(self, timeout_s: float) -> LiveFrame | NoFrame | None:
+        """Wait for a frame; None when a call has the input, or takes it meanwhile.
+
+        Args:
+            timeout_s: How long to wait [s].
+        """
+        if self._claimed.is_set() or not self._taking.acquire(blocking=False):
+            return None
+        try:
+            return self._wait(timeout_s)
+        finally:
+            self._taking.release()
+
+    def _wait(self, timeout_s: float) -> LiveFrame | NoFrame | None:
+        start_s, before = time.monotonic(), self._source.state.counts
+        self._source.begin()
+        try:
+            while not self._claimed.is_set() and not self._source.stopped:
+                pair = self._source.next_pair(_SLICE_S)
+                if pair is not None:
+                    return self._read(pair.left, pair.right, pair.stamp_ns)
+                elapsed_s = time.monotonic() - start_s
+                if elapsed_s >= timeout_s:
+                    elapsed_s = max(elapsed_s, _CLOCK_STEP_S)
+                    return NoFrame(no_pair_reason(self._source, self._config(), before, elapsed_s))
+            return None
+        finally:
+            self._source.end()
+
+    def _read(self, left: Any, right: Any, stamp_ns: int) -> LiveFrame | NoFrame:
+        images = []
+        for topic, message in zip(self._source.topics[:2], (left, right), strict=True):
+            try:
+                images.append(message_to_grey(message))
+            except ImageError as error:
+                return NoFrame(f"{topic}: {error}")
+        rig, problem = None, ""
+        try:
+            rig = known_rig(self._source, self._config())
+            problem = missing_info(self._source) if rig is None else ""
+        except RigError as error:
+            problem = str(error)
+        return LiveFrame(images[0], images[1], rig, problem, stamp_ns)

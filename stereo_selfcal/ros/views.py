@@ -1,0 +1,198 @@
+"""``~/debug_image`` and ``~/birds_eye``: what the node sees and makes of it, drawn while somebody looks.
+
+While frames are calibrated, the last one of each second is shown with its lines and verdict, and the
+last frame of a call stays for some seconds. Between calls the current image is shown with the calibration
+in force over it, whose misfit tells that the camera was moved.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+import traceback
+from collections.abc import Callable
+
+import numpy as np
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import Image as ImageMessage
+
+from ..canvas import SKY_BLUE, VERMILION, YELLOW, Verdict
+from ..core.extraction import find_stripe_points
+from ..core.extrinsics import Array
+from ..core.images import Image
+from ..core.results import CalibrationResult
+from ..core.rig import StereoRig
+from ..picture import (
+    draw_debug_image,
+    draw_fringes,
+    draw_notice,
+    numbers,
+    shown_extrinsics,
+    verdict_of,
+)
+from .config import NodeConfig
+from .diagnostics import age_text
+from .live import LiveFrame, NoFrame
+from .messages import image_message
+from .record import FrameReport, InForce
+
+# Whoever turns a camera or waits for a line sees enough with one picture a second, and drawing (25 ms
+# for both views of 1280 x 720) takes no more than some percent of a core then.
+PERIOD_S = 1.0
+# The last frame of a call stays long enough for its verdict and numbers to be read.
+HOLD_S = 5.0
+
+_QUEUE = 1
+_LEAST_SIDE_PX = 16
+_GREATEST_ASPECT = 8
+
+
+class Views:
+    """Draws in a thread of its own, and only what has subscribers.
+
+    Args:
+        node: The node.
+        take: Returns a current frame, why there is none, or None while a call has them all; its
+            argument is how long it may wait [s].
+        in_force: Returns the calibration in force.
+        config: Returns the parameters.
+        clock: Steady time [s], for tests.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        take: Callable[[float], LiveFrame | NoFrame | None],
+        in_force: Callable[[], InForce | None],
+        config: Callable[[], NodeConfig],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._node = node
+        self._take = take
+        self._in_force = in_force
+        self._config = config
+        self._clock = clock
+        self._debug_image, self._birds_eye = (
+            node.create_publisher(
+                ImageMessage,
+                topic,
+                QoSProfile(depth=_QUEUE),  # one each: rclpy writes the overrides of a topic into it
+                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            )
+            for topic in ("~/debug_image", "~/birds_eye")
+        )
+        self._lock = threading.Lock()
+        self._last: FrameReport | None = None
+        self._hold_until_s = -np.inf
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="views", daemon=True)
+
+    def start(self) -> None:
+        """Draw until :meth:`stop`."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End drawing and wait for it."""
+        self._stopped.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def show(self, report: FrameReport) -> None:
+        """Show a calibrated frame with the next picture; returns at once, whatever is being drawn."""
+        with self._lock:
+            self._last = report if self._watched() else None  # images that nobody will see are not kept
+
+    def step(self) -> None:
+        """Draw and publish one picture of each view that is watched, if there is something new."""
+        with self._lock:
+            report, self._last = self._last, None
+        if not self._watched():
+            return
+        if report is not None:
+            self._hold_until_s = self._clock() + HOLD_S
+            verdict = verdict_of(report.result)
+            self._draw(report.left, report.right, report.rig, report.result, verdict, report.stamp_ns)
+        elif self._clock() >= self._hold_until_s:
+            self._draw_current(self._take(PERIOD_S))
+
+    def _watched(self) -> bool:
+        return bool(self._debug_image.get_subscription_count() or self._birds_eye.get_subscription_count())
+
+    def _draw_current(self, frame: LiveFrame | NoFrame | None) -> None:
+        in_force = self._in_force()
+        if isinstance(frame, NoFrame):
+            notice = draw_notice(Verdict("NO PICTURE", VERMILION, (frame.reason,)))
+            stamp_ns = int(self._node.get_clock().now().nanoseconds)
+            for publisher in (self._debug_image, self._birds_eye):
+                self._publish(publisher, notice, stamp_ns)
+        elif frame is not None:
+            rig, result, verdict = self._judge(frame, in_force)
+            self._draw(frame.left, frame.right, rig, result, verdict, frame.stamp_ns)
+
+    def _judge(
+        self, frame: LiveFrame, in_force: InForce | None
+    ) -> tuple[StereoRig | None, CalibrationResult | None, Verdict]:
+        """Return what to draw over a frame that was not calibrated, and what to say of it."""
+        if in_force is None:
+            text = frame.problem or "call ~/calibrate on a straight road with painted lines"
+            return frame.rig, None, Verdict("NOT CALIBRATED", VERMILION if frame.problem else YELLOW, (text,))
+        age = age_text(self._clock() - in_force.since_s)
+        if frame.left.shape != (in_force.rig.height, in_force.rig.width):
+            found = f"the images have {frame.left.shape[1]} x {frame.left.shape[0]} px"
+            wanted = f"the calibration is for {in_force.rig.width} x {in_force.rig.height} px"
+            return None, None, Verdict("OTHER CAMERA", VERMILION, (f"{found}, {wanted}: calibrate again",))
+        verdict = Verdict(f"CALIBRATION IN FORCE, {age} old", SKY_BLUE, numbers(in_force.result))
+        return in_force.rig, in_force.result, verdict
+
+    def _draw(
+        self,
+        left: Image,
+        right: Image,
+        rig: StereoRig | None,
+        result: CalibrationResult | None,
+        verdict: Verdict,
+        stamp_ns: int,
+    ) -> None:
+        if not _drawable(left):
+            verdict = Verdict("NO PICTURE", VERMILION, (f"image of {left.shape[1]} x {left.shape[0]} px",))
+            self._publish(self._debug_image, draw_notice(verdict), stamp_ns)
+            self._publish(self._birds_eye, draw_notice(verdict), stamp_ns)
+            return
+        if self._debug_image.get_subscription_count():
+            picture = draw_debug_image(left, rig, result, verdict, self._stripes(left))
+            self._publish(self._debug_image, picture, stamp_ns)
+        if self._birds_eye.get_subscription_count():
+            extrinsics = None if result is None else shown_extrinsics(result)
+            fits = rig is not None and left.shape == right.shape == (rig.height, rig.width)
+            if rig is None or extrinsics is None or not fits:
+                picture = draw_notice(verdict)
+            else:
+                picture = draw_fringes(left, right, rig, extrinsics, verdict)
+            self._publish(self._birds_eye, picture, stamp_ns)
+
+    def _stripes(self, left: Image) -> Array:
+        points = find_stripe_points(left, self._config().calibrator.extraction)
+        return np.column_stack([points.columns, points.rows])
+
+    def _publish(self, publisher: Publisher, picture: Image, stamp_ns: int) -> None:
+        if publisher.get_subscription_count():
+            publisher.publish(image_message(picture, self._config().camera_frame, stamp_ns))
+
+    def _run(self) -> None:
+        while not self._stopped.wait(PERIOD_S):
+            try:
+                self.step()
+            except Exception:  # noqa: BLE001 - a picture that fails must not end those that follow
+                if self._node.context.ok() and not self._stopped.is_set():
+                    self._node.get_logger().error(
+                        f"a picture failed:\n{traceback.format_exc()}", throttle_duration_sec=60.0
+                    )
+
+
+def _drawable(image: Image) -> bool:
+    """Whether an image has sides that a camera can have: a row of pixels must not be enlarged."""
+    short, long = sorted(image.shape)
+    return bool(short >= _LEAST_SIDE_PX and long <= _GREATEST_ASPECT * short)

@@ -1,0 +1,132 @@
+"""Single frames between calls: a call always goes first, and there is a reason when there is no frame."""
+
+import threading
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from ros_graph import image_message, info_message
+
+from stereo_selfcal import RigError
+from stereo_selfcal.core.pairing import PairCounts, StampedPair
+from stereo_selfcal.ros.calibration import InputState, Topics
+from stereo_selfcal.ros.config import SETTINGS, NodeConfig
+from stereo_selfcal.ros.live import LiveFrame, LiveFrames, NoFrame, known_rig, missing_info
+from stereo_selfcal.synth.scenes import PAPER_RIG
+
+CONFIG = NodeConfig.from_values({name: setting.default for name, setting in SETTINGS.items()})
+PIXELS = np.arange(480 * 640, dtype=np.uint8).reshape(480, 640)
+
+
+class Input:
+    """An input whose next pairs are those of the list; counts how often it was begun and ended."""
+
+    topics = Topics("/left", "/right", "/left_info", "/right_info")
+
+    def __init__(self, *pairs, infos=None):
+        self.pairs, self.stopped, self.begun, self.ended = list(pairs), False, 0, 0
+        self.camera_infos = (info_message("left"), info_message("right")) if infos is None else infos
+        self.waiting = threading.Event()
+        self.state = InputState(PairCounts(), None)
+
+    def publishers(self, topic):
+        return 0
+
+    def begin(self):
+        self.begun += 1
+
+    def end(self):
+        self.ended += 1
+
+    def next_pair(self, timeout_s):
+        self.waiting.set()
+        return self.pairs.pop(0) if self.pairs else None
+
+
+def pair(pixels=PIXELS, encoding="mono8"):
+    message = image_message(pixels, encoding)
+    return StampedPair(message, message, 5, 5)
+
+
+def live(source):
+    return LiveFrames(source, lambda: CONFIG)
+
+
+def test_frame_comes_with_its_rig():
+    source = Input(pair())
+    frame = live(source).one(1.0)
+    assert isinstance(frame, LiveFrame)
+    np.testing.assert_array_equal(frame.left, PIXELS)
+    assert (frame.rig, frame.problem, frame.stamp_ns) == (PAPER_RIG, "", 5)
+    assert (source.begun, source.ended) == (1, 1)
+
+
+def test_silence_has_a_reason():
+    source = Input()
+    frame = live(source).one(0.0)
+    assert isinstance(frame, NoFrame)
+    assert "nothing arrives on /left (0 publishers) and /right (0 publishers)" in frame.reason
+    assert source.ended == 1
+
+
+def test_image_that_cannot_be_read_is_named():
+    frame = live(Input(pair(encoding="yuv422"))).one(1.0)
+    assert frame.reason.startswith("/left: image encoding 'yuv422' is not supported")
+
+
+@pytest.mark.parametrize(
+    ("infos", "words"),
+    [
+        ((None, None), "no CameraInfo on /left_info (publishers: 0) and /right_info (publishers: 0)"),
+        ((SimpleNamespace(width=4, height=3, k=[0.0] * 9, p=[0.0] * 12),) * 2, "K[0] = 0"),
+    ],
+)
+def test_frame_without_a_rig_says_why(infos, words):
+    frame = live(Input(pair(), infos=infos)).one(1.0)
+    assert frame.rig is None and words in frame.problem
+
+
+def test_call_has_the_input_alone():
+    source = Input(pair())
+    frames = live(source)
+    with frames.all():
+        assert frames.one(1.0) is None
+        assert (source.begun, source.ended, len(source.pairs)) == (1, 0, 1)
+    assert isinstance(frames.one(1.0), LiveFrame)
+
+
+def test_call_takes_over_from_whoever_waits():
+    """Though that one may wait for minutes."""
+    source, got = Input(), []
+    frames = live(source)
+    looker = threading.Thread(target=lambda: got.append(frames.one(600.0)))
+    looker.start()
+    source.waiting.wait()
+    with frames.all():
+        looker.join(60.0)
+        assert got == [None]
+        assert (source.begun, source.ended) == (2, 1)
+
+
+def test_call_that_fails_gives_the_input_back():
+    source = Input(pair())
+    frames = live(source)
+    with pytest.raises(ZeroDivisionError), frames.all():
+        raise ZeroDivisionError
+    assert isinstance(frames.one(1.0), LiveFrame)
+
+
+def test_shutdown_ends_the_waiting():
+    source = Input()
+    source.stopped = True
+    assert live(source).one(600.0) is None
+
+
+def test_known_rig():
+    assert known_rig(Input(infos=(None, info_message("right"))), CONFIG) is None
+    with pytest.raises(RigError, match="baseline of zero"):
+        known_rig(Input(infos=(info_message("left"),) * 2), CONFIG)
+    assert missing_info(Input()) == ""
