@@ -16,6 +16,7 @@ import numpy as np
 from .combination import MAX_DIFFERENCE, MAX_LINE_HEIGHT_M
 from .config import CalibratorConfig
 from .extrinsics import Array, Extrinsics
+from .paint import Rim
 from .rectification import VerticalOffset
 from .refinement import BLUR_MAX_PX, RefinedFit
 from .results import GateReading, Rejection, RejectReason
@@ -57,6 +58,12 @@ _MAX_TURN_RAD = math.radians(0.1)
 # An offset counts when it is surely there.
 _SHAPE_SIGMAS = 3.0
 
+# Between a painted stripe and its lane there is nothing: in random worlds shadows, dapples and noise leave up
+# to 5 % of the paint's contrast, kerbs show a face of 9 % and more.
+_MAX_RIM = 0.08
+# What no line and no slope may do by chance, of the standard deviations of what is measured.
+_SURELY_SIGMAS = 4.0
+
 _FIND_LINES = "drive on a straight road with painted lines on both sides of the camera, lens clean"
 _AXES = ("height", "pitch", "roll")
 _UNITS = ("m", "deg", "deg")
@@ -81,6 +88,8 @@ class Evidence:
         texture: The asphalt, where it can be believed.
         heights_m: (L,) heights of the lines over it [m].
         vertical: Vertical offset between the images.
+        rims: What lies between the boundaries and the lane; empty where the asphalt is the better witness.
+        between_m: Height of a line between the boundaries over their plane, and its standard deviation [m].
     """
 
     config: CalibratorConfig
@@ -96,6 +105,8 @@ class Evidence:
     texture: TextureFit | None = None
     heights_m: Array | None = None
     vertical: VerticalOffset | None = None
+    rims: tuple[Rim, ...] = ()
+    between_m: tuple[float, float] | None = None
 
     @property
     def of_lines(self) -> Extrinsics | None:
@@ -314,6 +325,33 @@ def _buried(evidence: Evidence) -> Reading | None:
     return Reading(what, 1e3 * value, 1e3 * limit, "mm", value <= limit)
 
 
+def _near_and_far(evidence: Evidence) -> Reading | None:
+    profile = None if evidence.refined is None else evidence.refined.profile
+    if profile is None:
+        return None
+    limits = np.maximum(AGREEMENT[:2], _SURELY_SIGMAS * profile.std)
+    change, limits = np.append(profile.change, 0.0), np.append(limits, 1.0)
+    return _difference("the road 5 to 20 m ahead and the plane of the lines differ", change, limits)
+
+
+def _painted(evidence: Evidence) -> Reading | None:
+    if not evidence.rims:
+        return None
+    steps = [(abs(rim.step), max(_MAX_RIM, _SURELY_SIGMAS * rim.std)) for rim in evidence.rims]
+    step, limit = max(steps, key=lambda pair: pair[0] / pair[1])
+    what = "step of grey between a stripe and the lane, over the contrast of the stripe"
+    return Reading(what, step, limit, "", step <= limit)
+
+
+def _coplanar(evidence: Evidence) -> Reading | None:
+    if evidence.between_m is None:
+        return None
+    height_m, std_m = evidence.between_m
+    limit_m = max(MAX_LINE_HEIGHT_M, _SURELY_SIGMAS * std_m)
+    what = "a line between the two lies beside their plane, by"
+    return Reading(what, 1e3 * abs(height_m), 1e3 * limit_m, "mm", abs(height_m) <= limit_m)
+
+
 _KERB = "one of them may be a kerb, or slope otherwise: drive on, in the middle of a flat lane"
 
 GATES: tuple[Gate, ...] = (
@@ -350,6 +388,12 @@ GATES: tuple[Gate, ...] = (
         f"something else lies beside the lines: {_FIND_LINES}",
         _stages,
     ),
+    Gate(
+        "near and far",
+        RejectReason.ROAD_NOT_FLAT,
+        "calibrate where the slope does not change",
+        _near_and_far,
+    ),
     Gate("sharp", RejectReason.IMAGE_BLURRED, "focus the lens, clean it, or shorten the exposure", _blur),
     Gate(
         "exposed",
@@ -374,6 +418,19 @@ GATES: tuple[Gate, ...] = (
         RejectReason.IMAGES_NOT_RECTIFIED,
         "calibrate the pair again: one camera has turned against the other",
         _turned,
+    ),
+    Gate(
+        "coplanar",
+        RejectReason.LINES_NOT_COPLANAR,
+        "the lines are those of more than one lane, or one is a kerb or a rail: drive on, in the middle of a "
+        "flat lane",
+        _coplanar,
+    ),
+    Gate(
+        "painted",
+        RejectReason.LINE_NOT_PAINTED,
+        f"it may be a kerb or a rail, or lie in a shadow's edge: {_FIND_LINES}",
+        _painted,
     ),
     Gate("asphalt", RejectReason.TEXTURE_DISAGREES, _KERB, _asphalt),
     Gate("lines in asphalt", RejectReason.TEXTURE_DISAGREES, _KERB, _line_heights),
