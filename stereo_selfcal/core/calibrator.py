@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,37 +11,30 @@ from . import checks
 from .closed_form import compare_stages, solve_plane
 from .combination import (
     MAX_LINE_HEIGHT_M,
-    combine,
     covariance_by_profile,
     covariance_by_rectification,
-    covariance_by_road,
-    heights_over,
     lies_on,
     same_road,
 )
 from .config import CalibratorConfig
-from .corridor import CELL_WIDTH_M, plane_of
 from .extraction import Image, find_stripe_points
 from .extrinsics import Extrinsics
 from .fitness import PatternFitness
-from .further import further_lines, height_between
+from .further import further_lines
 from .fusion import fuse, shared
-from .gates import Evidence, judge
+from .gates import judge
 from .genetic import GeneticResult, maximise_each
 from .geometry import SIDES
 from .guided import find_road, line_on_road, lines_on_road
-from .horizon import horizon_offset
-from .matching import Matches
-from .paint import measure_rims
 from .pattern import LanePattern
 from .patterns import Look, Points, Refused, buried_m, look, unused_lines
+from .readings import Evidence
 from .rectification import vertical_offset
 from .refinement import refine
 from .results import CalibrationResult, Rejection, RejectReason, describe, rejected
 from .rig import StereoRig
-from .road import lane_in_road
-from .texture import align_texture
 from .uncertainty import measure_bends, propagate
+from .witnesses import Seen, ask_road
 
 # A frame that is refused is looked at again, with chains and with the next best pairs of lines; each costs a
 # search, a refinement and an alignment, so there is an end to it.
@@ -53,25 +46,7 @@ _OTHER_LINES_MAY_DO = (
     RejectReason.LINE_NOT_PAINTED,
 )
 _MOST_OTHER_PAIRS = 2
-# The road goes on beyond its lines by a shoulder or another lane: a cell more on either side has the lines
-# inside of the surface they are compared with, not on its rim.
-_BESIDE_M = CELL_WIDTH_M
 _CLIPPED_STEP = 4  # every fourth pixel of every fourth row is enough for two digits
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Seen:
-    """What was found in a frame before its lines are fitted.
-
-    Attributes:
-        images: Left and right image, (H, W) uint8.
-        points: Stripe points of both, None where they were not looked at for the lines.
-        matches: Lines both cameras see.
-    """
-
-    images: tuple[Image, Image]
-    points: Points | None = None
-    matches: Matches = ([], [])
 
 
 class Calibrator:
@@ -299,54 +274,8 @@ class Calibrator:
             notes=notes,
             **known,
         )
-        result = self._ask_road(result, evidence, seen)
+        result = ask_road(result, evidence, seen, self.rig, self.config)
         return replace(result, message=_announce(result)) if result.accepted else result
-
-    def _ask_road(self, result: CalibrationResult, evidence: Evidence, seen: Seen) -> CalibrationResult:
-        """Ask the asphalt whether the lines lie in it, and where it does not know, all there is besides."""
-        if result.pattern is None or result.extrinsics is None or result.covariance is None:
-            raise ValueError("only an accepted result can be compared with the road")
-        if not self.config.texture.check:
-            return self._ask_rest(result, evidence, seen)
-        _, left_m, right_m = lane_in_road(result.pattern.boundaries, self.rig, result.extrinsics)
-        limits_m = (float(right_m) - _BESIDE_M, float(left_m) + _BESIDE_M)
-        yaw = result.lane_yaw_rad or 0.0
-        fit = align_texture(seen.images, self.rig, result.extrinsics, yaw, limits_m=limits_m)
-        if fit is None or not fit.enough_texture or not fit.even_enough:
-            lacking = "too uneven" if fit is not None and fit.enough_texture else "too little texture"
-            if self.config.texture.required:
-                evidence = replace(evidence, witness=0.0 if fit is None else fit.sufficiency)
-            note = f"not checked against the asphalt: {lacking}"
-            return self._ask_rest(replace(result, notes=(*result.notes, note)), evidence, seen)
-        evidence = replace(
-            evidence,
-            texture=fit,
-            heights_m=heights_over(result.pattern, self.rig, result.extrinsics, fit.extrinsics),
-            vertical=vertical_offset(seen.images, self.rig, fit.extrinsics, yaw, limits_m=limits_m),
-        )
-        result = _judged(replace(result, stages={**result.stages, "textured": fit.extrinsics}), evidence)
-        if not result.accepted:
-            return result
-        assert result.pattern is not None and result.extrinsics is not None and result.covariance is not None
-        by_road = covariance_by_road(result.pattern, self.rig, result.extrinsics, fit.shape)
-        extrinsics, covariance = combine(result.extrinsics, result.covariance + by_road, fit)
-        covariance = covariance + covariance_by_rectification(self.rig, extrinsics)
-        stages = {**result.stages, "combined": extrinsics}
-        return replace(result, stages=stages, extrinsics=extrinsics, covariance=covariance)
-
-    def _ask_rest(self, result: CalibrationResult, evidence: Evidence, seen: Seen) -> CalibrationResult:
-        """Judge an estimate that rests on the lines alone by what else the images show."""
-        assert result.pattern is not None and result.extrinsics is not None
-        if evidence.refined is not None:
-            evidence = replace(
-                evidence, rims=measure_rims(seen.images, result.pattern, evidence.refined, self.rig)
-            )
-        if seen.points is not None:
-            plane = plane_of(result.extrinsics, self.rig)
-            between = height_between(result.pattern, plane, seen.matches, seen.points, self.rig, self.config)
-            evidence = replace(evidence, between_m=between)
-        vertical = horizon_offset(seen.images, self.rig, result.extrinsics)
-        return _judged(result, replace(evidence, vertical=vertical))
 
     def _search(self, fitness: PatternFitness) -> GeneticResult:
         """Run the genetic algorithm over the whole search box, once for each camera's parallelism."""
@@ -376,15 +305,6 @@ def calibrate(
         config: Settings; its seed is replaced by ``seed``.
     """
     return Calibrator(rig, replace(config or CalibratorConfig(), seed=seed)).add(left, right)
-
-
-def _judged(result: CalibrationResult, evidence: Evidence) -> CalibrationResult:
-    """Return an accepted result with all gates read, or its refusal."""
-    gates, refusal = judge(evidence, but=result.gates)
-    if refusal is None:
-        return replace(result, gates=gates)
-    known = {"pattern": result.pattern, "genetic": result.genetic, "stages": result.stages}
-    return rejected(refusal, result.stamp_s, gates=gates, **known)
 
 
 def _clipped(images: tuple[Image, Image]) -> float:

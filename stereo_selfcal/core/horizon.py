@@ -18,14 +18,15 @@ from .rectification import VerticalOffset, combine_cells, measure_cells, with_sl
 from .rig import StereoRig
 from .sampling import half_disparity, sample
 
-# Half the height of the band over the width of the image: a horizon that is tilted by 7 deg stays in it.
-_HALF_BAND = 0.0625
+# Half the height of the band over the width of the image: a horizon tilted by 7 deg stays in it. Where
+# the horizon is close to the border of the image, less will do: a tilt of 2 deg.
+_HALF_BAND, _LEAST_HALF_BAND = 0.0625, 0.018
 _ROWS = 81  # of the band: every one of an image 640 px wide
 _CELLS = 24  # side by side: four times what is needed for the offset and the turn
 _CELL_COLUMNS = 4  # in each, farther apart than the blur reaches
-# Searched to either side: a camera turned by a degree moves rows 300 px aside by 5.
-_MOST_PX = 10
-# Turns tried to start with, to twice the greatest that a pair may have and still be thought of as rectified.
+# Searched to either side, over the width of the image: a turn by 2 deg moves rows at its border so far.
+_MOST = 1.0 / 64.0
+# Turns tried to start with, to twenty times what a pair may have and still pass for rectified.
 _TURNS_RAD = np.radians(np.linspace(-2.0, 2.0, 41))
 _PASSES = 2
 _ALIGN = 256  # as in :mod:`.corridor`
@@ -47,15 +48,16 @@ def horizon_offset(
     band = _lay_out(rig, extrinsics)
     if band is None:
         return None
-    first = int(band.v.min()) - 2 * _MOST_PX
-    last = int(band.v.max()) + 2 * _MOST_PX
-    left, right = (with_slopes(image[max(0, first) : last]) for image in images)
-    v = band.v - np.float32(max(0, first))
+    most = round(_MOST * rig.width)
+    first = max(0, int(band.v.min()) - 2 * most)
+    last = int(band.v.max()) + 2 * most
+    left, right = (with_slopes(image[first:last]) for image in images)
+    v = band.v - np.float32(first)
     usable = (np.arange(len(band.u)) < band.n_samples).astype(np.float32)
     columns = band.cell_rays[:, 1] * -rig.fx
     # The road below the horizon is nearer.
     half = np.maximum(half_disparity(band, plane_of(extrinsics, rig), rig), np.float32(0.0))
-    offset, turn = _search(left, right, band, (half, v), columns)
+    offset, turn = _search(left, right, band, (half, v), columns, most)
     solution = None
     for _ in range(_PASSES):
         tilt = np.float32(0.5) * (np.float32(offset) + np.float32(turn) * (band.u - np.float32(rig.cx)))
@@ -65,7 +67,7 @@ def horizon_offset(
         if solution is None:
             return None
         offset, turn = offset + solution.offset_px, turn + solution.roll_rad
-        if not abs(offset) <= 2.0 * _MOST_PX:
+        if not abs(offset) <= 2.0 * most:
             return None
     assert solution is not None
     return VerticalOffset(offset, solution.std_px, turn, solution.roll_std_rad, solution.n_cells)
@@ -76,9 +78,10 @@ def _lay_out(rig: StereoRig, extrinsics: Extrinsics) -> Corridor | None:
 
     The band is level: a wrong roll must not lead it away from the horizon.
     """
-    half = round(_HALF_BAND * rig.width)
     middle = round(float(horizon_row(rig, extrinsics, rig.cx)))
-    if not half + _MOST_PX < middle < rig.height - half - _MOST_PX:
+    room = min(middle, rig.height - 1 - middle) - round(_MOST * rig.width)
+    half = min(round(_HALF_BAND * rig.width), room)
+    if half < _LEAST_HALF_BAND * rig.width:
         return None
     n = _CELLS * _CELL_COLUMNS
     u = (np.arange(n) + 0.5) * (rig.width / n)
@@ -102,7 +105,7 @@ def _lay_out(rig: StereoRig, extrinsics: Extrinsics) -> Corridor | None:
 
 
 def _search(
-    left: Floats, right: Floats, band: Corridor, place: tuple[Floats, Floats], columns: Array
+    left: Floats, right: Floats, band: Corridor, place: tuple[Floats, Floats], columns: Array, most: int
 ) -> tuple[float, float]:
     """Return offset [px] and turn [rad] under which the cells of both images correlate best."""
     half, v = place
@@ -114,16 +117,16 @@ def _search(
         return np.asarray(values - values.mean(axis=-1, keepdims=True), np.float32)
 
     reference = centred(fixed, band.u + half, v)
-    shifts = np.arange(-_MOST_PX, _MOST_PX + 1)
+    shifts = np.arange(-most, most + 1)
     curves = np.empty((len(shifts), _CELLS))
     for i, shift in enumerate(shifts):
         moved = centred(moving, band.u - half, v + np.float32(shift))
         # Weighed by the contrast of the left image: an empty sky correlates by chance.
         both = np.einsum("csr,csr->c", reference, moved)
         curves[i] = both / np.sqrt(np.maximum(np.einsum("csr,csr->c", moved, moved), 1.0))
-    rows = shifts[:, None, None] + _TURNS_RAD[:, None] * columns + _MOST_PX  # (offset, turn, cell)
-    within = (rows >= 0) & (rows <= 2 * _MOST_PX)
-    at = np.clip(np.rint(rows), 0, 2 * _MOST_PX).astype(np.intp)
+    rows = shifts[:, None, None] + _TURNS_RAD[:, None] * columns + most  # (offset, turn, cell)
+    within = (rows >= 0) & (rows <= 2 * most)
+    at = np.clip(np.rint(rows), 0, 2 * most).astype(np.intp)
     total = np.where(within, curves[at, np.arange(_CELLS)], 0.0).sum(axis=-1)
     best = np.unravel_index(int(np.argmax(total)), total.shape)
     return float(shifts[best[0]]), float(_TURNS_RAD[best[1]])

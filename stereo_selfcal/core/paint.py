@@ -33,7 +33,7 @@ _SIGMA_OVER_MAD = 1.4826
 
 @dataclass(frozen=True, slots=True)
 class Rim:
-    """What lies between a stripe and its lane.
+    """What lies between a stripe and its lane, mean of both cameras.
 
     Attributes:
         step: Grey of the strip beside the stripe less that of the lane, over the contrast of the paint.
@@ -56,15 +56,20 @@ def measure_rims(
         rig: Intrinsics and baseline.
 
     Returns:
-        One for each boundary and camera in which enough of it is wide enough.
+        One for each boundary of which enough is wide enough.
     """
     plane = plane_of(refined.extrinsics, rig)
     rims = []
-    for image, lines in zip(images, (pattern.left, pattern.right), strict=True):
-        for index, line in enumerate(lines):
-            rim = _rim(image, line, float(refined.widths_m[index]), index == 0, plane, rig)
-            if rim is not None:
-                rims.append(rim)
+    for index, lines in enumerate(zip(pattern.left, pattern.right, strict=True)):
+        width_m = float(refined.widths_m[index])
+        seen = [
+            rim
+            for image, line in zip(images, lines, strict=True)
+            if (rim := _rim(image, line, width_m, index == 0, plane, rig)) is not None
+        ]
+        if seen:
+            step = float(np.mean([rim.step for rim in seen]))
+            rims.append(Rim(step, float(np.sqrt(np.mean([rim.std**2 for rim in seen]) / len(seen)))))
     return tuple(rims)
 
 

@@ -149,10 +149,8 @@ def measure_cells(left: Floats, right: Floats, usable: Floats, corridor: Corrido
         usable: (N,) 1 for samples that count, 0 for others.
         corridor: The samples, in segments and cells; the means of the segments are removed.
     """
-    scale = np.sqrt(
-        _products(left[0], left[0], usable, corridor).sum()
-        / max(_products(right[0], right[0], usable, corridor).sum(), 1e-6)
-    )
+    contrasts = [_squares(image[0], usable, corridor).sum() for image in (left, right)]
+    scale = np.sqrt(contrasts[0] / max(contrasts[1], 1e-6))
     right = right * np.float32(np.clip(scale, 0.25, 4.0))
     difference = left[0] - right[0]
     slopes = (left[1:] + right[1:]) / 2  # of both images, by column and by row
@@ -160,18 +158,28 @@ def measure_cells(left: Floats, right: Floats, usable: Floats, corridor: Corrido
     # Gradients of one image by those of the other: noise alone leaves nothing.
     common = np.array([[_products(a, b, usable, corridor) for b in right[1:]] for a in left[1:]])
     common = (common + common.swapaxes(0, 1)) / 2
-    alone = [np.clip(_products(image[2], image[2], usable, corridor), 0.0, None) for image in (left, right)]
     count = np.maximum(corridor.cell_sums(corridor.segment_sums(usable)), 1.0)
-    seen = common[1, 1] > _CELL_SIGMAS * np.sqrt(alone[0] * alone[1] * _CORRELATED_SAMPLES / count)
-    seen &= common[0, 0] > 0.0
-    by_row = np.where(seen, common[1, 1] - common[0, 1] ** 2 / np.where(seen, common[0, 0], 1.0), 0.0)
+    by_noise = [
+        _CELL_SIGMAS
+        * np.sqrt(np.prod([_squares(image[k], usable, corridor) for image in (left, right)], axis=0))
+        for k in (1, 2)
+    ] * np.sqrt(_CORRELATED_SAMPLES / count)
+    seen = common[1, 1] > by_noise[1]
+    # An edge along the row has nothing across it, which a wrong disparity could move.
+    slanted = common[0, 0] > by_noise[0]
+    along = np.where(slanted, common[0, 1] / np.where(slanted, common[0, 0], 1.0), 0.0)
+    by_row = np.where(seen, common[1, 1] - along * common[0, 1], 0.0)
     seen &= by_row > _LEAST_INFORMATION * common[1, 1]
-    along = common[0, 1] / np.where(seen, common[0, 0], 1.0)
     rest = gradient[1] - along * gradient[0]
     safe = np.where(seen, by_row, 1.0)
     noise = np.maximum(_products(difference, difference, usable, corridor) / count, _QUANTISATION)
     # The right image lies lower by the displacement: its grey values there, less those on the left, fall.
     return np.where(seen, rest / safe, 0.0), np.where(seen, noise / safe, np.inf)
+
+
+def _squares(samples: Floats, usable: Floats, corridor: Corridor) -> Array:
+    """Return the sums of squares of samples over the cells, means of the segments removed, (C,)."""
+    return np.clip(_products(samples, samples, usable, corridor), 0.0, None)
 
 
 def combine_cells(cells: Array, variance: Array, columns: Array) -> VerticalOffset | None:
