@@ -27,6 +27,7 @@ from .search import search_table
 from .speed import cost_tables, ratio_table, size_table
 from .table import Table
 from .thresholds import threshold_table
+from .variants import variant_tables
 from .worlds import world_tables
 
 SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
@@ -42,6 +43,7 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "cost": cost_tables,
     "false_alarms": false_alarm_table,
     "recorded": recorded_table,
+    "variants": variant_tables,
     "thresholds": threshold_table,
     "worlds": world_tables,
     "kills": kill_table,

@@ -12,6 +12,7 @@ import numpy as np
 
 from .corridor import plane_of, plane_to_extrinsics
 from .extrinsics import Array, Extrinsics, road_from_camera_rotation
+from .geometry import apply_homography, road_from_image
 from .pattern import ImageLine, LanePattern
 from .refinement import RefinedFit
 from .rig import StereoRig
@@ -27,6 +28,10 @@ _N_ROWS = 8  # of a line, which has two parameters
 _UNLIKELY_CHI2_3 = 7.815
 # Near and far differ: one false alarm in 15 000 frames for normal errors.
 _DIFFER_SIGMAS = 4.0
+# Painted lines are parallel only so far: on the plane of the asphalt, those of 12 recorded roads meet at an angle
+# of 5 mrad (RMS), as a lane does that is 5 cm wider after 10 m. Of one line:
+_PAINT_STD_RAD = 0.005 / np.sqrt(2.0)
+_ANGLE_STEPS = np.array([1e-4, 1e-5, 1e-5])  # m, rad, rad: of a derivative
 # Painted lines lie in the asphalt; the lowest kerbs are 6 cm high, and half of that tells them apart.
 MAX_LINE_HEIGHT_M = 0.030
 # Height [m], pitch, roll [rad] by which both may differ all the same, as far as the lever of the nearest line
@@ -100,10 +105,11 @@ def _rays(pattern: LanePattern, rig: StereoRig) -> list[Array]:
 def covariance_by_road(
     pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics, shape: RoadShape
 ) -> Array:
-    """Return the covariance (3, 3) that the shape of the road gives an estimate from lines.
+    """Return the covariance (3, 3) that a real road gives an estimate from lines.
 
     The disparities of the lines, row by row and of equal weight, are fitted by a plane; the heights of
-    the road are no plane, with the covariance the asphalt shows.
+    the road are no plane, with the covariance the asphalt shows. Nor are the lines of such a road parallel to
+    better than they are painted.
 
     Args:
         pattern: The lines.
@@ -129,9 +135,14 @@ def covariance_by_road(
     heights = (
         shape.roughness * kernel + shape.profile**2 * profile + np.diag((shape.mismatch_px * metres) ** 2)
     )
-    solve = np.linalg.pinv(ray) / metres
-    by_plane = plane_to_extrinsics(plane, rig) @ solve
-    covariance = by_plane @ heights @ by_plane.T
+    by_plane = plane_to_extrinsics(plane, rig)
+    by_heights = by_plane @ (np.linalg.pinv(ray) / metres)
+    covariance = by_heights @ heights @ by_heights.T
+    # The disparities leave the pose free along the valley of E1; parallel lines say where in it.
+    free = by_plane @ np.linalg.pinv(ray.T @ ray) @ by_plane.T
+    slope = _by_pose(pattern, rig, extrinsics)
+    moved = free @ slope / (slope @ free @ slope)
+    covariance += 2.0 * _PAINT_STD_RAD**2 * np.outer(moved, moved)
     symmetric: Array = (covariance + covariance.T) / 2.0
     return symmetric
 
@@ -147,6 +158,23 @@ def covariance_by_profile(refined: RefinedFit | None) -> Array:
         surely = np.any(np.abs(profile.change) > _DIFFER_SIGMAS * profile.std)
         covariance[:2, :2] = np.outer(profile.change, profile.change) * surely
     return covariance
+
+
+def _by_pose(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics) -> Array:
+    """Return the derivative (3,) of the angle between both boundaries on the road by the pose."""
+    ends = np.array([[row.min(), row.max()] for row in (line.rows for line in pattern.boundaries.left)])
+    columns = [line.column_at(rows) for line, rows in zip(pattern.boundaries.left, ends, strict=True)]
+    points = np.stack([np.array(columns), ends], axis=-1)
+
+    def angle(pose: Array) -> float:
+        to_road = road_from_image(rig, Extrinsics.from_array(pose), "left")
+        far, near = np.moveaxis(apply_homography(to_road, points), 1, 0)
+        tangents = (far[:, 1] - near[:, 1]) / (far[:, 0] - near[:, 0])
+        return float(np.arctan(tangents[0]) - np.arctan(tangents[1]))
+
+    pose = extrinsics.as_array()
+    steps = np.diag(_ANGLE_STEPS)
+    return np.array([angle(pose + step) - angle(pose - step) for step in steps]) / (2.0 * _ANGLE_STEPS)
 
 
 def covariance_by_rectification(rig: StereoRig, extrinsics: Extrinsics) -> Array:
