@@ -28,8 +28,8 @@ _N_ROWS = 8  # of a line, which has two parameters
 _UNLIKELY_CHI2_3 = 7.815
 # Near and far differ: one false alarm in 15 000 frames for normal errors.
 _DIFFER_SIGMAS = 4.0
-# Painted lines are parallel only so far: on the plane of the asphalt, those of 12 recorded roads meet at an angle
-# of 5 mrad (RMS), as a lane does that is 5 cm wider after 10 m. Of one line:
+# Painted lines are parallel only so far: on the plane of the asphalt, those of 12 recorded roads meet at an
+# angle of 5 mrad (RMS), as a lane does that is 5 cm wider after 10 m. Of one line:
 _PAINT_STD_RAD = 0.005 / np.sqrt(2.0)
 _ANGLE_STEPS = np.array([1e-4, 1e-5, 1e-5])  # m, rad, rad: of a derivative
 # Painted lines lie in the asphalt; the lowest kerbs are 6 cm high, and half of that tells them apart.
@@ -193,7 +193,7 @@ def combine(lines: Extrinsics, covariance: Array, texture: TextureFit) -> tuple[
     """Return the mean of both estimates, weighted by their information, and its covariance.
 
     They share no pixel, as the asphalt is aligned without the paint; that both may lie in the same hollow of
-    the road is neglected. Where they differ by more than their covariances explain, the covariance is enlarged
+    the road is neglected. Where they differ by more than their covariances explain, it is enlarged
     by as much (R. T. Birge, "The calculation of errors by the method of least squares", Phys. Rev. 40, 1932).
 
     Args:
