@@ -12,11 +12,13 @@ from .closed_form import compare_stages, solve_plane
 from .combination import (
     MAX_LINE_HEIGHT_M,
     combine,
+    covariance_by_paint,
     covariance_by_rectification,
     covariance_by_road,
-    heights_over,
+    heights_over_asphalt,
     lies_on,
     same_road,
+    surely_right,
 )
 from .config import CalibratorConfig
 from .corridor import CELL_WIDTH_M
@@ -36,7 +38,7 @@ from .refinement import refine
 from .results import CalibrationResult, Rejection, RejectReason, describe, rejected
 from .rig import StereoRig
 from .road import lane_in_road
-from .texture import align_texture
+from .texture import TextureFit, align_texture
 from .uncertainty import measure_bends, propagate
 
 # A frame that is refused is looked at again, with chains and with the next best pairs of lines; each costs a
@@ -173,12 +175,13 @@ class Calibrator:
             return refused
         candidates = [each.candidates[0] for each in looks]
         for pattern in lines_on_road(shown.extrinsics, candidates, points, images, self.rig, self.config):
-            result = self._solve(pattern, images, stamp_s)
+            result = self._solve(pattern, images, stamp_s, shown=shown)
             if result.accepted and "textured" in result.stages:
                 return result
         seen = line_on_road(shown.extrinsics, matches, points, images, self.rig, self.config)
+        covariance = shown.covariance + covariance_by_rectification(self.rig, shown.extrinsics)
         vertical = None
-        if seen is not None and shown.precise:
+        if seen is not None and surely_right(covariance):
             vertical = vertical_offset(images, self.rig, shown.extrinsics, seen[1])
         if seen is None or vertical is None:  # rows that cannot be compared may be those of a turned camera
             return refused
@@ -188,7 +191,7 @@ class Calibrator:
         result = CalibrationResult(
             message="",
             extrinsics=shown.extrinsics,
-            covariance=shown.covariance + covariance_by_rectification(self.rig, shown.extrinsics),
+            covariance=covariance,
             lane_yaw_rad=seen[1],
             stamp_s=stamp_s,
             n_frames=1,
@@ -225,6 +228,7 @@ class Calibrator:
         images: tuple[Image, Image],
         stamp_s: float,
         buried: float | None = None,
+        shown: TextureFit | None = None,
     ) -> CalibrationResult:
         """Find the extrinsics for a pattern, judge them, and refine them on the images."""
         fitness = PatternFitness(pattern, self.rig, self.config.fitness)
@@ -271,19 +275,28 @@ class Calibrator:
             **known,
         )
         if self.config.texture.check:
-            result = self._ask_asphalt(result, evidence, images)
+            result = self._ask_asphalt(result, evidence, images, shown)
         return replace(result, message=_announce(result)) if result.accepted else result
 
     def _ask_asphalt(
-        self, result: CalibrationResult, evidence: Evidence, images: tuple[Image, Image]
+        self,
+        result: CalibrationResult,
+        evidence: Evidence,
+        images: tuple[Image, Image],
+        shown: TextureFit | None,
     ) -> CalibrationResult:
-        """Compare an estimate from lines with the plane of the asphalt between them, and combine both."""
+        """Compare an estimate from lines with the plane of the asphalt between them, and combine both.
+
+        Where there it is no witness, the asphalt that has shown where the lines are still is one.
+        """
         if result.pattern is None or result.extrinsics is None or result.covariance is None:
             raise ValueError("only an accepted result can be compared with the road")
         _, left_m, right_m = lane_in_road(result.pattern.boundaries, self.rig, result.extrinsics)
         limits_m = (float(right_m) - _BESIDE_M, float(left_m) + _BESIDE_M)
         yaw = result.lane_yaw_rad or 0.0
         fit = align_texture(images, self.rig, result.extrinsics, yaw, limits_m=limits_m)
+        if shown is not None and (fit is None or fit.sufficiency < 1.0):
+            fit = shown
         if fit is None or not fit.enough_texture or not fit.even_enough:
             lacking = "too uneven" if fit is not None and fit.enough_texture else "too little texture"
             if self.config.texture.required:
@@ -295,7 +308,7 @@ class Calibrator:
         evidence = replace(
             evidence,
             texture=fit,
-            heights_m=heights_over(result.pattern, self.rig, result.extrinsics, fit.extrinsics),
+            heights_m=heights_over_asphalt(result.pattern, self.rig, result.extrinsics, fit),
             vertical=vertical_offset(images, self.rig, fit.extrinsics, yaw, limits_m=limits_m),
         )
         gates, refusal = judge(evidence, but=result.gates)
@@ -303,7 +316,8 @@ class Calibrator:
         if refusal:
             known = {"pattern": result.pattern, "genetic": result.genetic}
             return rejected(refusal, result.stamp_s, gates=gates, stages=stages, **known)
-        by_road = covariance_by_road(result.pattern, self.rig, result.extrinsics, fit.shape)
+        known_road = (result.pattern, self.rig, result.extrinsics, fit.shape)
+        by_road = covariance_by_road(*known_road) + covariance_by_paint(*known_road)
         extrinsics, covariance = combine(result.extrinsics, result.covariance + by_road, fit)
         stages["combined"] = extrinsics
         covariance = covariance + covariance_by_rectification(self.rig, extrinsics)

@@ -30,6 +30,7 @@ ASPHALT = TextureFit(
     NOTHING,
     NOTHING,
     NOTHING,
+    NOTHING,
 )
 GOOD = Evidence(
     config=CONFIG,
