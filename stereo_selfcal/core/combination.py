@@ -8,6 +8,8 @@ both can be weighted by their information.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from .corridor import plane_of, plane_to_extrinsics
@@ -16,6 +18,7 @@ from .geometry import apply_homography, road_from_image
 from .pattern import ImageLine, LanePattern
 from .refinement import RefinedFit
 from .rig import StereoRig
+from .road import lane_in_road
 from .texture import AGREEMENT, TextureFit
 from .unevenness import RoadShape, kernels
 
@@ -23,20 +26,23 @@ from .unevenness import RoadShape, kernels
 RECTIFICATION_STD_PX = 0.1
 # Nothing is measured where the disparity is a pixel.
 _LEAST_DISPARITY_PX = 1.0
+_LEAST_WEIGHT = 1e-3  # of an outlier
 _N_ROWS = 8  # of a line, which has two parameters
 # Of the chi-squared distribution with three degrees of freedom: exceeded in one of twenty cases.
 _UNLIKELY_CHI2_3 = 7.815
 # Near and far differ: one false alarm in 15 000 frames for normal errors.
 _DIFFER_SIGMAS = 4.0
 # Painted lines are parallel only so far: on the plane of the asphalt, those of 12 recorded roads meet at an
-# angle of 5 mrad (RMS), as a lane does that is 5 cm wider after 10 m. Of one line:
-_PAINT_STD_RAD = 0.005 / np.sqrt(2.0)
+# angle of 5 mrad (RMS), as a lane does that is 5 cm wider after 10 m.
+_PAINT_STD_RAD = 0.005
 _ANGLE_STEPS = np.array([1e-4, 1e-5, 1e-5])  # m, rad, rad: of a derivative
 # Painted lines lie in the asphalt; the lowest kerbs are 6 cm high, and half of that tells them apart.
 MAX_LINE_HEIGHT_M = 0.030
 # Height [m], pitch, roll [rad] by which both may differ all the same, as far as the lever of the nearest line
 # stretches that: an estimate off by this is called wrong, and the asphalt alone is better by half.
 MAX_DIFFERENCE = np.array([0.060, np.radians(0.5), np.radians(1.2)])
+
+_SURE_SIGMAS = 3.0  # one in 370
 
 
 def same_road(a: Extrinsics, b: Extrinsics) -> bool:
@@ -53,13 +59,52 @@ def heights_over(pattern: LanePattern, rig: StereoRig, lines: Extrinsics, road: 
         lines: Estimate from them: their disparities.
         road: Another estimate.
     """
+    return np.array([np.average(h, weights=w) for h, w, _ in _heights_along(pattern, rig, lines, road)])
+
+
+def heights_over_asphalt(
+    pattern: LanePattern, rig: StereoRig, lines: Extrinsics, texture: TextureFit
+) -> Array:
+    """Return how high each line lies over the asphalt beside it, on the side of the camera [m], (L,).
+
+    Where the asphalt is no plane, a line in it need not lie in its plane; what tells a kerb is its height
+    over the asphalt it runs along: over the heights of the lane's own cells, carried on to it (kriging).
+
+    Args:
+        pattern: The lines.
+        rig: Intrinsics and baseline.
+        lines: Estimate from them: their disparities.
+        texture: The asphalt.
+    """
+    yaw, left_m, right_m = lane_in_road(pattern.boundaries, rig, lines)
+    xy = texture.cells_xy_m
+    aside = xy[:, 1] + np.tan(yaw) * xy[:, 0]
+    inner = np.isfinite(texture.cells_height_m) & (right_m < aside) & (aside < left_m)
+    xy, residuals = xy[inner], texture.cells_height_m[inner]
+    # Outliers are cells of little weight.
+    variances = texture.cells_variance[inner] / np.maximum(texture.cells_weight[inner], _LEAST_WEIGHT)
     heights = []
+    for height, weights, places in _heights_along(pattern, rig, lines, texture.extrinsics):
+        kernel, profile = kernels(np.concatenate([places, xy]))
+        of_road = texture.shape.roughness * kernel + texture.shape.profile**2 * profile
+        n = len(places)
+        carried = of_road[:n, n:] @ np.linalg.solve(of_road[n:, n:] + np.diag(variances), residuals)
+        heights.append(float(np.average(height - carried, weights=weights)))
+    return np.array(heights)
+
+
+def _heights_along(
+    pattern: LanePattern, rig: StereoRig, lines: Extrinsics, road: Extrinsics
+) -> Iterator[tuple[Array, Array, Array]]:
+    """Yield heights over a road [m], weights and places on it [m] of the rows each line was seen in."""
+    rotation = road_from_camera_rotation(road.pitch_rad, road.roll_rad)
     for ray in _rays(pattern, rig):
         seen, expected = ray @ plane_of(lines, rig), ray @ plane_of(road, rig)
-        metres = road.height_m / np.maximum(seen, _LEAST_DISPARITY_PX)
+        seen = np.maximum(seen, _LEAST_DISPARITY_PX)
+        metres = road.height_m / seen
+        xy = (ray * (rig.fx * rig.baseline_m / seen)[:, None]) @ rotation[:2].T
         # Rows weigh as their pixels do; far ones say little of a height.
-        heights.append(float(np.sum((seen - expected) / metres) / np.sum(1.0 / metres**2)))
-    return np.array(heights)
+        yield (seen - expected) * metres, metres**-2.0, xy
 
 
 def place_of_line(left: ImageLine, right: ImageLine, plane: Array, rig: StereoRig) -> tuple[float, float]:
@@ -86,6 +131,11 @@ def place_of_line(left: ImageLine, right: ImageLine, plane: Array, rig: StereoRi
     return height, aside
 
 
+def surely_right(covariance: Array) -> bool:
+    """Whether three standard deviations of an estimate are less than what is called wrong."""
+    return bool(np.all(_SURE_SIGMAS * np.sqrt(np.diag(covariance)) <= MAX_DIFFERENCE))
+
+
 def lies_on(pattern: LanePattern, rig: StereoRig, lines: Extrinsics, road: Extrinsics) -> bool:
     """Whether both lines lie in a road."""
     return bool(np.all(np.abs(heights_over(pattern, rig, lines, road)) <= MAX_LINE_HEIGHT_M))
@@ -105,11 +155,10 @@ def _rays(pattern: LanePattern, rig: StereoRig) -> list[Array]:
 def covariance_by_road(
     pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics, shape: RoadShape
 ) -> Array:
-    """Return the covariance (3, 3) that a real road gives an estimate from lines.
+    """Return the covariance (3, 3) that the shape of the road gives an estimate from lines.
 
     The disparities of the lines, row by row and of equal weight, are fitted by a plane; the heights of
-    the road are no plane, with the covariance the asphalt shows. Nor are the lines of such a road parallel to
-    better than they are painted.
+    the road are no plane, with the covariance the asphalt shows.
 
     Args:
         pattern: The lines.
@@ -138,11 +187,6 @@ def covariance_by_road(
     by_plane = plane_to_extrinsics(plane, rig)
     by_heights = by_plane @ (np.linalg.pinv(ray) / metres)
     covariance = by_heights @ heights @ by_heights.T
-    # The disparities leave the pose free along the valley of E1; parallel lines say where in it.
-    free = by_plane @ np.linalg.pinv(ray.T @ ray) @ by_plane.T
-    slope = _by_pose(pattern, rig, extrinsics)
-    moved = free @ slope / (slope @ free @ slope)
-    covariance += 2.0 * _PAINT_STD_RAD**2 * np.outer(moved, moved)
     symmetric: Array = (covariance + covariance.T) / 2.0
     return symmetric
 
@@ -160,10 +204,39 @@ def covariance_by_profile(refined: RefinedFit | None) -> Array:
     return covariance
 
 
-def _by_pose(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics) -> Array:
-    """Return the derivative (3,) of the angle between both boundaries on the road by the pose."""
-    ends = np.array([[row.min(), row.max()] for row in (line.rows for line in pattern.boundaries.left)])
-    columns = [line.column_at(rows) for line, rows in zip(pattern.boundaries.left, ends, strict=True)]
+def covariance_by_paint(
+    pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics, shape: RoadShape
+) -> Array:
+    """Return the covariance (3, 3) that lines painted not quite parallel give an estimate from them.
+
+    The disparities of two lines leave the pose nearly free along a valley; the angle between them on the
+    road, taken to be zero, says where in it.
+
+    Args:
+        pattern: The lines.
+        rig: Intrinsics and baseline.
+        extrinsics: The estimate from them.
+        shape: Of the road between them.
+
+    Returns:
+        Zeros where the road is a plane, as far as the asphalt shows: rendered lines are parallel.
+    """
+    if not shape.uneven:
+        return np.zeros((3, 3))
+    ray = np.concatenate(_rays(pattern.boundaries, rig))
+    by_plane = plane_to_extrinsics(plane_of(extrinsics, rig), rig)
+    by_disparity = by_plane @ np.linalg.pinv(ray)
+    free = by_disparity @ by_disparity.T
+    angle = _angle_by_pose(pattern.boundaries, rig, extrinsics)
+    moved = free @ angle / (angle @ free @ angle) * _PAINT_STD_RAD
+    covariance: Array = np.outer(moved, moved)
+    return covariance
+
+
+def _angle_by_pose(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics) -> Array:
+    """Return the derivative (3,) of the angle between two lines on the road by the pose."""
+    ends = np.array([[line.rows.min(), line.rows.max()] for line in pattern.left])
+    columns = [line.column_at(rows) for line, rows in zip(pattern.left, ends, strict=True)]
     points = np.stack([np.array(columns), ends], axis=-1)
 
     def angle(pose: Array) -> float:

@@ -34,6 +34,7 @@ ASPHALT = TextureFit(
     NOTHING,
     NOTHING,
     NOTHING,
+    NOTHING,
 )
 GOOD = Evidence(
     config=CONFIG,
