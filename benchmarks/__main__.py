@@ -27,6 +27,7 @@ from .search import search_table
 from .speed import cost_tables, ratio_table, size_table
 from .table import Table
 from .thresholds import threshold_table
+from .watch import watch_tables
 from .worlds import world_tables
 
 SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
@@ -45,6 +46,7 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "thresholds": threshold_table,
     "worlds": world_tables,
     "kills": kill_table,
+    "watch": watch_tables,
 }
 # Drawn by a section, shown below its tables.
 PLOTS = {"limit": "limit.png", "peers": "peers.png", "search": "search.png", "sizes": "sizes.png"}

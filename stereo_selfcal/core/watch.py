@@ -120,6 +120,11 @@ class Watch:
         return len(self._series)
 
     @property
+    def deviation(self) -> float:
+        """Greatest deviation of the frames since any moment, in standard deviations; 0 before the first."""
+        return 0.0 if self._change is None else self._change.size
+
+    @property
     def progress(self) -> float:
         """How far it is on its way to its first comparison, 0 to 1."""
         if self._reference is None:
@@ -143,7 +148,7 @@ class Watch:
         axis = self._change.axis
         return (
             f"no drift in {seen}: at most {_sized(axis, self._change.drift[axis])} of {_NAMES[axis]}, "
-            f"{self._change.size:.1f} standard deviations; alarm at {ALARM_SIGMAS:g}"
+            f"{self.deviation:.1f} standard deviations; alarm at {ALARM_SIGMAS:g}"
         )
 
     def add(self, result: CalibrationResult) -> Verdict:
