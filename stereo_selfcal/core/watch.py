@@ -147,7 +147,7 @@ class Watch:
             return f"{seen}, {self.progress:.0%} of what a first comparison takes"
         axis = self._change.axis
         return (
-            f"no drift in {seen}: at most {_sized(axis, self._change.drift[axis])} of {_NAMES[axis]}, "
+            f"no drift in {seen}: {_NAMES[axis]} by {_sized(axis, self._change.drift[axis], '+')} at most, "
             f"{self.deviation:.1f} standard deviations; alarm at {ALARM_SIGMAS:g}"
         )
 
@@ -280,12 +280,12 @@ class Watch:
             proven=proven,
             least=float(least.max()),
             most=float(most.max()),
-            message=f"{_NAMES[axis]} on the road is {_sized(axis, drift[axis])} from what it was "
+            message=f"{_NAMES[axis]} over the road has changed by {_sized(axis, drift[axis], '+')} "
             f"(std {_sized(axis, std[axis])}; limit {_sized(axis, LIMITS[axis])})",
         )
 
 
-def _sized(axis: int, value: float) -> str:
+def _sized(axis: int, value: float, sign: str = "") -> str:
     if axis == 0:
-        return f"{value * 1e3:.1f} mm"
-    return f"{math.degrees(value):.3f} deg"
+        return f"{value * 1e3:{sign}.1f} mm"
+    return f"{math.degrees(value):{sign}.3f} deg"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import threading
+import time
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -25,6 +26,7 @@ from .parameters import NodeParameters
 
 # The default callback group runs only short work; longer than this means it hangs.
 _PUBLISH_TIMEOUT_S = 10.0
+_SLICE_S = 0.1  # nobody publishes any more once the node shuts down
 _LATCHED = QoSProfile(
     depth=1, reliability=QoSReliabilityPolicy.RELIABLE, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL
 )
@@ -101,8 +103,10 @@ class Outputs:
         order = _Order(publication)
         self._order = order
         self._guard.trigger()
-        if not order.done.wait(_PUBLISH_TIMEOUT_S):
-            raise TimeoutError(f"the result was not published within {_PUBLISH_TIMEOUT_S} s")
+        deadline_s = time.monotonic() + _PUBLISH_TIMEOUT_S
+        while not order.done.wait(_SLICE_S):
+            if time.monotonic() >= deadline_s or not self._node.context.ok():
+                raise TimeoutError(f"the result was not published within {_PUBLISH_TIMEOUT_S} s")
         if order.error is not None:
             raise order.error
 
