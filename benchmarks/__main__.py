@@ -29,6 +29,7 @@ from .speed import cost_tables, ratio_table, size_table
 from .table import Table
 from .thresholds import threshold_table
 from .variants import variant_tables
+from .watch import watch_tables
 from .worlds import world_tables
 
 SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
@@ -49,6 +50,7 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "worlds": world_tables,
     "kills": kill_table,
     "idle": idle_tables,
+    "watch": watch_tables,
 }
 # Drawn by a section, shown below its tables.
 PLOTS = {"limit": "limit.png", "peers": "peers.png", "search": "search.png", "sizes": "sizes.png"}
