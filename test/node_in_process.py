@@ -1,5 +1,6 @@
 """The node in the process of a test: messages go straight into its callbacks, and what it sends is kept."""
 
+import itertools
 import math
 import threading
 import time
@@ -81,7 +82,12 @@ class NodeInProcess:
                 subscription.callback(serialize_message(message) if subscription.raw else message)
 
     def calibrate(self, messages=()):
-        """Call ~/calibrate, send (topic, message) over and over meanwhile, and return the answer."""
+        """Call ~/calibrate, send messages meanwhile, and return the answer.
+
+        Args:
+            messages: (topic, message) sent over and over; or a function of the number of the round,
+                from 0 on, that returns those of this round.
+        """
         return self._while_sending(
             lambda: self.serve("calibrate", Trigger.Request(), Trigger.Response()), messages
         )
@@ -96,9 +102,11 @@ class NodeInProcess:
         thread = threading.Thread(target=lambda: results.append(function()))
         thread.start()
         deadline = time.monotonic() + PATIENCE_S
-        while thread.is_alive():
+        for number in itertools.count():
+            if not thread.is_alive():
+                break
             assert time.monotonic() < deadline, "no answer"
-            for topic, message in messages:
+            for topic, message in messages(number) if callable(messages) else messages:
                 self.send(topic, message)
             thread.join(0.01)
         (result,) = results  # none: the function raised

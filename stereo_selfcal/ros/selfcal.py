@@ -11,6 +11,7 @@ from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
+from rclpy.qos import qos_profile_parameters
 from std_srvs.srv import Trigger
 
 from ..core.errors import OutputError
@@ -18,6 +19,7 @@ from ..core.extrinsics import Array
 from ..core.pattern import LanePattern
 from ..core.results import CalibrationResult
 from ..core.rig import StereoRig
+from ..exports import write_exports
 from ..node_settings import NODE_SETTINGS
 from ..result_file import NODE_NAME, write_result
 from .calibration import Outcome
@@ -71,7 +73,13 @@ class SelfcalNode:
                 self.node, self._input, lambda: self._parameters.config, self._calibration_report
             )
             self.node.create_service(
-                Trigger, "~/calibrate", self._on_calibrate, callback_group=ReentrantCallbackGroup()
+                Trigger,
+                "~/calibrate",
+                self._on_calibrate,
+                # As the parameter services have it, a queue of 1000: with the 10 of other services, ten of
+                # twenty calls at once got no answer.
+                qos_profile=qos_profile_parameters,
+                callback_group=ReentrantCallbackGroup(),
             )
             topics = self._input.topics
             self.node.get_logger().info(f"listening to {topics.left} and {topics.right}; call ~/calibrate")
@@ -156,7 +164,22 @@ class SelfcalNode:
             self._save(outcome, config, config.output_path)
         except OutputError as error:
             return f"in effect, but not saved: {error}", True
-        return f"saved to {config.output_path}", False
+        return f"saved to {config.output_path}{self._export(outcome, config, config.output_path)}", False
+
+    @staticmethod
+    def _export(outcome: Outcome, config: NodeConfig, path: Path) -> str:
+        """Write the exports; return what is to be said of them."""
+        if not config.exports:
+            return ""
+        assert (
+            outcome.result is not None and outcome.result.extrinsics is not None and outcome.rig is not None
+        )
+        extrinsics, frames = outcome.result.extrinsics, (config.road_frame, config.camera_frame)
+        try:
+            write_exports(path, config.exports, extrinsics, outcome.rig, *frames)
+        except OutputError as error:
+            return f", but not every export: {error}"
+        return f" with {', '.join(config.exports)}"
 
     def _save(self, outcome: Outcome, config: NodeConfig, path: Path) -> None:
         assert outcome.result is not None and outcome.rig is not None
