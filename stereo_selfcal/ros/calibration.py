@@ -12,6 +12,7 @@ from ..core.images import Image, message_to_grey
 from ..core.pairing import PairCounts, StampedPair, stamp_to_s
 from ..core.results import CalibrationResult
 from ..core.rig import StereoRig
+from ..core.undistort import StereoRectifier
 from .config import NodeConfig
 
 _CLOCK_STEP_S = 1e-3  # a call that ends at once (shutdown) must not divide by zero
@@ -101,6 +102,7 @@ class CalibrationCall:
         self._source = source
         self._config = config
         self._calibrator: Calibrator | None = None
+        self._rectifier: StereoRectifier | None = None
         self._rig_problem: str | None = None
         self._pairs = 0
         self._accepted = 0
@@ -122,14 +124,16 @@ class CalibrationCall:
                 self._take(pair)
                 if self._calibrator is not None and self._accepted == self._config.frames:
                     estimate = self._calibrator.estimate
+                    message = estimate.message + self._doubts()
                     if estimate.accepted:
-                        return Outcome(estimate.message, estimate, self._calibrator.rig, pair.stamp_ns)
-                    return Outcome(estimate.message)
+                        return Outcome(message, estimate, self._calibrator.rig, pair.stamp_ns)
+                    return Outcome(message)
             if pair is None or remaining_s == 0.0:
                 break
         if self._source.stopped:
             return Outcome("interrupted: the node shuts down")
-        return Outcome(self._reason(before, max(time.monotonic() - start_s, _CLOCK_STEP_S)))
+        elapsed_s = max(time.monotonic() - start_s, _CLOCK_STEP_S)
+        return Outcome(self._reason(before, elapsed_s) + self._doubts())
 
     def _notice_other_cameras(self) -> None:
         """Begin anew when CameraInfo has changed: frames of two rigs must not be fused."""
@@ -142,14 +146,14 @@ class CalibrationCall:
     def _take(self, pair: StampedPair[Any]) -> None:
         """Calibrate one pair, or remember why it could not be."""
         self._pairs += 1
-        if self._calibrator is None:
+        if self._calibrator is None or self._rectifier is None:
             try:
-                rig = self._rig()
+                self._rectifier = self._find_rectifier()
             except RigError as error:
                 self._rig_problem = str(error)
                 return
             self._rig_problem = None
-            self._calibrator = Calibrator(rig, self._config.calibrator)
+            self._calibrator = Calibrator(self._rectifier.rig, self._config.calibrator)
         topics = self._source.topics
         try:
             left = _grey(pair.left, topics.left)
@@ -157,23 +161,25 @@ class CalibrationCall:
         except ImageError as error:
             self._last_rejection = str(error)
             return
+        left, right = self._rectifier.apply(left, right)
         result = self._calibrator.add(left, right, stamp_to_s(pair.stamp_ns))
         if result.accepted:
             self._accepted += 1
         else:
             self._last_rejection = result.message
 
-    def _rig(self) -> StereoRig:
-        rig = self._config.rig_from_parameters()
-        if rig is not None:
-            return rig
-        left, right = self._source.camera_infos
-        if left is not None and right is not None:
-            return StereoRig.from_camera_info(left, right)
-        topics = self._source.topics
+    def _find_rectifier(self) -> StereoRectifier:
+        rectifier = known_rectifier(self._source, self._config)
+        if rectifier is not None:
+            return rectifier
+        topics, (left, right) = self._source.topics, self._source.camera_infos
         missing = [t for t, info in ((topics.left_info, left), (topics.right_info, right)) if info is None]
         named = " and ".join(f"{topic} ({_publishers(self._source, topic)})" for topic in missing)
         raise RigError(f"no CameraInfo on {named}: publish it or set the parameters rig.*")
+
+    def _doubts(self) -> str:
+        """Return what is strange about the CameraInfo, to be added to a message."""
+        return "" if self._rectifier is None else "".join(f"; {d.message}" for d in self._rectifier.doubts)
 
     def _reason(self, before: PairCounts, elapsed_s: float) -> str:
         """Return why the call ends without a result."""
@@ -210,6 +216,21 @@ def _camera(info: Any) -> tuple[str, ...]:
     """Return what of a CameraInfo tells one camera from another; as text, in which NaN equals itself."""
     values = (getattr(info, name, None) for name in _INFO_FIELDS)
     return tuple(repr(value if isinstance(value, int | str | None) else list(value)) for value in values)
+
+
+def known_rectifier(source: FrameSource, config: NodeConfig) -> StereoRectifier | None:
+    """Return the cameras of the parameters or of CameraInfo, None before both have come.
+
+    Raises:
+        RigError: They cannot be right.
+    """
+    rig = config.rig_from_parameters()
+    if rig is not None:
+        return StereoRectifier(rig)
+    left, right = source.camera_infos
+    if left is None or right is None:
+        return None
+    return StereoRectifier.from_camera_info(left, right, config.rectified)
 
 
 def no_pair_reason(source: FrameSource, config: NodeConfig, before: PairCounts, elapsed_s: float) -> str:
