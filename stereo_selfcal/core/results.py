@@ -26,6 +26,8 @@ class RejectReason(Enum):
     CAMERAS_SWAPPED = "cameras_swapped"
     LINES_NOT_STRAIGHT = "lines_not_straight"
     LINE_BELOW_ROAD = "line_below_road"
+    LINE_NOT_PAINTED = "line_not_painted"
+    LINES_NOT_COPLANAR = "lines_not_coplanar"
     ROAD_NOT_FLAT = "road_not_flat"
     LINES_NOT_CONVERGING = "lines_not_converging"
     LINES_INCONSISTENT = "lines_inconsistent"
@@ -155,3 +157,18 @@ def describe(extrinsics: Extrinsics, std: Extrinsics) -> str:
         f"pitch {math.degrees(extrinsics.pitch_rad):+.4f} deg (std {math.degrees(std.pitch_rad):.4f}), "
         f"roll {math.degrees(extrinsics.roll_rad):+.4f} deg (std {math.degrees(std.roll_rad):.4f})"
     )
+
+
+def announce(result: CalibrationResult, n_outliers: int = 0) -> str:
+    """Return the sentence of an accepted result.
+
+    Args:
+        result: The result.
+        n_outliers: Frames that were left out of it.
+    """
+    if result.extrinsics is None or result.std is None:
+        raise ValueError("only an accepted result can be announced")
+    frames = "1 frame" if result.n_frames == 1 else f"{result.n_frames} frames"
+    aside = f" ({n_outliers} more set aside as outliers)" if n_outliers else ""
+    notes = "".join(f"; {note}" for note in result.notes)
+    return f"calibrated from {frames}{aside}: {describe(result.extrinsics, result.std)}{notes}"

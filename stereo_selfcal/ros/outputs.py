@@ -16,10 +16,11 @@ from visualization_msgs.msg import MarkerArray
 from ..core.errors import ConfigError
 from ..core.extrinsics import Array
 from ..core.results import CalibrationResult
-from ..result_file import result_parameters
+from ..node_settings import RESULT_PREFIX
+from ..result_file import RESULT_NAMES, result_parameters
 from .config import NodeConfig
-from .markers import markers_message
-from .messages import extrinsics_message, pose_message, transform_message
+from .markers import markers_message, no_markers_message
+from .messages import deleted_message, extrinsics_message, pose_message, transform_message
 from .parameters import NodeParameters
 
 # The default callback group runs only short work; longer than this means it hangs.
@@ -50,7 +51,7 @@ class Publication:
 class _Order:
     """A publication on its way from another thread to the default callback group."""
 
-    publication: Publication
+    publication: Publication | None
     done: threading.Event = field(default_factory=threading.Event)
     error: Exception | None = None
 
@@ -86,6 +87,17 @@ class Outputs:
             OutputError: The result is a rejection, or holds NaN or infinity.
             TimeoutError: The callback group hangs.
         """
+        self._do(publication)
+
+    def withdraw(self) -> None:
+        """Take back what was published; from which thread and with which errors, see :meth:`publish`.
+
+        The parameters have no value any more, ``~/extrinsics`` says that they were deleted, and the markers
+        go. ``~/pose`` and ``/tf_static`` have no way to say so.
+        """
+        self._do(None)
+
+    def _do(self, publication: Publication | None) -> None:
         order = _Order(publication)
         self._order = order
         self._guard.trigger()
@@ -116,12 +128,23 @@ class Outputs:
         if self._transform is not None:
             self._transform.sendTransform(transform)
 
+    def withdraw_now(self) -> None:
+        """Take back; to be called as :meth:`publish_now`."""
+        self._parameters.withdraw_result()
+        stamp_ns = int(self._node.get_clock().now().nanoseconds)
+        names = [RESULT_PREFIX + name for name in RESULT_NAMES]
+        self._extrinsics.publish(deleted_message(self._node.get_fully_qualified_name(), stamp_ns, names))
+        self._markers.publish(no_markers_message())
+
     def _on_guard(self) -> None:
         order, self._order = self._order, None
         if order is None:
             return
         try:
-            self.publish_now(order.publication)
+            if order.publication is None:
+                self.withdraw_now()
+            else:
+                self.publish_now(order.publication)
         except Exception as error:  # noqa: BLE001 - raised again in the thread that waits
             order.error = error
         finally:
