@@ -101,6 +101,8 @@ class SelfcalNode:
     def stop(self) -> None:
         """End a running call, the watch and the pictures: the node shuts down."""
         self._input.stop()
+        self._monitor.cancel()
+        self._outputs.stop()  # whom the watch may be waiting for
         self._monitor.stop()
         self._views.stop()
 
