@@ -3,7 +3,7 @@
 
 REQUIREMENTS := $(addprefix requirements/,base.txt ros.txt test.txt lint.txt)
 FLOOR_REQUIREMENTS := $(addprefix requirements/,floor.txt test.txt)
-BENCH_REQUIREMENTS := $(addprefix requirements/,base.txt ros.txt bench.txt)
+BENCH_REQUIREMENTS := $(addprefix requirements/,base.txt bench.txt)
 
 # The first Python on the path that can make a virtual environment and is one of the versions named.
 # Both can be set: make PYTHON=/opt/python3.12/bin/python3 demo
@@ -50,7 +50,6 @@ lint: .venv  ## check style and types
 	.venv/bin/python -m mypy
 
 .PHONY: bench
-bench: export AMENT_PREFIX_PATH := $(CURDIR)/.venv-bench
 bench: .venv-bench/ready  ## measure accuracy, time and the alternatives (ARGS="--quick", ARGS="noise seeds": sections)
 	.venv-bench/bin/python -m benchmarks $(ARGS)
 
