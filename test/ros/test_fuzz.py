@@ -60,7 +60,10 @@ def fuzz(examples):
 @pytest.fixture(scope="module")
 def node(tmp_path_factory):
     path = tmp_path_factory.mktemp("node") / "out.yaml"
-    with pytest.MonkeyPatch.context() as patch, NodeInProcess(output_path=str(path)) as node:
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        NodeInProcess(output_path=str(path), monitor_period_s=0.05) as node,
+    ):
         patch.setattr(views, "PERIOD_S", 0.05)  # a picture waits no longer for a frame than a call does
         node.path = path
         yield node
