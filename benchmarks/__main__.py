@@ -25,6 +25,7 @@ from .paper import noise_table, seed_table
 from .peer_table import peer_table
 from .recorded import recorded_table
 from .search import search_table
+from .soak import soak_table
 from .speed import cost_tables, ratio_table, size_table
 from .table import Table
 from .thresholds import threshold_table
@@ -51,6 +52,7 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "kills": kill_table,
     "idle": idle_tables,
     "watch": watch_tables,
+    "soak": soak_table,
 }
 # Drawn by a section, shown below its tables.
 PLOTS = {"limit": "limit.png", "peers": "peers.png", "search": "search.png", "sizes": "sizes.png"}
