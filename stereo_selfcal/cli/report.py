@@ -33,7 +33,12 @@ def table_row(row: FrameRow) -> str:
     return _line(f"{stamp:>{_STAMP_WIDTH}}  {row.reason or 'accepted':<{_VERDICT_WIDTH}}", row.extrinsics)
 
 
-def table_summary(rows: Sequence[FrameRow], estimate: CalibrationResult, damage: str | None = None) -> str:
+def table_summary(
+    rows: Sequence[FrameRow],
+    estimate: CalibrationResult,
+    damage: str | None = None,
+    remarks: Sequence[str] = (),
+) -> str:
     """Return the lines under the table: mean and spread over the accepted frames, the fused estimate."""
     accepted = [row.extrinsics for row in rows if row.extrinsics is not None]
     text = f"{'-' * len(_HEADER)}\n{len(accepted)} of {len(rows)} frames accepted\n"
@@ -49,20 +54,32 @@ def table_summary(rows: Sequence[FrameRow], estimate: CalibrationResult, damage:
         if estimate.std is not None:
             text += _line("its standard deviation", estimate.std, spread=True)
     early = "" if damage is None else f"THE RECORDING IS DAMAGED AND ENDED EARLY, after {len(rows)} frames\n"
-    return f"{text}{estimate.message}\n{early}"
+    lines = "".join(f"{remark}\n" for remark in remarks)
+    return f"{text}{estimate.message}\n{lines}{early}"
 
 
-def as_json(rows: Sequence[FrameRow], estimate: CalibrationResult, damage: str | None = None) -> str:
+def as_json(
+    rows: Sequence[FrameRow],
+    estimate: CalibrationResult,
+    damage: str | None = None,
+    remarks: Sequence[str] = (),
+) -> str:
     """Return the object of interface.md, "Command line", in one line; floats with all their digits."""
-    return json.dumps(as_dict(rows, estimate, damage), allow_nan=False) + "\n"
+    return json.dumps(as_dict(rows, estimate, damage, remarks), allow_nan=False) + "\n"
 
 
 def as_dict(
-    rows: Sequence[FrameRow], estimate: CalibrationResult, damage: str | None = None
+    rows: Sequence[FrameRow],
+    estimate: CalibrationResult,
+    damage: str | None = None,
+    remarks: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Return what :func:`as_json` writes; a damaged recording has one key more, ``ended_early``."""
+    """Return what :func:`as_json` writes.
+
+    A damaged recording has one key more, ``ended_early``, and one with images in no frame ``remarks``.
+    """
     extrinsics = estimate.extrinsics if estimate.accepted else None
-    content = {
+    content: dict[str, Any] = {
         "accepted": estimate.accepted,
         "reason": None if estimate.reason is None else str(estimate.reason),
         "message": estimate.message,
@@ -77,7 +94,11 @@ def as_dict(
             for row in rows
         ],
     }
-    return content if damage is None else content | {"ended_early": damage}
+    if damage is not None:
+        content["ended_early"] = damage
+    if remarks:
+        content["remarks"] = list(remarks)
+    return content
 
 
 def _pose(extrinsics: Extrinsics | None) -> dict[str, Any]:

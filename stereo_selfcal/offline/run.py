@@ -27,6 +27,7 @@ class Replay:
         config: Settings it was calibrated with.
         damage: What ended the recording early, in one line; None when all of it was read. The rows and
             the estimate are those of the frames before.
+        remarks: What became of images that are in no frame, in sentences.
     """
 
     rows: tuple[FrameRow, ...]
@@ -34,6 +35,7 @@ class Replay:
     rig: StereoRig
     config: CalibratorConfig
     damage: str | None = None
+    remarks: tuple[str, ...] = ()
 
     @property
     def shown(self) -> FrameRow:
@@ -77,7 +79,7 @@ def calibrate_recording(
         damage = f"{error}; it ended early, after {n} frames: --max-frames {n} calibrates from these alone"
     if not rows:
         raise ValueError("a recording of no frames cannot be calibrated")
-    return Replay(tuple(rows), calibrator.estimate, source.rig, config, damage)
+    return Replay(tuple(rows), calibrator.estimate, source.rig, config, damage, source.remarks)
 
 
 def look_again(
