@@ -111,9 +111,10 @@ def _length_table(folder: Path, lengths: tuple[int, ...]) -> Table:
     per_frame_s = cost.cpu_s / n_frames
     ten_minutes_s = per_frame_s * GOAL_FRAMES
     table.note = (
-        "640 x 480, mcap with zstd, with --json. Other work was on the machine, so the wall time says little. "
-        f"{GOAL_FRAMES} frames (10 minutes at 10 Hz) take {ten_minutes_s:.0f} s of processor time by the last "
-        f"row, {ten_minutes_s / GOAL_JOBS:.0f} s on {GOAL_JOBS} cores that are both busy; the goal is {GOAL_S} s."
+        "640 x 480, mcap with zstd, with --json. Other work was on the machine, so the wall time says "
+        f"little. {GOAL_FRAMES} frames (10 minutes at 10 Hz) take {ten_minutes_s:.0f} s of processor time by "
+        f"the last row, {ten_minutes_s / GOAL_JOBS:.0f} s on {GOAL_JOBS} cores that are both busy; the goal "
+        f"is {GOAL_S} s."
     )
     return table
 
