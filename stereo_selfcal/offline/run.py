@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 
 from ..bags import BagError, StereoFrame
@@ -68,10 +69,11 @@ def calibrate_recording(
     rows: list[FrameRow] = []
     damage = None
     try:
-        for head, result in calibrate_in_order(source.frames(), calibrator, jobs, source.count):
-            calibrator.remember(result)
-            rows.append(FrameRow.from_result(result, head.stamp_s, head.recorded_ns, head.name))
-            on_row(rows[-1])
+        with closing(calibrate_in_order(source.frames(), calibrator, jobs, source.count)) as results:
+            for head, result in results:
+                calibrator.remember(result)
+                rows.append(FrameRow.from_result(result, head.stamp_s, head.recorded_ns, head.name))
+                on_row(rows[-1])
     except BagError as error:
         if not rows:
             raise
