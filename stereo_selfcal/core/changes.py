@@ -2,17 +2,18 @@
 
 A car pitches when it brakes, rolls when it turns, sinks under its load: its camera comes back. A mount that
 was knocked stays where it is. So estimates are averaged over blocks of ten seconds; what comes back
-within two minutes is motion; and a shift has to stand out of the motion that the same drive shows, by as much as
-one drive in a hundred does by chance.
+within two minutes is motion; and a shift has to stand out of the motion that the same drive shows, by as
+much as one drive in a hundred does by chance.
 
 Shifts are looked for in seeded intervals, the clearest first (S. Kovacs et al., "Seeded binary segmentation",
-Biometrika 110, 2023): unlike plain binary segmentation, this finds a shift and its opposite. What does not stand out
-of the minutes around it is dropped, so that a slow drift is not cut into stairs.
+Biometrika 110, 2023): unlike plain binary segmentation, this finds a shift and its opposite. What does not
+stand out of the minutes around it is dropped, so that a slow drift is not cut into stairs.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -35,9 +36,9 @@ _AROUND_S = 300.0
 # Less than this a driver getting in does to a camera: height [m], pitch, roll [rad].
 LEAST_SHIFT: Array = np.array([0.010, np.radians(0.10), np.radians(0.15)])
 
-# Standard errors by which a shift has to stand out. Greatest statistic of all intervals, parameters and splits:
-# exceeded in at most 1 % of simulated drives of 2 minutes to an hour without a shift, whether motion lasts
-# for half a second or for five.
+# Standard errors by which a shift has to stand out. Greatest statistic of all intervals, parameters and
+# splits: exceeded in at most 1 % of simulated drives of 2 minutes to an hour without a shift, whether motion
+# lasts for half a second or for five.
 _THRESHOLD = 5.5
 
 # Of means over ten seconds, for the standard error of a mean over all.
@@ -46,16 +47,16 @@ _FEWEST_FOR_ERROR = 3
 _NEIGHBOURS = 2
 _OUTLIER_SIGMAS = 4.0
 _SIGMA_OVER_MAD = 1.4826
-# Three quarters of normal deviations are within this many standard deviations: a scale that up to a quarter of
-# wrong values does not move, and that wastes less than the median would.
+# Three quarters of normal deviations are within this many standard deviations: a scale that up to a quarter
+# of wrong values does not move, and that wastes less than the median would.
 _QUARTILE = 0.75
 _SIGMA_OF_QUARTILE = 1.1503
 # Of neighbouring blocks; above, a shift and motion cannot be told apart.
 _MAX_CORRELATION = 0.8
 # Lengths of seeded intervals grow by this; they overlap by half.
 _GROWTH = 2**0.5
-# Half the width, in sigma^2 / shift^2, of the 95 % interval of a change point: J. Bai, "Estimation of a change point
-# in multiple regression models", Rev. Econ. Stat. 79, 1997.
+# Half the width, in sigma^2 / shift^2, of the 95 % interval of a change point: J. Bai, "Estimation of a
+# change point in multiple regression models", Rev. Econ. Stat. 79, 1997.
 _BAI_95 = 11.0
 
 
@@ -119,7 +120,7 @@ class Course:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Blocks:
-    """Means over ten seconds each, those with estimates only: number of the block, (B,), and values (B, 3)."""
+    """Means over ten seconds each, where there are estimates: number of the block (B,), values (B, 3)."""
 
     number: _Indices
     values: Array
@@ -130,13 +131,16 @@ class _Blocks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Motion:
-    """How block means scatter: (3,) long-run standard deviation of one, which already counts that they repeat
-    each other, so that a mean of n has it over the root of n.
+    """How block means scatter.
+
+    Attributes:
+        sigma: (3,) long-run standard deviation of one, which counts that they repeat each other: a mean of n
+            has it over the root of n.
     """
 
     sigma: Array
 
-    def statistic(self, shift: Array, n_before: Array | int, n_after: Array | int) -> Array:
+    def statistic(self, shift: Array, n_before: npt.ArrayLike, n_after: npt.ArrayLike) -> Array:
         """Return a shift (..., 3) over its standard error."""
         error = np.sqrt(1.0 / np.asarray(n_before) + 1.0 / np.asarray(n_after))
         statistic: Array = np.abs(shift) / (self.sigma * error[..., None])
@@ -170,7 +174,7 @@ def find_changes(stamps_s: npt.ArrayLike, poses: npt.ArrayLike, covariances: npt
     splits = _verified(_refitted(_candidates(kept, motion), kept, motion), kept, motion)
     cuts = [_locate(split, splits, kept, stamps, values, motion) for split in splits]
     bounds = [0, *cuts, len(stamps)]
-    segments = tuple(_segment(stamps, values, a, b) for a, b in zip(bounds, bounds[1:], strict=False))
+    segments = tuple(_segment(stamps, values, a, b) for a, b in pairwise(bounds))
     changes = tuple(
         _change(cut, split, splits, kept, stamps, motion) for cut, split in zip(cuts, splits, strict=True)
     )
@@ -211,7 +215,8 @@ def _motion(blocks: _Blocks, noise: Array, per_block: float) -> _Motion:
     (1 + correlation) times the variance of those over one.
     """
     one, two = (
-        np.quantile(np.abs(blocks.values[lag:] - blocks.values[:-lag]), _QUARTILE, axis=0) / _SIGMA_OF_QUARTILE
+        np.quantile(np.abs(blocks.values[lag:] - blocks.values[:-lag]), _QUARTILE, axis=0)
+        / _SIGMA_OF_QUARTILE
         for lag in (1, 2)
     )
     ratio = float(np.mean(two**2 / np.maximum(one**2, 1e-24)))
@@ -320,7 +325,7 @@ def _verified(splits: list[int], blocks: _Blocks, motion: _Motion) -> list[int]:
 
 def _first_return(splits: list[int], blocks: _Blocks, motion: _Motion) -> int | None:
     """Return the first of two neighbouring splits between which the camera was away only briefly."""
-    for i, (away, back) in enumerate(zip(splits, splits[1:], strict=False)):
+    for i, (away, back) in enumerate(pairwise(splits)):
         if (back - away) * BLOCK_S > _COMES_BACK_S:  # of what was seen: gaps say nothing
             continue
         others = [split for split in splits if split not in (away, back)]
