@@ -79,7 +79,8 @@ def calibrate_recording(
     except BagError as error:
         if not rows:
             raise
-        damage = f"{error}; the recording ended early, after {len(rows)} frames"
+        n = len(rows)
+        damage = f"{error}; it ended early, after {n} frames: --max-frames {n} calibrates from these alone"
     if not rows:
         raise ValueError("a recording of no frames cannot be calibrated")
     drive = estimate_drive([row for row in rows if row.accepted], source.rig, calibrator.estimate)
