@@ -17,7 +17,7 @@ from .results import CalibrationResult, announce
 from .rig import StereoRig
 
 # Stamps from 2001 on are of a clock; what is less counts from the start of a simulation.
-_FIRST_CLOCK_S = 1e9
+FIRST_CLOCK_S = 1e9
 
 
 class AcceptedFrame(Protocol):
@@ -191,6 +191,6 @@ def estimate_drive(frames: Sequence[AcceptedFrame], rig: StereoRig, fused: Calib
 
 def clock(stamp_s: float) -> str:
     """Return a stamp as people read it: UTC where it is of a clock, seconds where it is not."""
-    if stamp_s < _FIRST_CLOCK_S:
+    if stamp_s < FIRST_CLOCK_S:
         return f"{stamp_s:.1f} s"
     return datetime.fromtimestamp(stamp_s, timezone.utc).strftime("%H:%M:%S UTC")

@@ -64,10 +64,15 @@ class Rejection:
     remedy: str
 
     @property
+    def finding(self) -> str:
+        """What was measured, the value and the threshold."""
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.what}: {self.value:.4g}{unit}, limit {self.threshold:.4g}{unit}"
+
+    @property
     def message(self) -> str:
         """One sentence: what, the measured value, the threshold, the remedy."""
-        unit = f" {self.unit}" if self.unit else ""
-        return f"{self.what}: {self.value:.4g}{unit}, limit {self.threshold:.4g}{unit}; {self.remedy}"
+        return f"{self.finding}; {self.remedy}"
 
 
 @dataclass(frozen=True, slots=True)
