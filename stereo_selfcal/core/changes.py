@@ -29,15 +29,15 @@ BLOCK_S = 10.0
 _STAYS_BLOCKS = 6
 # A level that is left and found again within this is that of a car that stood on a slope, towed or turned.
 _COMES_BACK_S = 120.0
-# Below twelve blocks the motion is not known well enough to say what stands out of it.
-_FEWEST_BLOCKS = 12
+# With fewer, a shift is in a quarter of the differences by which motion is measured.
+_FEWEST_BLOCKS = 15
 # A shift counts against what lies around it: over hours fuel, load and warmth move a camera as well.
 _AROUND_S = 300.0
 # Less than this a driver getting in does to a camera: height [m], pitch, roll [rad].
 LEAST_SHIFT: Array = np.array([0.010, np.radians(0.10), np.radians(0.15)])
 
 # Standard errors by which a shift has to stand out. Greatest statistic of all intervals, parameters and
-# splits: exceeded in at most 1 % of simulated drives of 2 minutes to an hour without a shift, whether motion
+# splits: exceeded in at most 1 % of simulated drives of minutes to an hour without a shift, whether motion
 # lasts for half a second or for five.
 _THRESHOLD = 5.5
 
@@ -167,9 +167,12 @@ def find_changes(stamps_s: npt.ArrayLike, poses: npt.ArrayLike, covariances: npt
     if not len(stamps) or values.shape != (len(stamps), 3) or noise.shape != values.shape:
         raise ValueError(f"{stamps.shape} stamps, {values.shape} poses and {noise.shape} covariances")
     blocks = _blocks(stamps, values)
-    kept = _Blocks(blocks.number[_calm(blocks.values)], blocks.values[_calm(blocks.values)])
-    if len(kept) < _FEWEST_BLOCKS:
+    if len(blocks) < _FEWEST_BLOCKS:
         return Course((_segment(stamps, values, 0, len(stamps)),), (), False)
+    calm = _calm(blocks.values)
+    kept = _Blocks(blocks.number[calm], blocks.values[calm])
+    if len(kept) < _FEWEST_BLOCKS:
+        kept = blocks
     motion = _motion(kept, noise, len(stamps) / len(blocks))
     splits = _verified(_refitted(_candidates(kept, motion), kept, motion), kept, motion)
     cuts = [_locate(split, splits, kept, stamps, values, motion) for split in splits]

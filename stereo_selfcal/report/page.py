@@ -82,7 +82,7 @@ def _verdict(replay: Replay) -> dict[str, Any]:
         text += f", and did not move during {span}." if drive.judged else "."
         if not drive.judged:
             doubts.append(
-                "The recording is too short to tell whether the camera was moved: two minutes are needed."
+                "The recording is too short to tell whether the camera was moved: it takes 150 s."
             )
     accepted = [row for row in rows if row.accepted]
     confirmed = sum(row.confirmed for row in accepted)
