@@ -218,7 +218,7 @@ def _write_files(
     if arguments.picture is not None:
         _write_picture(arguments.picture, source, replay)
     if arguments.report is not None:
-        from ..report import render_report  # noqa: PLC0415 - jinja2 is for who asks for a report
+        from ..report.page import render_report  # noqa: PLC0415 - jinja2 is for who asks for a report
 
         write_atomically(arguments.report, render_report(source, replay).encode())
 

@@ -1,4 +1,4 @@
-"""How a car moves on its suspension, as a drive's estimates show it: means over ten seconds, and their scatter."""
+"""How a car moves on its suspension, as a drive shows it: means over ten seconds, and their scatter."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _QUARTILE = 0.75
 _SIGMA_OF_QUARTILE = 1.1503
 # Of neighbouring blocks; above, a shift and motion cannot be told apart.
 _MAX_CORRELATION = 0.8
-# Instead of zero, where all estimates are the same: below anything that is measured, in metres and in radians.
+# Instead of zero, where all estimates are the same: below anything that is measured [m], [rad].
 _NO_SCATTER = 1e-12
 
 

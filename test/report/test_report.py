@@ -20,7 +20,7 @@ from stereo_selfcal.core.extrinsics import Extrinsics
 from stereo_selfcal.core.gates import GATES
 from stereo_selfcal.core.results import GateReading, RejectReason
 from stereo_selfcal.offline import BagSource, FrameRow, calibrate_recording
-from stereo_selfcal.report import render_report
+from stereo_selfcal.report.page import render_report
 from stereo_selfcal.report.remedies import remedies
 
 ROOT = Path(__file__).resolve().parent.parent.parent
