@@ -11,7 +11,7 @@ from typing import Any
 
 from ..core.errors import ImageError, RigError
 from ..core.images import Image, message_to_grey
-from ..core.pairing import StampedPair, StampPairer, message_stamp_ns, stamp_to_s
+from ..core.pairing import PairCounts, StampedPair, StampPairer, message_stamp_ns, stamp_to_s
 from ..core.rig import StereoRig
 from .errors import BagError
 from .frame import StereoFrame, readable
@@ -36,6 +36,7 @@ class StereoBag:
     Attributes:
         paths: The bags of the recording.
         topics: The image topics of the two cameras.
+        remarks: What became of images that are in no frame, in sentences; known when all have been read.
     """
 
     def __init__(
@@ -58,6 +59,7 @@ class StereoBag:
             BagError: The recording cannot be read or has no unambiguous stereo pair.
         """
         self.paths = tuple(Path(each) for each in ([path] if isinstance(path, str | Path) else path))
+        self.remarks: tuple[str, ...] = ()
         self._tolerance_s = tolerance_s
         self._parts = _open(self.paths)
         try:
@@ -154,6 +156,8 @@ class StereoBag:
             yield from add(message_stamp_ns(message.content), message)
         yield from pairer.flush()
         counts = pairer.counts
+        if start_ns is None and stop_ns is None:
+            self.remarks = tuple(self._remarks(counts))
         if counts.pairs == 0 and counts.left + counts.right > 0:
             nearest = "none" if pairer.nearest_s is None else f"{pairer.nearest_s:.6f} s"
             raise BagError(
@@ -161,6 +165,18 @@ class StereoBag:
                 f"{counts.right} on {self.topics.right.name}: nearest difference of their header stamps "
                 f"{nearest}, allowed {self._tolerance_s:g} s; see --approximate-sync-tolerance"
             )
+
+    def _remarks(self, counts: PairCounts) -> Iterator[str]:
+        topics = self.topics
+        read, said = (counts.left, counts.right), (topics.left.count, topics.right.count)
+        if read != said:
+            yield (
+                f"{read[0]} left and {read[1]} right images were read, the recording should have "
+                f"{said[0]} and {said[1]}: it may be damaged"
+            )
+        alone = [count - counts.pairs for count in read]
+        if any(alone):
+            yield f"{alone[0]} left and {alone[1]} right images have no partner of the same time"
 
     def _frame(self, pair: StampedPair[Message]) -> StereoFrame:
         return StereoFrame.from_images(

@@ -47,6 +47,11 @@ class BagSource(FrameSource):
             self.close()
             raise
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What became of images that are in no frame."""
+        return self._bag.remarks
+
     def frames(self) -> Iterator[StereoFrame]:
         """Yield the selected frames in the order of the recording."""
         return self._bag.frames(self.selection)

@@ -28,6 +28,7 @@ class Replay:
         config: Settings it was calibrated with.
         damage: What ended the recording early, in one line; None when all of it was read. The rows and
             the estimate are those of the frames before.
+        remarks: What became of images that are in no frame, in sentences.
     """
 
     rows: tuple[FrameRow, ...]
@@ -35,6 +36,7 @@ class Replay:
     rig: StereoRig
     config: CalibratorConfig
     damage: str | None = None
+    remarks: tuple[str, ...] = ()
 
     @property
     def estimate(self) -> CalibrationResult:
@@ -84,7 +86,7 @@ def calibrate_recording(
     if not rows:
         raise ValueError("a recording of no frames cannot be calibrated")
     drive = estimate_drive([row for row in rows if row.accepted], source.rig, calibrator.estimate)
-    return Replay(tuple(rows), drive, source.rig, config, damage)
+    return Replay(tuple(rows), drive, source.rig, config, damage, source.remarks)
 
 
 def look_again(

@@ -67,6 +67,7 @@ def _verdict(replay: Replay) -> dict[str, Any]:
     """Return the verdict: a word, a sentence, and what stands against it."""
     rows, drive, estimate = replay.rows, replay.drive, replay.estimate
     doubts = [] if replay.damage is None else [f"The recording is damaged: {replay.damage}."]
+    doubts += [f"{remark[0].upper()}{remark[1:]}" for remark in replay.remarks]
     if estimate.extrinsics is None or not estimate.accepted:
         why = refusals(rows)
         causes = ", ".join(f"{reason} ({count})" for reason, count, _ in why[:_MOST_CAUSES])
