@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from .bias import bias_table
+from .drives import drive_table
 from .false_alarms import false_alarm_table
 from .kills import kill_table
 from .limit import limit_table
@@ -46,6 +47,7 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "thresholds": threshold_table,
     "worlds": world_tables,
     "kills": kill_table,
+    "drives": drive_table,
     "offline": offline_tables,
 }
 # Drawn by a section, shown below its tables.

@@ -20,6 +20,8 @@ class Options:
         false_alarms: Pictures without a road of each kind.
         worlds: Random worlds.
         kills: Writers of result files killed.
+        drives: Simulated drives of each kind.
+        drive_frames: Frames of the rendered drive.
         all_sizes: Whether to go through all image sizes, or the smallest two only.
         folder: Where tables and plots go.
     """
@@ -31,6 +33,8 @@ class Options:
     false_alarms: int = 200
     worlds: int = 2000
     kills: int = 200
+    drives: int = 200
+    drive_frames: int = 900
     all_sizes: bool = True
     folder: Path = RESULTS
 
@@ -44,6 +48,8 @@ QUICK = Options(
     false_alarms=20,
     worlds=60,
     kills=20,
+    drives=5,
+    drive_frames=60,
     all_sizes=False,
     folder=RESULTS / "quick",
 )
