@@ -2,5 +2,6 @@
 
 from .errors import BagError
 from .reader import StereoBag, StereoFrame
+from .selection import Selection
 
-__all__ = ["BagError", "StereoBag", "StereoFrame"]
+__all__ = ["BagError", "Selection", "StereoBag", "StereoFrame"]

@@ -22,7 +22,7 @@ from ..synth.scenes import PAPER_RIG
 from ..synth.world import LANE_WIDTH_M, LINE_WIDTH_M, MAX_TILT_RAD, PSF_SIGMA_PX
 from .chart import Curve, Panel, Picture, draw_charts
 from .console import EXIT_OK, Parser, UsageError, check_writable, run
-from .replay import read_rig_file
+from .rig_file import read_rig_file
 
 _DESCRIPTION = """\
 Print how well height, pitch and roll can be known at all: the Cramer-Rao bound of a stereo frame with the

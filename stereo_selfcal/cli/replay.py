@@ -3,27 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import islice
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Protocol
 
 import cv2
-import yaml
 
 from ..atomic_file import write_atomically
-from ..bags import StereoBag, StereoFrame
-from ..core.calibrator import Calibrator
 from ..core.config import CalibratorConfig
-from ..core.errors import ConfigError, RigError
-from ..core.images import Image
-from ..core.results import CalibrationResult
-from ..core.rig import StereoRig
+from ..core.errors import ConfigError
 from ..exports import EXPORTS, export_paths, parse_exports, write_exports
+from ..offline import BagSource, FrameRow, FrameSource, Replay, Selection, calibrate_recording, look_again
 from ..parameter_file import load_calibrator_config, load_frames
 from ..picture import draw_overview
 from ..result_file import write_result
@@ -36,7 +28,8 @@ from .console import (
     check_writable,
     run,
 )
-from .report import FrameRow, as_json, table_header, table_row, table_summary
+from .report import as_json, table_header, table_row, table_summary
+from .rig_file import read_rig_file
 
 _DESCRIPTION = """\
 Find height, pitch and roll of a stereo camera from a recording of a straight road.
@@ -51,80 +44,6 @@ roll > 0 is right side down.
 """
 
 
-class FrameCalibrator(Protocol):
-    """What replay needs of a :class:`~stereo_selfcal.core.calibrator.Calibrator`."""
-
-    def add(self, left: Image, right: Image, stamp_s: float = 0.0) -> CalibrationResult:
-        """Calibrate one frame and remember it when it is accepted."""
-
-    @property
-    def estimate(self) -> CalibrationResult:
-        """The accepted frames so far, fused."""
-
-
-@dataclass(frozen=True, slots=True)
-class Replay:
-    """Outcome of a recording.
-
-    Attributes:
-        rows: One row per frame.
-        estimate: The accepted frames, fused.
-        frame: The frame for the picture: the last accepted one, or the last one when none was.
-        result: The result of that frame.
-    """
-
-    rows: list[FrameRow]
-    estimate: CalibrationResult
-    frame: StereoFrame
-    result: CalibrationResult
-
-
-def run_replay(
-    frames: Iterable[StereoFrame],
-    calibrator: FrameCalibrator,
-    on_row: Callable[[FrameRow], None] = lambda row: None,
-) -> Replay:
-    """Put every frame through the calibrator; at most two frames are in memory at a time.
-
-    Args:
-        frames: Stereo frames, at least one, read as they are needed.
-        calibrator: Calibrator of the rig.
-        on_row: Called after every frame.
-    """
-    rows: list[FrameRow] = []
-    shown: tuple[StereoFrame, CalibrationResult] | None = None
-    for frame in frames:
-        result = calibrator.add(frame.left, frame.right, frame.stamp_s)
-        rows.append(FrameRow.from_result(result, frame.stamp_s))
-        if result.accepted or shown is None or not shown[1].accepted:
-            shown = frame, result
-        on_row(rows[-1])
-    if shown is None:
-        raise ValueError("a recording of no frames cannot be replayed")
-    return Replay(rows, calibrator.estimate, *shown)
-
-
-def read_rig_file(path: Path) -> StereoRig:
-    """Read a rig file, YAML or JSON: ``width, height, fx, fy, cx, cy, baseline_m``.
-
-    Raises:
-        UsageError: It cannot be read, or does not describe a rig.
-    """
-    try:
-        text = path.read_text(encoding="utf-8")
-        # PyYAML reads most of JSON, but takes the 1e3 of JSON for a word.
-        values = json.loads(text) if path.suffix == ".json" else yaml.safe_load(text)
-    except (OSError, ValueError, yaml.YAMLError) as error:
-        detail = error.strerror if isinstance(error, OSError) else error
-        raise UsageError(f"--rig {path}: cannot be read ({detail})") from error
-    if not isinstance(values, Mapping):
-        raise UsageError(f"--rig {path}: holds no keys; it needs {', '.join(StereoRig.__slots__)}")
-    try:
-        return StereoRig.from_mapping(values)
-    except RigError as error:
-        raise UsageError(f"--rig {path}: {error}") from error
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status of interface.md, "Command line"."""
     return run("replay", _replay, argv)
@@ -136,21 +55,15 @@ def _replay(argv: list[str]) -> int:
     frames = load_frames(arguments.config)
     rig = None if arguments.rig is None else read_rig_file(arguments.rig)
     config = _config(arguments.config, arguments.seed)
-    with StereoBag(arguments.bag, arguments.left, arguments.right, arguments.tolerance_s) as bag:
-        rig = bag.read_rig() if rig is None else rig
-        replay = _run_with_output(bag, Calibrator(rig, config), arguments)
-    estimate = replay.estimate
-    # Files first: a reader of stdout that goes away must not cost the result.
-    if arguments.output is not None and estimate.accepted:
-        source = arguments.bag.resolve().name  # the folders above it are nobody's business
-        write_result(arguments.output, estimate, rig, source=source, seed=config.seed)
-        assert estimate.extrinsics is not None
-        write_exports(arguments.output, arguments.exports, estimate.extrinsics, rig, *frames)
-    if arguments.picture is not None:
-        _write_picture(arguments.picture, replay, rig)
+    selection = Selection(max_frames=arguments.max_frames)
+    with BagSource(
+        [arguments.bag], arguments.left, arguments.right, arguments.tolerance_s, rig, selection
+    ) as source:
+        replay = _run_with_output(source, config, as_json=arguments.json)
+        _write_files(source, replay, arguments, frames)
     report = as_json if arguments.json else table_summary
-    sys.stdout.write(report(replay.rows, estimate))
-    return EXIT_OK if estimate.accepted else EXIT_NOT_ACCEPTED
+    sys.stdout.write(report(replay.rows, replay.estimate))
+    return EXIT_OK if replay.estimate.accepted else EXIT_NOT_ACCEPTED
 
 
 def _check_outputs(output: Path | None, picture: Path | None, exports: tuple[str, ...]) -> None:
@@ -178,38 +91,52 @@ def _config(path: Path | None, seed: int | None) -> CalibratorConfig:
     return CalibratorConfig.from_mapping(settings | {"seed": seed})
 
 
-def _run_with_output(bag: StereoBag, calibrator: Calibrator, arguments: argparse.Namespace) -> Replay:
+def _run_with_output(source: FrameSource, config: CalibratorConfig, *, as_json: bool) -> Replay:
     """Replay with a progress bar, and with the table unless JSON is wanted."""
-    total = bag.n_frames if arguments.max_frames is None else min(bag.n_frames, arguments.max_frames)
-    progress = Progress(total)
+    progress = Progress(source.count)
     done = 0
 
     def on_row(row: FrameRow) -> None:
         nonlocal done
         done += 1
         progress.clear()
-        if not arguments.json:
+        if not as_json:
             sys.stdout.write(table_row(row))
             sys.stdout.flush()
         progress.show(done)
 
-    if not arguments.json:
-        for side, topic in (("left", bag.topics.left), ("right", bag.topics.right)):
-            sys.stdout.write(f"{side:<5} {topic.name} ({topic.count} images)\n")
+    if not as_json:
+        names, counts = (source.left_name, source.right_name), source.n_images
+        for side, name, count in zip(("left", "right"), names, counts, strict=True):
+            sys.stdout.write(f"{side:<5} {name} ({count} images)\n")
         sys.stdout.write(table_header())
     progress.show(0)
     try:
-        return run_replay(islice(bag.frames(), arguments.max_frames), calibrator, on_row)
+        return calibrate_recording(source, config, on_row)
     finally:
         progress.clear()
 
 
-def _write_picture(path: Path, replay: Replay, rig: StereoRig) -> None:
+def _write_files(
+    source: FrameSource, replay: Replay, arguments: argparse.Namespace, frames: tuple[str, str]
+) -> None:
+    """Write what the options ask for, before anything is said: a reader of stdout may go away."""
+    estimate, rig = replay.estimate, replay.rig
+    if arguments.output is not None and estimate.accepted:
+        # The folders above the recording are nobody's business.
+        write_result(arguments.output, estimate, rig, source=source.name, seed=replay.config.seed)
+        assert estimate.extrinsics is not None
+        write_exports(arguments.output, arguments.exports, estimate.extrinsics, rig, *frames)
+    if arguments.picture is not None:
+        _write_picture(arguments.picture, source, replay)
+
+
+def _write_picture(path: Path, source: FrameSource, replay: Replay) -> None:
     """Draw the fused estimate over the frame that shows it, or the refusal of that frame."""
-    shown = replay.result
+    frame, shown = look_again(source, replay.shown, replay.config)
     if replay.estimate.accepted:
-        shown = replace(replay.estimate, pattern=replay.result.pattern)
-    picture = draw_overview(replay.frame.left, replay.frame.right, rig, shown)
+        shown = replace(replay.estimate, pattern=shown.pattern)
+    picture = draw_overview(frame.left, frame.right, replay.rig, shown)
     _, content = cv2.imencode(".png", picture)
     write_atomically(path, content.tobytes())
 

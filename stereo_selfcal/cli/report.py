@@ -7,11 +7,11 @@ import math
 import statistics
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from ..core.extrinsics import Extrinsics
 from ..core.results import CalibrationResult
+from ..offline import FrameRow
 
 _STAMP_WIDTH = 17  # seconds since 1970 with microseconds
 _VERDICT_WIDTH = 21  # the longest reject reason and a space
@@ -20,32 +20,6 @@ _HEADER = (
     f"{'stamp [s]':>{_STAMP_WIDTH}}  {'verdict':<{_VERDICT_WIDTH}}"
     f"{'height [m]':>12}{'pitch [deg]':>13}{'roll [deg]':>12}"
 )
-
-
-@dataclass(frozen=True, slots=True)
-class FrameRow:
-    """Outcome of one frame, without the images and evidence behind it.
-
-    Attributes:
-        stamp_s: Time stamp of the frame [s].
-        reason: Why it was refused, None when accepted.
-        extrinsics: The calibration, None when refused.
-    """
-
-    stamp_s: float
-    reason: str | None
-    extrinsics: Extrinsics | None
-
-    @classmethod
-    def from_result(cls, result: CalibrationResult, stamp_s: float) -> FrameRow:
-        """Keep of a result what the report needs."""
-        reason = None if result.reason is None else str(result.reason)
-        return cls(stamp_s, reason, result.extrinsics if result.accepted else None)
-
-    @property
-    def accepted(self) -> bool:
-        """Whether the frame gave a calibration."""
-        return self.reason is None
 
 
 def table_header() -> str:

@@ -73,12 +73,20 @@ class Calibrator:
             right: The same of the right camera.
             stamp_s: Time stamp of the frame [s].
         """
-        result = self._calibrate(left, right, stamp_s)
+        result = self.calibrate_frame(left, right, stamp_s)
+        self.remember(result)
+        return result
+
+    def remember(self, result: CalibrationResult) -> None:
+        """Take the result of a frame of this rig into the estimate, wherever it was calibrated.
+
+        Args:
+            result: What :meth:`calibrate_frame` returned, of this calibrator or of one like it.
+        """
         if result.accepted:
             # Images' worth of points is not needed any more: memory must not grow with a bag.
-            self._accepted.append(replace(result, pattern=None, unused_lines=(), genetic=None))
+            self._accepted.append(result.slim())
         self._last = result
-        return result
 
     @property
     def estimate(self) -> CalibrationResult:
@@ -115,8 +123,11 @@ class Calibrator:
         )
         return replace(fused, message=_announce(fused, len(self._accepted) - len(frames)))
 
-    def _calibrate(self, left: Image, right: Image, stamp_s: float) -> CalibrationResult:
-        """Run every stage on one frame; again with other lines where the first ones are refused."""
+    def calibrate_frame(self, left: Image, right: Image, stamp_s: float = 0.0) -> CalibrationResult:
+        """Calibrate one frame and remember nothing; arguments and result as of :meth:`add`.
+
+        Every stage runs, and again with other lines where the first ones are refused.
+        """
         images = (left, right)
         refusal = checks.check_images(left, right, self.rig)
         if refusal:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import TYPE_CHECKING
 
@@ -140,6 +140,10 @@ class CalibrationResult:
         if self.covariance is None:
             return None
         return Extrinsics(*(math.sqrt(float(self.covariance[i, i])) for i in range(3)))
+
+    def slim(self) -> CalibrationResult:
+        """Return the result without the points and lines behind it, which weigh as much as an image."""
+        return replace(self, pattern=None, unused_lines=(), genetic=None)
 
 
 def rejected(rejection: Rejection, stamp_s: float = 0.0, **evidence: object) -> CalibrationResult:

@@ -67,8 +67,9 @@ def test_frames_are_read_one_by_one(tmp_path, monkeypatch):
     monkeypatch.setattr(reader_module, "message_to_grey", lambda *a: decoded.append(1) or convert(*a))
     with StereoBag(path) as bag:
         messages = []
-        inner = bag._reader.messages
-        bag._reader.messages = lambda **k: (messages.append(1) or m for m in inner(**k))
+        reader = bag._parts[0]._reader
+        inner = reader.messages
+        reader.messages = lambda **k: (messages.append(1) or m for m in inner(**k))
         frames = bag.frames()
         assert not decoded
         for index in range(5):

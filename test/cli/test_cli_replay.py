@@ -5,7 +5,6 @@ import math
 import os
 import subprocess
 import sys
-import weakref
 from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
@@ -16,11 +15,12 @@ import pytest
 import yaml
 from bag_making import RIG, Camera, cameras, make_bag
 
-from stereo_selfcal.cli import replay as replay_module
-from stereo_selfcal.cli.replay import main, read_rig_file, run_replay
+from stereo_selfcal.cli.replay import main
+from stereo_selfcal.cli.rig_file import read_rig_file
 from stereo_selfcal.core.config import CalibratorConfig
 from stereo_selfcal.core.extrinsics import Extrinsics
 from stereo_selfcal.core.results import CalibrationResult, Rejection, RejectReason, describe, rejected
+from stereo_selfcal.offline import run as run_module
 from stereo_selfcal.result_file import load_result
 
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -43,7 +43,10 @@ class FakeCalibrator:
         self.rig, self.config, self.stamps, self.accepted = rig, config, [], []
         self.made.append(self)
 
-    def add(self, left, right, stamp_s=0.0):
+    def remember(self, result):
+        pass
+
+    def calibrate_frame(self, left, right, stamp_s=0.0):
         self.stamps.append(stamp_s)
         if not self.accept(len(self.stamps) - 1):
             return refusal(stamp_s)
@@ -64,7 +67,7 @@ class FakeCalibrator:
 
 @pytest.fixture
 def calibrator(monkeypatch):
-    monkeypatch.setattr(replay_module, "Calibrator", FakeCalibrator)
+    monkeypatch.setattr(run_module, "Calibrator", FakeCalibrator)
     monkeypatch.setattr(FakeCalibrator, "made", [])
     return FakeCalibrator
 
@@ -176,33 +179,6 @@ def test_nothing_accepted(bag, calibrator, monkeypatch, tmp_path, capsys, as_jso
     else:
         assert "0 of 4 frames accepted" in out
         assert "limit 2; paint some" in out
-
-
-def test_picture_shows_the_last_accepted_frame(bag, calibrator, monkeypatch):
-    monkeypatch.setattr(calibrator, "accept", staticmethod(lambda index: index < 2))
-    with replay_module.StereoBag(bag) as opened:
-        replay = run_replay(opened.frames(), FakeCalibrator(RIG))
-    assert replay.frame.stamp_s == pytest.approx(100.1)
-    assert replay.result.accepted
-
-
-def test_at_most_two_frames_are_in_memory():
-    class Frame:
-        left = right = None
-        stamp_s = 0.0
-
-    references = []
-
-    def frames():
-        for _ in range(50):
-            frame = Frame()
-            references.append(weakref.ref(frame))
-            yield frame
-            del frame
-            assert sum(reference() is not None for reference in references) <= 2
-
-    run_replay(frames(), FakeCalibrator(RIG))
-    assert len(references) == 50
 
 
 def test_max_frames(bag, calibrator, capsys):

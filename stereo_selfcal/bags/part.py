@@ -1,0 +1,129 @@
+"""One bag of a recording, opened by rosbags; whatever is wrong with it is said in one line."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from .errors import BagError
+from .topics import Topic
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection
+
+# Storage files that are a recording by themselves, without a folder and its metadata.yaml.
+_STORAGE_SUFFIXES = (".mcap", ".db3")
+_SUFFIXES = (*_STORAGE_SUFFIXES, ".bag")
+
+
+class Message(NamedTuple):
+    """A message of a recording.
+
+    Attributes:
+        recorded_ns: When it was recorded [ns].
+        topic: Name of its topic.
+        content: The message, deserialized by rosbags.
+    """
+
+    recorded_ns: int
+    topic: str
+    content: Any
+
+
+class Part:
+    """One bag of a recording, open.
+
+    Attributes:
+        path: A rosbag2 folder, a single .mcap or .db3 file, or a ROS 1 .bag.
+        connections: What it recorded: topics, types and numbers of messages.
+        start_ns: When its first message was recorded [ns].
+        end_ns: When its last one was [ns].
+
+    Raises:
+        BagError: It cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with self._damage_reported():
+            # Recordings older than ROS 2 Iron carry no message definitions; these types never changed.
+            self._reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+            self._reader.open()
+            self.connections = list(self._reader.connections)
+            self.start_ns, self.end_ns = self._reader.start_time, self._reader.end_time
+
+    def close(self) -> None:
+        """Close the files."""
+        self._reader.close()
+
+    def messages(
+        self, topics: Collection[Topic], start_ns: int | None = None, stop_ns: int | None = None
+    ) -> Iterator[Message]:
+        """Yield the messages of topics in the order of the recording.
+
+        Args:
+            topics: Which ones, by name and type.
+            start_ns: None recorded before this [ns].
+            stop_ns: None recorded at this time or later [ns].
+
+        Raises:
+            BagError: The recording is damaged.
+        """
+        wanted = {(topic.name, topic.msgtype) for topic in topics}
+        connections = [c for c in self.connections if (c.topic, c.msgtype) in wanted]
+        if not connections:
+            return
+        with self._damage_reported():
+            messages = self._reader.messages(connections=connections, start=start_ns, stop=stop_ns)
+        while True:
+            with self._damage_reported():
+                item: tuple[Connection, int, bytes] | None = next(messages, None)
+                if item is None:
+                    return
+                content = self._reader.deserialize(item[2], item[0].msgtype)
+            yield Message(item[1], item[0].topic, content)
+
+    @contextmanager
+    def _damage_reported(self) -> Iterator[None]:
+        """Translate whatever rosbags raises on a damaged file into one line."""
+        try:
+            yield
+        except Exception as error:  # struct.error, apsw.Error, ZstdError, AssertionError, ... by the damage
+            detail = " ".join(str(error).split()) or type(error).__name__
+            raise BagError(
+                f"{self.path}: cannot be read as a recording ({detail.rstrip('.')}); if it was cut off, "
+                "'ros2 bag reindex', 'mcap recover' or 'rosbag reindex' may save it"
+            ) from error
+
+
+def recordings_at(path: Path) -> list[Path]:
+    """Return what rosbags has to open for ``path``: a folder with metadata.yaml, or files.
+
+    Raises:
+        BagError: There is no recording.
+    """
+    if not path.exists():
+        raise BagError(
+            f"{path}: no such file or folder; give a rosbag2 folder, an .mcap, a .db3 or a ROS 1 .bag"
+        )
+    if path.is_file():
+        if path.suffix not in _SUFFIXES:
+            raise BagError(
+                f"{path}: not a recording; give a rosbag2 folder, an .mcap, a .db3 or a ROS 1 .bag"
+            )
+        return [path]
+    if (path / "metadata.yaml").exists():
+        return [path]
+    # A recorder that was killed leaves its storage files without metadata.yaml.
+    files = [file for file in sorted(path.iterdir()) if file.suffix in _SUFFIXES]
+    if not files:
+        raise BagError(
+            f"{path}: not a recording (a folder without metadata.yaml and without storage files); "
+            "give a rosbag2 folder, an .mcap, a .db3 or a ROS 1 .bag"
+        )
+    return files
