@@ -171,7 +171,8 @@ def _text(place: Sequence[float] | Array, text: str, colour: str, anchor: str) -
 def _arrow_head(colour: str) -> str:
     return (
         f'<marker id="head{colour[1:]}" viewBox="0 0 10 10" refX="8" refY="5" '
-        f'markerWidth="5" markerHeight="5" orient="auto"><path d="M0 0 L10 5 L0 10 z" fill="{colour}"/></marker>'
+        f'markerWidth="5" markerHeight="5" orient="auto">'
+        f'<path d="M0 0 L10 5 L0 10 z" fill="{colour}"/></marker>'
     )
 
 
@@ -228,16 +229,7 @@ def fitness() -> bytes:
     assert result.pattern is not None
     best = result.stages["genetic"]
     measure = PatternFitness(result.pattern, scene.scene.rig, calibrator.config.fitness)
-    panels = [
-        _landscape(
-            measure,
-            best,
-            math.radians(pitch),
-            math.radians(roll),
-            f"pitch +-{pitch:g} deg, roll +-{roll:g} deg",
-        )
-        for pitch, roll in ((3.0, 3.0), (0.05, 0.5))
-    ]
+    panels = [_landscape(measure, best, *size_deg) for size_deg in ((3.0, 3.0), (0.05, 0.5))]
     return _png(_beside(panels))
 
 

@@ -1,7 +1,7 @@
 """What MkDocs does with the pages of docs/ so that they read well in the repository and on the site.
 
-* ``<!-- include: FILE -->`` or ``<!-- include: FILE#Heading -->`` becomes the text of a file of the repository,
-  or of one section of it, so that no table stands in two places.
+* ``<!-- include: FILE -->`` or ``<!-- include: FILE#Heading -->`` becomes the text of a file of the
+  repository, or of one section of it, so that no table stands in two places.
 * A link to a file of the repository outside docs/ leads to a copy of it on the site.
 * The word after the language of a code block (``test``, ``ros``), which tells test/test_docs.py what to do
   with it, is taken off.
