@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from heapq import merge
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from ..core.errors import ImageError, RigError
-from ..core.images import message_to_grey
+from ..core.images import Image, message_to_grey
 from ..core.pairing import StampedPair, StampPairer, message_stamp_ns, stamp_to_s
 from ..core.rig import StereoRig
 from .errors import BagError
+from .frame import StereoFrame, readable
 from .part import Message, Part, recordings_at
 from .selection import Selection
-from .topics import CAMERA_INFO, StereoTopics, Topic, find_stereo_topics
+from .topics import CAMERA_INFO, StereoTopics, Topic, find_stereo_pairs, find_stereo_topics
 
 # Images of one camera that may be recorded ahead of the other's; more than the node keeps, as a
 # recorder writes topics in bursts. It bounds the memory.
@@ -29,25 +26,6 @@ _QUEUE_SIZE = 30
 # What is read around a stretch of a recording, so that its images find the partners they find when all is
 # read: as long as a full queue takes at 10 Hz, and more.
 _MARGIN_NS = 4_000_000_000
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StereoFrame:
-    """One pair of images.
-
-    Attributes:
-        stamp_s: Header stamp of the left image [s].
-        left: (H, W) uint8 grey image of the left camera.
-        right: The same of the right camera.
-        recorded_ns: When the left image was recorded [ns]: where the frame is found again.
-        name: Name of the left image where it has one, "" in a bag.
-    """
-
-    stamp_s: float
-    left: npt.NDArray[np.uint8]
-    right: npt.NDArray[np.uint8]
-    recorded_ns: int = 0
-    name: str = ""
 
 
 class StereoBag:
@@ -81,14 +59,12 @@ class StereoBag:
         """
         self.paths = tuple(Path(each) for each in ([path] if isinstance(path, str | Path) else path))
         self._tolerance_s = tolerance_s
-        self._parts: list[Part] = []
+        self._parts = _open(self.paths)
         try:
-            for each in _distinct(self.paths):
-                self._parts += [Part(target) for target in recordings_at(each)]
-            self.topics = self._find_topics(left, right)
-        except BaseException:
+            self.topics = find_stereo_topics(_topics(self._parts), left, right)
+        except BagError as error:
             self.close()
-            raise
+            raise BagError(f"{self._name}: {error}") from error
 
     def __enter__(self) -> StereoBag:
         return self
@@ -148,16 +124,13 @@ class StereoBag:
             None if selection.start_ns <= 0 else start_ns - _MARGIN_NS,
             None if end_ns is None else self.start_ns + end_ns + _MARGIN_NS,
         )
+        chosen = selection.choose(pairs, lambda pair: pair.left.recorded_ns - self.start_ns)
         n_frames = 0
-        for pair in selection.choose(pairs, lambda pair: pair.left.recorded_ns - self.start_ns):
+        for frame in readable(map(self._frame, chosen), self._name):
             n_frames += 1
-            yield self._frame(pair)
+            yield frame
         if n_frames == 0:
-            end = "its end" if selection.end_s is None else f"{selection.end_s:g} s"
-            raise BagError(
-                f"{self._name}: no frame between {selection.start_s:g} s and {end} after its start; "
-                f"the recording is {(self.end_ns - self.start_ns) * 1e-9:.1f} s long"
-            )
+            raise BagError(selection.nothing_in(self._name, (self.end_ns - self.start_ns) * 1e-9))
 
     def frame_at(self, recorded_ns: int) -> StereoFrame:
         """Return one frame again.
@@ -190,39 +163,23 @@ class StereoBag:
             )
 
     def _frame(self, pair: StampedPair[Message]) -> StereoFrame:
-        return StereoFrame(
+        return StereoFrame.from_images(
             stamp_to_s(pair.stamp_ns),
-            self._grey(self.topics.left, pair.left.content),
-            self._grey(self.topics.right, pair.right.content),
+            lambda: _grey(self.topics.left, pair.left.content),
+            lambda: _grey(self.topics.right, pair.right.content),
             pair.left.recorded_ns,
         )
 
     @property
     def _name(self) -> str:
-        """The recording in an error text."""
-        more = f" and {len(self.paths) - 1} more" if len(self.paths) > 1 else ""
-        return f"{self.paths[0]}{more}"
-
-    @property
-    def _connections(self) -> Iterator[Any]:
-        return (connection for part in self._parts for connection in part.connections)
-
-    def _find_topics(self, left: str | None, right: str | None) -> StereoTopics:
-        topics: dict[tuple[str, str], int] = {}
-        for connection in self._connections:  # a topic may have several publishers
-            key = (connection.topic, connection.msgtype)
-            topics[key] = topics.get(key, 0) + connection.msgcount
-        try:
-            return find_stereo_topics((Topic(*key, count) for key, count in topics.items()), left, right)
-        except BagError as error:
-            raise BagError(f"{self._name}: {error}") from error
+        return _name(self.paths)
 
     def _first_info(self, topic: Topic) -> Any:
         """Return the first CameraInfo of the camera that publishes ``topic``."""
         info = Topic(topic.camera_info, CAMERA_INFO, 0)
         for message in self._messages([info]):
             return message.content
-        present = sorted({c.topic for c in self._connections if c.msgtype == CAMERA_INFO})
+        present = sorted({t.name for t in _topics(self._parts) if t.msgtype == CAMERA_INFO})
         raise BagError(
             f"{self._name}: no CameraInfo on {info.name} for {topic.name}; "
             f"CameraInfo topics: {', '.join(present) or 'none'}; give the rig with --rig"
@@ -235,12 +192,58 @@ class StereoBag:
         streams = (part.messages(topics, start_ns, stop_ns) for part in self._parts)
         return merge(*streams, key=lambda message: message.recorded_ns)
 
-    def _grey(self, topic: Topic, message: Any) -> npt.NDArray[np.uint8]:
-        try:
-            return message_to_grey(message)
-        except ImageError as error:
-            stamp_s = stamp_to_s(message_stamp_ns(message))
-            raise BagError(f"{self._name}: {topic.name} at {stamp_s:.3f} s: {error}") from error
+
+def stereo_pairs(paths: Sequence[Path]) -> list[StereoTopics]:
+    """Return the topics of all stereo cameras of a recording, ordered by their names.
+
+    Args:
+        paths: Its bags.
+
+    Raises:
+        BagError: A bag cannot be read, or there is no stereo pair.
+    """
+    parts = _open(paths)
+    try:
+        return find_stereo_pairs(_topics(parts))
+    except BagError as error:
+        raise BagError(f"{_name(paths)}: {error}") from error
+    finally:
+        for part in parts:
+            part.close()
+
+
+def _open(paths: Sequence[Path]) -> list[Part]:
+    parts: list[Part] = []
+    try:
+        for path in _distinct(paths):
+            parts += [Part(target) for target in recordings_at(path)]
+    except BaseException:
+        for part in parts:
+            part.close()
+        raise
+    return parts
+
+
+def _topics(parts: Iterable[Part]) -> list[Topic]:
+    counts: dict[tuple[str, str], int] = {}
+    for connection in (c for part in parts for c in part.connections):  # a topic may have several publishers
+        key = (connection.topic, connection.msgtype)
+        counts[key] = counts.get(key, 0) + connection.msgcount
+    return [Topic(*key, count) for key, count in counts.items()]
+
+
+def _name(paths: Sequence[Path]) -> str:
+    """Return a recording in an error text."""
+    more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
+    return f"{paths[0]}{more}"
+
+
+def _grey(topic: Topic, message: Any) -> Image:
+    try:
+        return message_to_grey(message)
+    except ImageError as error:
+        stamp_s = stamp_to_s(message_stamp_ns(message))
+        raise ImageError(f"{topic.name} at {stamp_s:.3f} s: {error}") from error
 
 
 def _distinct(paths: Iterable[Path]) -> Iterator[Path]:

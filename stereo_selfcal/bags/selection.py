@@ -63,14 +63,15 @@ class Selection:
             items: Frames in order.
             since_start_ns: When an item was recorded, from the start of the recording [ns].
         """
-        end_ns = self.end_ns
-        inside = (
-            item
-            for item in items
-            if since_start_ns(item) >= self.start_ns and (end_ns is None or since_start_ns(item) < end_ns)
-        )
+        start_ns, end_ns = self.start_ns, self.end_ns
+
+        def inside(item: T) -> bool:
+            if self.whole:  # whatever its time: the start of a recording may be known badly
+                return True
+            return start_ns <= since_start_ns(item) and (end_ns is None or since_start_ns(item) < end_ns)
+
         stop = None if self.max_frames is None else (self.max_frames - 1) * self.every + 1
-        return islice(inside, 0, stop, self.every)
+        return islice(filter(inside, items), 0, stop, self.every)
 
     def count(self, n_frames: int) -> int | None:
         """Return how many of ``n_frames`` are selected at most, None where that depends on their times."""
@@ -78,3 +79,16 @@ class Selection:
             return self.max_frames
         n = -(-n_frames // self.every)
         return n if self.max_frames is None else min(n, self.max_frames)
+
+    def nothing_in(self, name: str, length_s: float) -> str:
+        """Return the error text for a recording in which there is no such frame.
+
+        Args:
+            name: The recording.
+            length_s: How long it is [s].
+        """
+        end = "its end" if self.end_s is None else f"{self.end_s:g} s"
+        return (
+            f"{name}: no frame between {self.start_s:g} s and {end} after its start; "
+            f"the recording is {length_s:.1f} s long"
+        )

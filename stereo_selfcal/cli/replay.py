@@ -19,6 +19,7 @@ from ..offline import BagSource, FrameRow, FrameSource, Replay, Selection, calib
 from ..parameter_file import load_calibrator_config, load_frames
 from ..picture import draw_overview
 from ..result_file import write_result
+from ..rig_file import read_rig_file
 from .console import (
     EXIT_NOT_ACCEPTED,
     EXIT_OK,
@@ -29,7 +30,6 @@ from .console import (
     run,
 )
 from .report import as_json, table_header, table_row, table_summary
-from .rig_file import read_rig_file
 
 _DESCRIPTION = """\
 Find height, pitch and roll of a stereo camera from a recording of a straight road.

@@ -19,6 +19,7 @@ class RejectReason(Enum):
 
     IMAGE_EMPTY = "image_empty"
     IMAGE_TYPE = "image_type"
+    IMAGE_UNREADABLE = "image_unreadable"
     IMAGE_SIZES_DIFFER = "image_sizes_differ"
     RIG_SIZE_MISMATCH = "rig_size_mismatch"
     NO_LINES_FOUND = "no_lines_found"

@@ -6,16 +6,24 @@ Neither ROS nor a command line is in here: ``replay``, the report and the fleet 
 
 from ..bags import Selection
 from .bag import BagSource
+from .folder import FolderSource
+from .opening import open_all, open_source
+from .pool import WorkerError, default_jobs
 from .recording import FrameSource
 from .rows import FrameRow
 from .run import Replay, calibrate_recording, look_again
 
 __all__ = [
     "BagSource",
+    "FolderSource",
     "FrameRow",
     "FrameSource",
     "Replay",
     "Selection",
+    "WorkerError",
     "calibrate_recording",
+    "default_jobs",
     "look_again",
+    "open_all",
+    "open_source",
 ]

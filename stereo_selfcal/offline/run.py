@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ..bags import StereoFrame
+from ..bags import BagError, StereoFrame
 from ..core.calibrator import Calibrator
 from ..core.config import CalibratorConfig
 from ..core.results import CalibrationResult
 from ..core.rig import StereoRig
+from .frame import calibrate_frame
+from .pool import calibrate_in_order
 from .recording import FrameSource
 from .rows import FrameRow
 
@@ -23,12 +25,15 @@ class Replay:
         estimate: The accepted frames, fused.
         rig: The rig of the recording.
         config: Settings it was calibrated with.
+        damage: What ended the recording early, in one line; None when all of it was read. The rows and
+            the estimate are those of the frames before.
     """
 
     rows: tuple[FrameRow, ...]
     estimate: CalibrationResult
     rig: StereoRig
     config: CalibratorConfig
+    damage: str | None = None
 
     @property
     def shown(self) -> FrameRow:
@@ -40,30 +45,38 @@ def calibrate_recording(
     source: FrameSource,
     config: CalibratorConfig | None = None,
     on_row: Callable[[FrameRow], None] = lambda row: None,
+    jobs: int = 1,
 ) -> Replay:
     """Calibrate every selected frame of a recording and fuse the accepted ones.
 
-    At most two frames are in memory at a time; rows stay.
+    A few frames are in memory at a time; rows stay. The outcome is the same, to the last bit, with any
+    number of jobs.
 
     Args:
         source: The recording, open.
         config: Settings, None for the defaults.
         on_row: Called after every frame, in order.
+        jobs: Processes that calibrate; with 1, and for a recording of few frames, it is done in this one.
 
     Raises:
-        SelfcalError: The recording cannot be read, or has no frame that is selected.
+        SelfcalError: The recording cannot be read, or has no frame that is selected; or a worker died.
     """
     config = config or CalibratorConfig()
     calibrator = Calibrator(source.rig, config)
     rows: list[FrameRow] = []
-    for frame in source.frames():
-        result = calibrator.calibrate_frame(frame.left, frame.right, frame.stamp_s)
-        calibrator.remember(result)
-        rows.append(FrameRow.from_result(result, frame.stamp_s, frame.recorded_ns, frame.name))
-        on_row(rows[-1])
+    damage = None
+    try:
+        for head, result in calibrate_in_order(source.frames(), calibrator, jobs, source.count):
+            calibrator.remember(result)
+            rows.append(FrameRow.from_result(result, head.stamp_s, head.recorded_ns, head.name))
+            on_row(rows[-1])
+    except BagError as error:
+        if not rows:
+            raise
+        damage = f"{error}; the recording ended early, after {len(rows)} frames"
     if not rows:
         raise ValueError("a recording of no frames cannot be calibrated")
-    return Replay(tuple(rows), calibrator.estimate, source.rig, config)
+    return Replay(tuple(rows), calibrator.estimate, source.rig, config, damage)
 
 
 def look_again(
@@ -78,4 +91,4 @@ def look_again(
     """
     frame = source.frame_at(row.recorded_ns)
     calibrator = Calibrator(source.rig, config)
-    return frame, calibrator.calibrate_frame(frame.left, frame.right, frame.stamp_s)
+    return frame, calibrate_frame(calibrator, frame)

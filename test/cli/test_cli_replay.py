@@ -16,12 +16,12 @@ import yaml
 from bag_making import RIG, Camera, cameras, make_bag
 
 from stereo_selfcal.cli.replay import main
-from stereo_selfcal.cli.rig_file import read_rig_file
 from stereo_selfcal.core.config import CalibratorConfig
 from stereo_selfcal.core.extrinsics import Extrinsics
 from stereo_selfcal.core.results import CalibrationResult, Rejection, RejectReason, describe, rejected
 from stereo_selfcal.offline import run as run_module
 from stereo_selfcal.result_file import load_result
+from stereo_selfcal.rig_file import read_rig_file
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 POSE = Extrinsics(1.4, 0.05, -0.01)

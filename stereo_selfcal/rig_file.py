@@ -1,4 +1,4 @@
-"""Rig files of the command line."""
+"""Rig files: the intrinsics and the baseline of a rectified pair, as text."""
 
 from __future__ import annotations
 
@@ -8,16 +8,15 @@ from pathlib import Path
 
 import yaml
 
-from ..core.errors import RigError
-from ..core.rig import StereoRig
-from .console import UsageError
+from .core.errors import RigError
+from .core.rig import StereoRig
 
 
 def read_rig_file(path: Path) -> StereoRig:
     """Read a rig file, YAML or JSON: ``width, height, fx, fy, cx, cy, baseline_m``.
 
     Raises:
-        UsageError: It cannot be read, or does not describe a rig.
+        RigError: It cannot be read, or does not describe a rig.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -25,10 +24,10 @@ def read_rig_file(path: Path) -> StereoRig:
         values = json.loads(text) if path.suffix == ".json" else yaml.safe_load(text)
     except (OSError, ValueError, yaml.YAMLError) as error:
         detail = error.strerror if isinstance(error, OSError) else error
-        raise UsageError(f"--rig {path}: cannot be read ({detail})") from error
+        raise RigError(f"rig file {path}: cannot be read ({detail})") from error
     if not isinstance(values, Mapping):
-        raise UsageError(f"--rig {path}: holds no keys; it needs {', '.join(StereoRig.__slots__)}")
+        raise RigError(f"rig file {path}: holds no keys; it needs {', '.join(StereoRig.__slots__)}")
     try:
         return StereoRig.from_mapping(values)
     except RigError as error:
-        raise UsageError(f"--rig {path}: {error}") from error
+        raise RigError(f"rig file {path}: {error}") from error
