@@ -1,9 +1,9 @@
 # Everything runs from this checkout; the package itself is never installed into .venv: its console script `node`
 # would shadow Node.js there. The names below that are lower case are meant for typing: `make` lists them.
 
-REQUIREMENTS := $(addprefix requirements/,base.txt ros.txt test.txt lint.txt)
+REQUIREMENTS := $(addprefix requirements/,base.txt fleet.txt ros.txt test.txt lint.txt)
 FLOOR_REQUIREMENTS := $(addprefix requirements/,floor.txt test.txt)
-BENCH_REQUIREMENTS := $(addprefix requirements/,base.txt bench.txt)
+BENCH_REQUIREMENTS := $(addprefix requirements/,base.txt fleet.txt bench.txt)
 DOCS_REQUIREMENTS := requirements/docs.txt
 
 # The first Python on the path that can make a virtual environment and is one of the versions named.

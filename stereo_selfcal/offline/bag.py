@@ -47,6 +47,11 @@ class BagSource(FrameSource):
             self.close()
             raise
 
+    @property
+    def length_s(self) -> float:
+        """How long the recording is, from its first message to its last [s]."""
+        return (self._bag.end_ns - self._bag.start_ns) * 1e-9
+
     def frames(self) -> Iterator[StereoFrame]:
         """Yield the selected frames in the order of the recording."""
         return self._bag.frames(self.selection)

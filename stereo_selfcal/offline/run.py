@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from ..bags import BagError, StereoFrame
@@ -10,7 +10,7 @@ from ..core.calibrator import Calibrator
 from ..core.config import CalibratorConfig
 from ..core.results import CalibrationResult
 from ..core.rig import StereoRig
-from .frame import calibrate_frame
+from .frame import FrameHead, calibrate_frame
 from .pool import calibrate_in_order
 from .recording import FrameSource
 from .rows import FrameRow
@@ -63,10 +63,30 @@ def calibrate_recording(
     """
     config = config or CalibratorConfig()
     calibrator = Calibrator(source.rig, config)
+    return fuse_frames(
+        calibrate_in_order(source.frames(), calibrator, jobs, source.count), calibrator, on_row
+    )
+
+
+def fuse_frames(
+    frames: Iterable[tuple[FrameHead, CalibrationResult]],
+    calibrator: Calibrator,
+    on_row: Callable[[FrameRow], None] = lambda row: None,
+) -> Replay:
+    """Fuse the frames of a recording, wherever they were calibrated.
+
+    Args:
+        frames: Results of all frames, in order; where a BagError ends them, those before it count.
+        calibrator: A calibrator of the rig, which has seen no frame.
+        on_row: Called after every frame.
+
+    Raises:
+        SelfcalError: It ended before the first frame.
+    """
     rows: list[FrameRow] = []
     damage = None
     try:
-        for head, result in calibrate_in_order(source.frames(), calibrator, jobs, source.count):
+        for head, result in frames:
             calibrator.remember(result)
             rows.append(FrameRow.from_result(result, head.stamp_s, head.recorded_ns, head.name))
             on_row(rows[-1])
@@ -76,7 +96,7 @@ def calibrate_recording(
         damage = f"{error}; the recording ended early, after {len(rows)} frames"
     if not rows:
         raise ValueError("a recording of no frames cannot be calibrated")
-    return Replay(tuple(rows), calibrator.estimate, source.rig, config, damage)
+    return Replay(tuple(rows), calibrator.estimate, calibrator.rig, calibrator.config, damage)
 
 
 def look_again(
