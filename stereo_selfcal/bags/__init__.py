@@ -4,5 +4,6 @@ from .errors import BagError
 from .frame import StereoFrame, readable
 from .reader import StereoBag, stereo_pairs
 from .selection import Selection
+from .topics import StereoTopics
 
-__all__ = ["BagError", "Selection", "StereoBag", "StereoFrame", "readable", "stereo_pairs"]
+__all__ = ["BagError", "Selection", "StereoBag", "StereoFrame", "StereoTopics", "readable", "stereo_pairs"]

@@ -19,6 +19,19 @@ if TYPE_CHECKING:
 # Storage files that are a recording by themselves, without a folder and its metadata.yaml.
 _STORAGE_SUFFIXES = (".mcap", ".db3")
 _SUFFIXES = (*_STORAGE_SUFFIXES, ".bag")
+_COMPRESSED_SUFFIX = ".zstd"
+
+# What rosbags says, and what helps.
+_REPAIR = "if it was cut off, 'ros2 bag reindex', 'mcap recover' or 'rosbag reindex' may save it"
+_REMEDIES = {
+    "Profile is not ros2": "an MCAP file of another system: record it with ROS 2, or convert it",
+    "Compression format": "'ros2 bag convert' writes it anew with zstd, or without compression",
+    "Storage plugin": "'ros2 bag convert' writes it anew as mcap or sqlite3",
+    "Serialization format": "'ros2 bag convert' writes it anew in cdr",
+    "not supported; please report": "a newer version of rosbags may read it",
+    "files are missing": "put them beside metadata.yaml, or 'ros2 bag reindex' writes that anew",
+}
+_GIVE = "give a rosbag2 folder, an .mcap, a .db3 or a ROS 1 .bag"
 
 
 class Message(NamedTuple):
@@ -94,11 +107,9 @@ class Part:
         try:
             yield
         except Exception as error:  # struct.error, apsw.Error, ZstdError, AssertionError, ... by the damage
-            detail = " ".join(str(error).split()) or type(error).__name__
-            raise BagError(
-                f"{self.path}: cannot be read as a recording ({detail.rstrip('.')}); if it was cut off, "
-                "'ros2 bag reindex', 'mcap recover' or 'rosbag reindex' may save it"
-            ) from error
+            detail = (" ".join(str(error).split()) or type(error).__name__).rstrip(".")
+            remedy = next((text for sign, text in _REMEDIES.items() if sign in detail), _REPAIR)
+            raise BagError(f"{self.path}: cannot be read as a recording ({detail}); {remedy}") from error
 
 
 def recordings_at(path: Path) -> list[Path]:
@@ -108,22 +119,27 @@ def recordings_at(path: Path) -> list[Path]:
         BagError: There is no recording.
     """
     if not path.exists():
-        raise BagError(
-            f"{path}: no such file or folder; give a rosbag2 folder, an .mcap, a .db3 or a ROS 1 .bag"
-        )
+        raise BagError(f"{path}: no such file or folder; {_GIVE}")
     if path.is_file():
+        if path.suffix == _COMPRESSED_SUFFIX:
+            raise BagError(f"{path}: {_unpack(path)}")
         if path.suffix not in _SUFFIXES:
-            raise BagError(
-                f"{path}: not a recording; give a rosbag2 folder, an .mcap, a .db3 or a ROS 1 .bag"
-            )
+            raise BagError(f"{path}: not a recording; {_GIVE}")
         return [path]
     if (path / "metadata.yaml").exists():
         return [path]
     # A recorder that was killed leaves its storage files without metadata.yaml.
     files = [file for file in sorted(path.iterdir()) if file.suffix in _SUFFIXES]
+    packed = [file for file in sorted(path.iterdir()) if file.suffix == _COMPRESSED_SUFFIX]
+    if packed:
+        raise BagError(f"{path}: there is no metadata.yaml, and {packed[0].name} {_unpack(packed[0])}")
     if not files:
         raise BagError(
-            f"{path}: not a recording (a folder without metadata.yaml and without storage files); "
-            "give a rosbag2 folder, an .mcap, a .db3 or a ROS 1 .bag"
+            f"{path}: not a recording (a folder without metadata.yaml and without storage files); {_GIVE}; "
+            "or a folder of image pairs, in left and right or the folders of --left and --right"
         )
     return files
+
+
+def _unpack(path: Path) -> str:
+    return f"is compressed as a file: give its folder with metadata.yaml, or unpack it: zstd -d {path.name}"

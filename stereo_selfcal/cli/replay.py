@@ -3,45 +3,60 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 
 from ..atomic_file import write_atomically
+from ..bags import StereoTopics, stereo_pairs
 from ..core.config import CalibratorConfig
-from ..core.errors import ConfigError
-from ..exports import EXPORTS, export_paths, parse_exports, write_exports
-from ..offline import BagSource, FrameRow, FrameSource, Replay, Selection, calibrate_recording, look_again
+from ..core.errors import SelfcalError
+from ..core.rig import StereoRig
+from ..exports import export_paths, write_exports
+from ..offline import (
+    FrameRow,
+    FrameSource,
+    Replay,
+    Selection,
+    as_csv,
+    calibrate_recording,
+    look_again,
+    open_source,
+)
 from ..parameter_file import load_calibrator_config, load_frames
 from ..picture import draw_overview
 from ..result_file import write_result
 from ..rig_file import read_rig_file
 from .console import (
+    EXIT_BAD_INPUT,
     EXIT_NOT_ACCEPTED,
     EXIT_OK,
-    Parser,
     Progress,
     UsageError,
     check_writable,
     run,
 )
-from .report import as_json, table_header, table_row, table_summary
+from .replay_options import replay_parser
+from .report import as_dict, as_json, table_header, table_row, table_summary
 
-_DESCRIPTION = """\
-Find height, pitch and roll of a stereo camera from a recording of a straight road.
+# What --all has one of for every pair.
+_FILES = ("output", "picture", "csv")
 
-BAG is a rosbag2 folder (mcap or sqlite3), a single .mcap or .db3 file, or a ROS 1 .bag, with
-rectified images of both cameras. Every frame is calibrated; the accepted ones are fused.
-"""
-_EPILOG = """\
-exit status: 0 calibrated; 1 no frame was accepted; 2 bad usage or unreadable input.
-p_road = R_z(0) R_y(pitch) R_x(roll) p_camera + [0, 0, height], REP-103: pitch > 0 is nose down,
-roll > 0 is right side down.
-"""
+
+@dataclass(frozen=True, slots=True)
+class _Settings:
+    """What the options ask for, read and checked."""
+
+    config: CalibratorConfig
+    rig: StereoRig | None
+    frames: tuple[str, str]
+    selection: Selection
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -50,36 +65,100 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _replay(argv: list[str]) -> int:
-    arguments = _parser().parse_args(argv)
-    _check_outputs(arguments.output, arguments.picture, arguments.exports)
-    frames = load_frames(arguments.config)
-    rig = None if arguments.rig is None else read_rig_file(arguments.rig)
-    config = _config(arguments.config, arguments.seed)
-    selection = Selection(max_frames=arguments.max_frames)
-    with BagSource(
-        [arguments.bag], arguments.left, arguments.right, arguments.tolerance_s, rig, selection
-    ) as source:
-        replay = _run_with_output(source, config, as_json=arguments.json)
-        _write_files(source, replay, arguments, frames)
+    arguments = replay_parser().parse_args(argv)
+    if arguments.all_pairs and (arguments.left is not None or arguments.right is not None):
+        raise UsageError("--all takes every pair: it does not go with --left and --right")
+    _check_outputs(arguments)
+    settings = _Settings(
+        frames=load_frames(arguments.config),
+        rig=None if arguments.rig is None else read_rig_file(arguments.rig),
+        config=_config(arguments.config, arguments.seed),
+        selection=Selection(arguments.start, arguments.end, arguments.every, arguments.max_frames),
+    )
+    if arguments.all_pairs:
+        return _replay_all(arguments, settings)
+    replay = _replay_one(arguments, settings)
     report = as_json if arguments.json else table_summary
-    sys.stdout.write(report(replay.rows, replay.estimate))
+    sys.stdout.write(report(replay.rows, replay.estimate, replay.damage))
+    return _status(replay)
+
+
+def _replay_one(arguments: argparse.Namespace, settings: _Settings) -> Replay:
+    """Calibrate one pair, and write its files before the end of its table: a reader of that may go away."""
+    a = arguments
+    with open_source(a.bags, a.left, a.right, a.tolerance_s, settings.rig, settings.selection) as source:
+        replay = _run_with_output(source, settings.config, arguments)
+        _write_files(source, replay, arguments, settings.frames)
+    return replay
+
+
+def _replay_all(arguments: argparse.Namespace, settings: _Settings) -> int:
+    """Calibrate every pair of the recording, one after the other; one that fails does not end the run."""
+    outcomes: list[dict[str, Any]] = []
+    status = EXIT_OK
+    pairs = stereo_pairs(arguments.bags)
+    for name, pair in zip(pair_names(pairs), pairs, strict=True):
+        files = {option: _of_pair(getattr(arguments, option), name) for option in _FILES}
+        topics = {"left": pair.left.name, "right": pair.right.name}
+        try:
+            replay = _replay_one(argparse.Namespace(**vars(arguments) | files | topics), settings)
+        except SelfcalError as error:
+            outcomes.append({"name": name, **topics, "accepted": False, "error": str(error)})
+            sys.stderr.write(f"replay: {name}: {' '.join(str(error).split())}\n")
+            status = EXIT_BAD_INPUT
+            continue
+        outcomes.append({"name": name, **topics, **as_dict(replay.rows, replay.estimate, replay.damage)})
+        if not arguments.json:
+            sys.stdout.write(f"{table_summary(replay.rows, replay.estimate, replay.damage)}\n")
+        status = max(status, _status(replay))
+    if arguments.json:
+        sys.stdout.write(json.dumps({"pairs": outcomes}, allow_nan=False) + "\n")
+    return status
+
+
+def pair_names(pairs: Sequence[StereoTopics]) -> list[str]:
+    """Return a name for every pair, for files: what its topics have in common, or its number."""
+    names = []
+    for pair in pairs:
+        both = zip(pair.left.base.split("/")[:-1], pair.right.base.split("/")[:-1], strict=False)
+        names.append("_".join(left for left, right in both if left and left == right))
+    distinct = len(set(names)) == len(names) and all(names)
+    return names if distinct else [f"pair{number}" for number in range(1, len(pairs) + 1)]
+
+
+def _of_pair(path: Path | None, name: str) -> Path | None:
+    """Return ``out.yaml`` as ``out.NAME.yaml``."""
+    return path and path.with_name(f"{path.stem}.{name}{path.suffix}")
+
+
+def _status(replay: Replay) -> int:
+    if replay.damage is not None:
+        sys.stdout.flush()
+        sys.stderr.write(f"replay: {replay.damage}\n")
+        return EXIT_BAD_INPUT
     return EXIT_OK if replay.estimate.accepted else EXIT_NOT_ACCEPTED
 
 
-def _check_outputs(output: Path | None, picture: Path | None, exports: tuple[str, ...]) -> None:
+def _check_outputs(arguments: argparse.Namespace) -> None:
     """Refuse files that cannot be written, before any work is done for them."""
-    if output is not None:
-        check_writable(output, "--output")
-        for path in export_paths(output, exports):
+    given: dict[str, str] = {}
+    for option in _FILES:
+        path = getattr(arguments, option)
+        if path is None:
+            continue
+        check_writable(path, f"--{option}")
+        place = os.path.realpath(path)
+        if place in given:
+            raise UsageError(f"--{given[place]} and --{option} are both {path}: give two files")
+        given[place] = option
+    if arguments.output is not None:
+        for path in export_paths(arguments.output, arguments.exports):
             check_writable(path, "--export")
-    elif exports:
+    elif arguments.exports:
         raise UsageError("--export writes beside the file of --output: give --output")
-    if picture is not None:
-        check_writable(picture, "--picture")
-        if picture.suffix.lower() != ".png":
-            raise UsageError(f"--picture {picture}: pictures are written as PNG; end the name in .png")
-        if output is not None and os.path.realpath(output) == os.path.realpath(picture):
-            raise UsageError(f"--output and --picture are both {output}: give two files")
+    picture = arguments.picture
+    if picture is not None and picture.suffix.lower() != ".png":
+        raise UsageError(f"--picture {picture}: pictures are written as PNG; end the name in .png")
 
 
 def _config(path: Path | None, seed: int | None) -> CalibratorConfig:
@@ -91,7 +170,7 @@ def _config(path: Path | None, seed: int | None) -> CalibratorConfig:
     return CalibratorConfig.from_mapping(settings | {"seed": seed})
 
 
-def _run_with_output(source: FrameSource, config: CalibratorConfig, *, as_json: bool) -> Replay:
+def _run_with_output(source: FrameSource, config: CalibratorConfig, arguments: argparse.Namespace) -> Replay:
     """Replay with a progress bar, and with the table unless JSON is wanted."""
     progress = Progress(source.count)
     done = 0
@@ -100,19 +179,20 @@ def _run_with_output(source: FrameSource, config: CalibratorConfig, *, as_json: 
         nonlocal done
         done += 1
         progress.clear()
-        if not as_json:
+        if not arguments.json:
             sys.stdout.write(table_row(row))
             sys.stdout.flush()
         progress.show(done)
 
-    if not as_json:
+    if not arguments.json:
         names, counts = (source.left_name, source.right_name), source.n_images
         for side, name, count in zip(("left", "right"), names, counts, strict=True):
             sys.stdout.write(f"{side:<5} {name} ({count} images)\n")
+        sys.stdout.write("".join(f"{note}\n" for note in source.notes))
         sys.stdout.write(table_header())
     progress.show(0)
     try:
-        return calibrate_recording(source, config, on_row)
+        return calibrate_recording(source, config, on_row, arguments.jobs)
     finally:
         progress.clear()
 
@@ -120,13 +200,15 @@ def _run_with_output(source: FrameSource, config: CalibratorConfig, *, as_json: 
 def _write_files(
     source: FrameSource, replay: Replay, arguments: argparse.Namespace, frames: tuple[str, str]
 ) -> None:
-    """Write what the options ask for, before anything is said: a reader of stdout may go away."""
+    """Write what the options ask for; no result that rests on a part of a damaged recording."""
     estimate, rig = replay.estimate, replay.rig
-    if arguments.output is not None and estimate.accepted:
+    if arguments.output is not None and estimate.accepted and replay.damage is None:
         # The folders above the recording are nobody's business.
         write_result(arguments.output, estimate, rig, source=source.name, seed=replay.config.seed)
         assert estimate.extrinsics is not None
         write_exports(arguments.output, arguments.exports, estimate.extrinsics, rig, *frames)
+    if arguments.csv is not None:
+        write_atomically(arguments.csv, as_csv(replay.rows).encode())
     if arguments.picture is not None:
         _write_picture(arguments.picture, source, replay)
 
@@ -134,72 +216,10 @@ def _write_files(
 def _write_picture(path: Path, source: FrameSource, replay: Replay) -> None:
     """Draw the fused estimate over the frame that shows it, or the refusal of that frame."""
     frame, shown = look_again(source, replay.shown, replay.config)
+    if frame.problem:
+        raise UsageError(f"--picture {path}: no frame can be shown ({frame.problem})")
     if replay.estimate.accepted:
         shown = replace(replay.estimate, pattern=shown.pattern)
     picture = draw_overview(frame.left, frame.right, replay.rig, shown)
     _, content = cv2.imencode(".png", picture)
     write_atomically(path, content.tobytes())
-
-
-def _positive_int(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{value} is less than 1")
-    return value
-
-
-def _tolerance_s(text: str) -> float:
-    value = float(text)
-    if not 0 <= value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is not a time of 0 s or more")
-    return value
-
-
-def _exports(text: str) -> tuple[str, ...]:
-    try:
-        return parse_exports(text)
-    except ConfigError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
-
-
-def _parser() -> Parser:
-    parser = Parser(
-        prog="replay",
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
-    add = parser.add_argument
-    add("bag", metavar="BAG", type=Path, help="the recording")
-    add("--left", metavar="TOPIC", help="image topic of the left camera (default: found by type and name)")
-    add("--right", metavar="TOPIC", help="image topic of the right camera")
-    add("--rig", metavar="FILE", type=Path, help="rig file (YAML or JSON) instead of the CameraInfo topics")
-    add("--config", metavar="FILE", type=Path, help="settings of the calibrator (YAML)")
-    add("--seed", metavar="N", type=int, help="seed of the random numbers (default: that of the settings)")
-    add("--output", metavar="FILE", type=Path, help="write the result as a ROS 2 parameter file (YAML)")
-    add(
-        "--export",
-        dest="exports",
-        metavar="NAME[,NAME]",
-        type=_exports,
-        default=(),
-        help=f"write these formats beside FILE of --output: {', '.join(EXPORTS)}",
-    )
-    add(
-        "--picture",
-        metavar="FILE",
-        type=Path,
-        help="write an overlay of the result on the last good frame (PNG)",
-    )
-    add("--json", action="store_true", help="print one JSON object (SI units, radians) instead of the table")
-    add(
-        "--approximate-sync-tolerance",
-        dest="tolerance_s",
-        metavar="S",
-        type=_tolerance_s,
-        default=0.0,
-        help="pair images whose stamps differ by at most S seconds (default: equal stamps)",
-    )
-    add("--max-frames", metavar="N", type=_positive_int, help="stop after N frames")
-    return parser

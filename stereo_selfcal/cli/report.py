@@ -28,13 +28,12 @@ def table_header() -> str:
 
 
 def table_row(row: FrameRow) -> str:
-    """Return the line of one frame."""
-    return _line(
-        f"{row.stamp_s:>{_STAMP_WIDTH}.6f}  {row.reason or 'accepted':<{_VERDICT_WIDTH}}", row.extrinsics
-    )
+    """Return the line of one frame: its stamp, or the end of its name where it has one."""
+    stamp = row.name[-_STAMP_WIDTH:] or f"{row.stamp_s:.6f}"
+    return _line(f"{stamp:>{_STAMP_WIDTH}}  {row.reason or 'accepted':<{_VERDICT_WIDTH}}", row.extrinsics)
 
 
-def table_summary(rows: Sequence[FrameRow], estimate: CalibrationResult) -> str:
+def table_summary(rows: Sequence[FrameRow], estimate: CalibrationResult, damage: str | None = None) -> str:
     """Return the lines under the table: mean and spread over the accepted frames, the fused estimate."""
     accepted = [row.extrinsics for row in rows if row.extrinsics is not None]
     text = f"{'-' * len(_HEADER)}\n{len(accepted)} of {len(rows)} frames accepted\n"
@@ -49,11 +48,19 @@ def table_summary(rows: Sequence[FrameRow], estimate: CalibrationResult) -> str:
         text += _line("fused estimate", estimate.extrinsics)
         if estimate.std is not None:
             text += _line("its standard deviation", estimate.std, spread=True)
-    return f"{text}{estimate.message}\n"
+    early = "" if damage is None else f"THE RECORDING IS DAMAGED AND ENDED EARLY, after {len(rows)} frames\n"
+    return f"{text}{estimate.message}\n{early}"
 
 
-def as_json(rows: Sequence[FrameRow], estimate: CalibrationResult) -> str:
+def as_json(rows: Sequence[FrameRow], estimate: CalibrationResult, damage: str | None = None) -> str:
     """Return the object of interface.md, "Command line", in one line; floats with all their digits."""
+    return json.dumps(as_dict(rows, estimate, damage), allow_nan=False) + "\n"
+
+
+def as_dict(
+    rows: Sequence[FrameRow], estimate: CalibrationResult, damage: str | None = None
+) -> dict[str, Any]:
+    """Return what :func:`as_json` writes; a damaged recording has one key more, ``ended_early``."""
     extrinsics = estimate.extrinsics if estimate.accepted else None
     content = {
         "accepted": estimate.accepted,
@@ -63,11 +70,14 @@ def as_json(rows: Sequence[FrameRow], estimate: CalibrationResult) -> str:
         "std": None if extrinsics is None or estimate.std is None else _pose(estimate.std),
         "lane_yaw_rad": estimate.lane_yaw_rad if estimate.accepted else None,
         "frames": [
-            {"stamp_s": row.stamp_s, "accepted": row.accepted, "reason": row.reason} | _pose(row.extrinsics)
+            {"stamp_s": row.stamp_s}
+            | ({"name": row.name} if row.name else {})
+            | {"accepted": row.accepted, "reason": row.reason}
+            | _pose(row.extrinsics)
             for row in rows
         ],
     }
-    return json.dumps(content, allow_nan=False) + "\n"
+    return content if damage is None else content | {"ended_early": damage}
 
 
 def _pose(extrinsics: Extrinsics | None) -> dict[str, Any]:

@@ -6,8 +6,9 @@ Neither ROS nor a command line is in here: ``replay``, the report and the fleet 
 
 from ..bags import Selection
 from .bag import BagSource
+from .csv_table import as_csv
 from .folder import FolderSource
-from .opening import open_all, open_source
+from .opening import open_source
 from .pool import WorkerError, default_jobs
 from .recording import FrameSource
 from .rows import FrameRow
@@ -21,9 +22,9 @@ __all__ = [
     "Replay",
     "Selection",
     "WorkerError",
+    "as_csv",
     "calibrate_recording",
     "default_jobs",
     "look_again",
-    "open_all",
     "open_source",
 ]

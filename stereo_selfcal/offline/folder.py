@@ -62,9 +62,9 @@ class FolderSource(FrameSource):
                 f"({' ...; '.join(shown)} ...): give both images of a pair one name"
             )
         stamps_ns = [_stamp_ns(name) for name in names]
-        #: Whether the stamps are in the names; else they are the numbers of the frames.
-        self.stamped = None not in stamps_ns
-        if not self.stamped:
+        self.notes = ("stamps are in the names of the images",)
+        if None in stamps_ns:
+            self.notes = ("the names of the images are no stamps: frame n is at n seconds",)
             stamps_ns = [index * _NS_PER_S for index in range(len(names))]
         # Of names of different lengths the order is not that of the stamps.
         self._pairs = sorted(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..bags import BagError, Selection, stereo_pairs
+from ..bags import BagError, Selection
 from ..core.rig import StereoRig
 from ..rig_file import read_rig_file
 from .bag import BagSource
@@ -43,30 +43,6 @@ def open_source(
     if len(paths) > 1:
         raise BagError(f"{folders[0]}: a folder of images is a recording by itself: give it alone")
     return FolderSource(folders[0], rig or _rig_in(folders[0]), left, right, selection)
-
-
-def open_all(
-    paths: Sequence[Path],
-    tolerance_s: float = 0.0,
-    rig: StereoRig | None = None,
-    selection: Selection | None = None,
-) -> list[FrameSource]:
-    """Open every stereo pair of a recording, in the order of the names of their topics.
-
-    The arguments are those of :func:`open_source`; a rig is that of all pairs.
-    """
-    if any(is_image_folder(path) for path in paths):
-        return [open_source(paths, None, None, tolerance_s, rig, selection)]
-    sources: list[FrameSource] = []
-    try:
-        for pair in stereo_pairs(paths):
-            names = pair.left.name, pair.right.name
-            sources.append(BagSource(paths, *names, tolerance_s, rig, selection))
-    except BaseException:
-        for source in sources:
-            source.close()
-        raise
-    return sources
 
 
 def _rig_in(folder: Path) -> StereoRig:

@@ -23,6 +23,7 @@ class FrameSource(ABC):
         start_ns: When the recording starts [ns]; a selection counts from here.
         rig: Intrinsics and baseline of the rectified pair.
         selection: Which frames are used.
+        notes: What one should know of the frames, a sentence each.
     """
 
     name: str
@@ -32,6 +33,7 @@ class FrameSource(ABC):
     start_ns: int
     rig: StereoRig
     selection: Selection
+    notes: tuple[str, ...] = ()
 
     @property
     def count(self) -> int | None:

@@ -93,7 +93,8 @@ def fuse_frames(
     except BagError as error:
         if not rows:
             raise
-        damage = f"{error}; the recording ended early, after {len(rows)} frames"
+        n = len(rows)
+        damage = f"{error}; it ended early, after {n} frames: --max-frames {n} calibrates from these alone"
     if not rows:
         raise ValueError("a recording of no frames cannot be calibrated")
     return Replay(tuple(rows), calibrator.estimate, calibrator.rig, calibrator.config, damage)
