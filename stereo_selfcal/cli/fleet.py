@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import logging
 import sys
 import time
@@ -25,7 +24,7 @@ from ..offline import Selection, default_jobs
 from ..parameter_file import load_calibrator_config
 from ..rig_file import read_rig_file
 from .console import EXIT_NOT_ACCEPTED, EXIT_OK, Parser, Progress, UsageError, check_writable, run
-from .report import as_json
+from .report import as_dict
 
 _DESCRIPTION = """\
 Calibrate many recordings, one task each, on the cores of this machine or on a Dask cluster.
@@ -35,7 +34,7 @@ table.csv, index.html, and for each recording results/*.json and reports/*.html.
 interrupted goes on where it was; what has changed since is done again.
 """
 _EPILOG = """\
-exit status: 0 all are calibrated; 1 some are not (refused, unreadable); 2 bad usage, or no cluster.
+exit status: 0 all are calibrated; 1 some are not (refused, damaged); 2 bad usage, or no cluster.
 Numbers are those of 'replay', to the last digit, on any number of workers.
 """
 _DEFAULT_OUTPUT = Path("fleet")
@@ -105,7 +104,8 @@ class _Outcomes:
         outcome: Outcome = done.outcome.named(done.bag.name, report)
         replay = None
         if done.calibrated is not None:
-            replay = json.loads(as_json(done.calibrated.replay.rows, done.calibrated.replay.estimate))
+            found = done.calibrated.replay
+            replay = as_dict(found.rows, found.estimate, found.damage)
         self._store.save(done.bag, outcome, replay)
         self._rows[done.bag.path] = outcome
         return outcome
@@ -138,7 +138,7 @@ class _Outcomes:
         reasons = Counter(row.reason for row in self._rows.values() if row.status is Status.REFUSED)
         text += "".join(f"  {count} x {reason}\n" for reason, count in reasons.most_common())
         for row in self._rows.values():
-            if row.status is Status.FAILED:
+            if row.status in (Status.FAILED, Status.DAMAGED):
                 text += f"  {row.bag}: {row.reason}\n"
         return f"{text}{self._store.folder / 'index.html'}\n"
 
@@ -164,7 +164,7 @@ def _run(
         nonlocal done_count
         done_count += 1
         outcome = outcomes.take(done)
-        if outcome.status is Status.FAILED or done.problem:
+        if outcome.status in (Status.FAILED, Status.DAMAGED) or done.problem:
             progress.clear()
             problem = outcome.reason or f"no report: {done.problem}"
             sys.stderr.write(f"fleet: {outcome.bag}: {problem}\n")
@@ -191,7 +191,11 @@ def _run(
 
 def _note(counts: Counter[Status], done: int, total: int, elapsed_s: float) -> str:
     """Return what stands behind the bar."""
-    parts = [f"{counts[status]} {status}" for status in (Status.REFUSED, Status.FAILED) if counts[status]]
+    parts = [
+        f"{counts[status]} {status}"
+        for status in (Status.REFUSED, Status.DAMAGED, Status.FAILED)
+        if counts[status]
+    ]
     if done:
         left_s = elapsed_s / done * (total - done)
         parts.append(f"{left_s / 60:.0f} min left" if left_s > 90 else f"{left_s:.0f} s left")

@@ -22,7 +22,7 @@ th[aria-sort=descending]::after { content: " \\2193"; }
 td.n { text-align: right; white-space: nowrap; }
 td.why { min-width: 16rem; }
 b.status { border-left: .5rem solid var(--c); padding-left: .4rem; white-space: nowrap; }
-.calibrated { --c: #009e73; } .refused { --c: #e69f00; } .failed { --c: #d55e00; } .not_done { --c: #999; }
+.calibrated { --c: #009e73; } .refused { --c: #e69f00; } .damaged { --c: #cc79a7; } .failed { --c: #d55e00; } .not_done { --c: #999; }
 .note { border-left: .5rem solid #d55e00; padding: .4rem .8rem; }
 """
 
@@ -102,7 +102,9 @@ The whole table is in <a href="table.csv">table.csv</a>. A click on a heading so
 def _row(outcome: Outcome) -> str:
     name = escape(outcome.bag)
     link = f'<a href="{escape(outcome.report, quote=True)}">{name}</a>' if outcome.report else name
-    said = outcome.message if outcome.status is not Status.REFUSED else f"{outcome.reason}: {outcome.message}"
+    said = outcome.message
+    if outcome.reason and outcome.reason != outcome.message:
+        said = f"{outcome.reason}: {outcome.message}"
     cells = [
         f"<td>{link}</td>",
         f'<td><b class="status {outcome.status}">{_words(outcome.status)}</b></td>',

@@ -17,6 +17,7 @@ class Status(Enum):
 
     CALIBRATED = "calibrated"
     REFUSED = "refused"
+    DAMAGED = "damaged"
     FAILED = "failed"
     NOT_DONE = "not_done"
 
@@ -30,9 +31,10 @@ class Outcome:
 
     Attributes:
         bag: The recording as it was named.
-        status: calibrated; refused: no frame was accepted; failed: it could not be read, or killed its
-            workers; not_done: the run was interrupted before.
-        reason: Of a refusal the reject reason of most frames, of a failure one line; else empty.
+        status: calibrated; refused: no frame was accepted; damaged: it ended early, and the numbers are
+            those of the frames before; failed: it could not be read, or killed its workers; not_done:
+            the run was interrupted before.
+        reason: Of a refusal the reject reason of most frames, of damage and failure one line; else empty.
         message: The sentence of ``replay``.
         frames: Number of frames.
         accepted: How many of them were accepted.
@@ -82,12 +84,17 @@ class Outcome:
                 numbers[name] = float(getattr(estimate.extrinsics, name))
                 numbers[f"{stem}_std_{unit}"] = float(getattr(estimate.std, name))
             numbers["lane_yaw_rad"] = estimate.lane_yaw_rad
-        refusals = Counter(row.reason for row in rows if row.reason is not None)
+        status, reason = Status.CALIBRATED, ""
+        if replay.damage is not None:
+            status, reason = Status.DAMAGED, replay.damage
+        elif not estimate.accepted:
+            refusals = Counter(row.reason for row in rows if row.reason is not None)
+            status, reason = Status.REFUSED, str(refusals.most_common(1)[0][0])
         return cls(
             bag,
-            Status.CALIBRATED if estimate.accepted else Status.REFUSED,
-            reason="" if estimate.accepted else str(refusals.most_common(1)[0][0]),
-            message="; ".join(filter(None, (estimate.message, replay.damage))),
+            status,
+            reason=reason,
+            message=estimate.message,
             frames=len(rows),
             accepted=sum(row.accepted for row in rows),
             confirmed=sum(row.confirmed for row in rows),
@@ -101,7 +108,7 @@ class Outcome:
     @property
     def finished(self) -> bool:
         """Whether there is no need to do it again; a failure may have passed by the next run."""
-        return self.status in (Status.CALIBRATED, Status.REFUSED)
+        return self.status in (Status.CALIBRATED, Status.REFUSED, Status.DAMAGED)
 
     def named(self, bag: str, report: str) -> Outcome:
         """Return it under the name the recording has this time, with its report."""
