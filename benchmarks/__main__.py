@@ -16,6 +16,7 @@ import numpy as np
 
 from .bias import bias_table
 from .false_alarms import false_alarm_table
+from .fleet import fleet_table
 from .kills import kill_table
 from .limit import limit_table
 from .many_lines import many_lines_table
@@ -45,6 +46,7 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "thresholds": threshold_table,
     "worlds": world_tables,
     "kills": kill_table,
+    "fleet": fleet_table,
 }
 # Drawn by a section, shown below its tables.
 PLOTS = {"limit": "limit.png", "peers": "peers.png", "search": "search.png", "sizes": "sizes.png"}

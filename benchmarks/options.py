@@ -20,6 +20,7 @@ class Options:
         false_alarms: Pictures without a road of each kind.
         worlds: Random worlds.
         kills: Writers of result files killed.
+        fleet_bags: Recordings of the fleet.
         all_sizes: Whether to go through all image sizes, or the smallest two only.
         folder: Where tables and plots go.
     """
@@ -31,6 +32,7 @@ class Options:
     false_alarms: int = 200
     worlds: int = 2000
     kills: int = 200
+    fleet_bags: int = 200
     all_sizes: bool = True
     folder: Path = RESULTS
 
@@ -44,6 +46,7 @@ QUICK = Options(
     false_alarms=20,
     worlds=60,
     kills=20,
+    fleet_bags=12,
     all_sizes=False,
     folder=RESULTS / "quick",
 )

@@ -42,6 +42,9 @@ _TABLE = "table.csv"
 # Longer recordings are done in stretches: at 10 Hz about a minute of work.
 _STRETCH_S = 120.0
 _DASHBOARD_PORT = 8787  # Dask's own
+# Loggers of Dask's that repeat in many lines what is said here in one; the nanny's, which says that a worker
+# died and is replaced, is none of them.
+_CHATTY = ("client", "comm", "core", "scheduler", "worker")
 _TICK_S = 0.5  # between two looks of the progress bar at the clock
 
 
@@ -149,8 +152,8 @@ def _run(
     """Calibrate what is left, with a progress bar."""
     from ..fleet.scheduling import Done, FleetRun  # noqa: PLC0415  (needs Dask)
 
-    for name in ("distributed.worker", "distributed.scheduler", "distributed.core", "distributed.comm"):
-        logging.getLogger(name).setLevel(logging.ERROR)
+    for name in _CHATTY:
+        logging.getLogger(f"distributed.{name}").setLevel(logging.CRITICAL)
     progress = Progress(len(waiting))
     start_s = shown_s = time.monotonic()
     done_count = 0

@@ -13,7 +13,7 @@ import dask
 from distributed import Client, LocalCluster
 
 from ..core.errors import SelfcalError
-from .work import describe_worker, one_line, versions
+from .work import one_line, versions
 
 LOOPBACK = "127.0.0.1"
 DASHBOARD_PORT = 8787  # Dask's own
@@ -81,24 +81,26 @@ def existing_cluster(address: str) -> Iterator[Client]:
             "leave out --scheduler to use this machine"
         ) from error
     with client:
-        _check_workers(client, address)
+        _check_versions(client, address)
         yield client
 
 
-def _check_workers(client: Client, address: str) -> None:
-    """Make sure that the workers there are run what this process runs: same versions, same numbers."""
+def _check_versions(client: Client, address: str) -> None:
+    """Make sure that scheduler and workers run what this process runs: same versions, same numbers."""
     try:
-        workers = client.run(describe_worker)
+        # The scheduler unpickles tasks as well.
+        found = {"the scheduler": client.run_on_scheduler(versions)}
+        found |= {f"worker {worker}": each for worker, each in client.run(versions).items()}
     except Exception as error:  # whatever unpickling raises over there
         raise ClusterError(
-            f"the workers of {address} cannot run this package ({one_line(error)}); install "
+            f"scheduler or workers of {address} cannot run this package ({one_line(error)}); install "
             f"stereo_selfcal {versions()['stereo_selfcal']} there"
         ) from error
-    for worker, description in workers.items():
-        if description["versions"] != versions():
+    for name, theirs in found.items():
+        if theirs != versions():
             raise ClusterError(
-                f"worker {worker} has {_listed(description['versions'])}, this process "
-                f"{_listed(versions())}: the numbers could differ; install the same versions"
+                f"{name} has {_listed(theirs)}, this process {_listed(versions())}: the numbers could "
+                "differ; install the same versions"
             )
 
 

@@ -22,7 +22,8 @@ th[aria-sort=descending]::after { content: " \\2193"; }
 td.n { text-align: right; white-space: nowrap; }
 td.why { min-width: 16rem; }
 b.status { border-left: .5rem solid var(--c); padding-left: .4rem; white-space: nowrap; }
-.calibrated { --c: #009e73; } .refused { --c: #e69f00; } .damaged { --c: #cc79a7; } .failed { --c: #d55e00; } .not_done { --c: #999; }
+.calibrated { --c: #009e73; } .refused { --c: #e69f00; } .damaged { --c: #cc79a7; }
+.failed { --c: #d55e00; } .not_done { --c: #999; }
 .note { border-left: .5rem solid #d55e00; padding: .4rem .8rem; }
 """
 

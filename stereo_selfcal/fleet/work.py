@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import platform
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -122,11 +120,6 @@ class Calibrated:
 def versions() -> dict[str, str]:
     """Return what the numbers of a result depend on besides the settings."""
     return {"stereo_selfcal": __version__, "numpy": np.__version__, "opencv": cv2.__version__}
-
-
-def describe_worker() -> dict[str, Any]:
-    """Return what this process is and runs, for the one that asks."""
-    return {"pid": os.getpid(), "host": platform.node(), "versions": versions()}
 
 
 def calibrate_bag(
