@@ -76,6 +76,7 @@ def fleet_table(options: Options) -> Iterator[Table]:
         fleet = _Fleet(Path(folder), expected)
         for name, workers in (("1 worker", 1), ("2 workers", 2)):
             _add(table, name, fleet.run(name, workers), 0)
+        _add(table, "2 workers, with reports", fleet.run("reports", 2, reports=True), 0)
         killed = fleet.run("killed", 2, _when_done(n // 3, _kill_worker))
         _add(table, f"2 workers, {killed.killed} killed", killed, 0)
         first = fleet.run("interrupted", 2, _when_done(n // 2, lambda run: run.send_signal(signal.SIGINT)))
@@ -123,6 +124,7 @@ class _Fleet:
         name: str,
         workers: int,
         meddle: Callable[[subprocess.Popen[bytes], Path], int] = lambda run, results: 0,
+        reports: bool = False,
     ) -> _Run:
         """Run it once, and look at what it has left.
 
@@ -130,10 +132,12 @@ class _Fleet:
             name: Name of the output folder.
             workers: Number of workers.
             meddle: Called once it runs, with the process and the folder of its results; returns kills.
+            reports: Whether reports are made, too.
         """
         output = self._folder / name
         command = [sys.executable, "-m", "stereo_selfcal", "fleet", str(self._folder / "bags")]
         command += ["--output", str(output), "--workers", str(workers), "--dashboard-port", "0"]
+        command += [] if reports else ["--no-report"]
         start_s = time.perf_counter()
         with subprocess.Popen(
             command, cwd=_ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL

@@ -9,6 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from ..fleet.index import index_page
 from ..fleet.outcome import Outcome, Status
 from ..fleet.store import Bag, Store
 from ..fleet.table import check_table, write_table
-from ..fleet.work import FleetSettings, versions
+from ..fleet.work import FleetSettings, make_report, versions
 from ..offline import Selection, default_jobs
 from ..parameter_file import load_calibrator_config
 from ..rig_file import read_rig_file
@@ -60,9 +61,11 @@ def _fleet(argv: list[str]) -> int:
     if arguments.table is not None:
         check_table(arguments.table)
         check_writable(arguments.table, "--table")
+    if arguments.reports and find_spec("jinja2") is None:
+        raise UsageError("reports need the Python module jinja2, which is not installed; or give --no-report")
     bags = [Bag.of(path, settings) for path in find_bags(arguments.bags)]
     try:
-        store = Store(arguments.output)
+        store = Store(arguments.output, arguments.reports)
     except OSError as error:
         raise UsageError(
             f"--output {arguments.output}: {error.strerror}; choose a writable folder"
@@ -91,15 +94,17 @@ class _Outcomes:
 
     def resume(self) -> list[Bag]:
         """Take over what a former run has done; return the rest."""
-        waiting = []
-        for bag in self._bags:
-            found = self._store.finished(bag)
-            if found is None:
-                waiting.append(bag)
-            else:
-                self._rows[bag.path] = found
+        self._look()
+        waiting = [bag for bag in self._bags if self._rows[bag.path].status is Status.NOT_DONE]
         self._resumed = len(self._bags) - len(waiting)
         return waiting
+
+    def _look(self) -> None:
+        """Take over what is in the folder."""
+        for bag in self._bags:
+            if self._rows[bag.path].status is Status.NOT_DONE:
+                found = self._store.finished(bag)
+                self._rows[bag.path] = self._rows[bag.path] if found is None else found
 
     def take(self, done: Any) -> Outcome:
         """Keep a recording that is done (:class:`~stereo_selfcal.fleet.scheduling.Done`)."""
@@ -108,7 +113,7 @@ class _Outcomes:
         replay = None
         if done.calibrated is not None:
             found = done.calibrated.replay
-            replay = as_dict(found.rows, found.estimate, found.damage)
+            replay = as_dict(found.rows, found.estimate, found.damage, found.drive)
         self._store.save(done.bag, outcome, replay)
         self._rows[done.bag.path] = outcome
         return outcome
@@ -125,6 +130,7 @@ class _Outcomes:
 
     def write(self) -> None:
         """Write the tables and the index page."""
+        self._look()  # Ctrl-C may have come between a result and the note of it
         rows = list(self._rows.values())
         write_table(self._store.folder / _TABLE, rows)
         if self._table is not None:
@@ -181,7 +187,8 @@ def _run(
         sys.stderr.write(f"{len(waiting)} recordings to do; dashboard {client.dashboard_link}\n")
         show()
         try:
-            FleetRun(client, settings, arguments.stretch_s).run(waiting, on_done, on_wait)
+            report = make_report if arguments.reports else None
+            FleetRun(client, settings, arguments.stretch_s, report).run(waiting, on_done, on_wait)
         except KeyboardInterrupt:
             progress.clear()
             sys.stderr.write(
@@ -275,6 +282,12 @@ def _parser() -> Parser:
         help="folder of results (default: fleet)",
     )
     add("--table", metavar="FILE", type=Path, help="write the table here as well, .csv or .parquet")
+    add(
+        "--no-report",
+        dest="reports",
+        action="store_false",
+        help="make no reports, which cost three frames each",
+    )
     add(
         "--scheduler",
         metavar="ADDRESS",

@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +47,7 @@ from .replay_options import replay_parser
 from .report import as_dict, as_json, table_header, table_row, table_summary
 
 # What --all has one of for every pair.
-_FILES = ("output", "picture", "csv")
+_FILES = ("output", "picture", "csv", "report")
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +80,7 @@ def _replay(argv: list[str]) -> int:
         return _replay_all(arguments, settings)
     replay = _replay_one(arguments, settings)
     report = as_json if arguments.json else table_summary
-    sys.stdout.write(report(replay.rows, replay.estimate, replay.damage))
+    sys.stdout.write(report(replay.rows, replay.estimate, replay.damage, replay.drive))
     return _status(replay)
 
 
@@ -107,9 +108,12 @@ def _replay_all(arguments: argparse.Namespace, settings: _Settings) -> int:
             sys.stderr.write(f"replay: {name}: {' '.join(str(error).split())}\n")
             status = EXIT_BAD_INPUT
             continue
-        outcomes.append({"name": name, **topics, **as_dict(replay.rows, replay.estimate, replay.damage)})
+        outcomes.append(
+            {"name": name, **topics, **as_dict(replay.rows, replay.estimate, replay.damage, replay.drive)}
+        )
         if not arguments.json:
-            sys.stdout.write(f"{table_summary(replay.rows, replay.estimate, replay.damage)}\n")
+            summary = table_summary(replay.rows, replay.estimate, replay.damage, replay.drive)
+            sys.stdout.write(f"{summary}\n")
         status = max(status, _status(replay))
     if arguments.json:
         sys.stdout.write(json.dumps({"pairs": outcomes}, allow_nan=False) + "\n")
@@ -156,6 +160,8 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
             check_writable(path, "--export")
     elif arguments.exports:
         raise UsageError("--export writes beside the file of --output: give --output")
+    if arguments.report is not None and find_spec("jinja2") is None:
+        raise UsageError("--report needs the Python module jinja2 (python3-jinja2), which is not installed")
     picture = arguments.picture
     if picture is not None and picture.suffix.lower() != ".png":
         raise UsageError(f"--picture {picture}: pictures are written as PNG; end the name in .png")
@@ -211,6 +217,10 @@ def _write_files(
         write_atomically(arguments.csv, as_csv(replay.rows).encode())
     if arguments.picture is not None:
         _write_picture(arguments.picture, source, replay)
+    if arguments.report is not None:
+        from ..report import render_report  # noqa: PLC0415 - jinja2 is for who asks for a report
+
+        write_atomically(arguments.report, render_report(source, replay).encode())
 
 
 def _write_picture(path: Path, source: FrameSource, replay: Replay) -> None:

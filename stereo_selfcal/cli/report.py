@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
+from ..core.drive import Drive, DriveSegment, clock
 from ..core.extrinsics import Extrinsics
 from ..core.results import CalibrationResult
 from ..offline import FrameRow
@@ -33,7 +34,12 @@ def table_row(row: FrameRow) -> str:
     return _line(f"{stamp:>{_STAMP_WIDTH}}  {row.reason or 'accepted':<{_VERDICT_WIDTH}}", row.extrinsics)
 
 
-def table_summary(rows: Sequence[FrameRow], estimate: CalibrationResult, damage: str | None = None) -> str:
+def table_summary(
+    rows: Sequence[FrameRow],
+    estimate: CalibrationResult,
+    damage: str | None = None,
+    drive: Drive | None = None,
+) -> str:
     """Return the lines under the table: mean and spread over the accepted frames, the fused estimate."""
     accepted = [row.extrinsics for row in rows if row.extrinsics is not None]
     text = f"{'-' * len(_HEADER)}\n{len(accepted)} of {len(rows)} frames accepted\n"
@@ -48,19 +54,47 @@ def table_summary(rows: Sequence[FrameRow], estimate: CalibrationResult, damage:
         text += _line("fused estimate", estimate.extrinsics)
         if estimate.std is not None:
             text += _line("its standard deviation", estimate.std, spread=True)
+    if drive is not None:
+        text += _moves(drive)
     early = "" if damage is None else f"THE RECORDING IS DAMAGED AND ENDED EARLY, after {len(rows)} frames\n"
     return f"{text}{estimate.message}\n{early}"
 
 
-def as_json(rows: Sequence[FrameRow], estimate: CalibrationResult, damage: str | None = None) -> str:
+def _moves(drive: Drive) -> str:
+    """Return a line for every move of the mount, and for every segment if there is more than one."""
+    if not drive.changes:
+        return ""
+    text = ""
+    for number, segment in enumerate(drive.segments):
+        if number:
+            change = drive.changes[number - 1]
+            text += _line(f"moved at {clock(change.at_s)} (within {change.within_s:.1f} s) by", change.shift)
+        if segment.estimate.extrinsics is not None:
+            times = f"{clock(segment.start_s)} to {clock(segment.end_s)}"
+            text += _line(times, segment.estimate.extrinsics)
+    return text
+
+
+def as_json(
+    rows: Sequence[FrameRow],
+    estimate: CalibrationResult,
+    damage: str | None = None,
+    drive: Drive | None = None,
+) -> str:
     """Return the object of interface.md, "Command line", in one line; floats with all their digits."""
-    return json.dumps(as_dict(rows, estimate, damage), allow_nan=False) + "\n"
+    return json.dumps(as_dict(rows, estimate, damage, drive), allow_nan=False) + "\n"
 
 
 def as_dict(
-    rows: Sequence[FrameRow], estimate: CalibrationResult, damage: str | None = None
+    rows: Sequence[FrameRow],
+    estimate: CalibrationResult,
+    damage: str | None = None,
+    drive: Drive | None = None,
 ) -> dict[str, Any]:
-    """Return what :func:`as_json` writes; a damaged recording has one key more, ``ended_early``."""
+    """Return what :func:`as_json` writes; a damaged recording has one key more, ``ended_early``.
+
+    With a drive there are ``segments`` and ``changes`` of the mount.
+    """
     extrinsics = estimate.extrinsics if estimate.accepted else None
     content = {
         "accepted": estimate.accepted,
@@ -77,7 +111,27 @@ def as_dict(
             for row in rows
         ],
     }
+    if drive is not None:
+        content |= {
+            "segments": [_segment(segment) for segment in drive.segments],
+            "changes": [
+                {"at_s": change.at_s, "within_s": change.within_s, "shift": _pose(change.shift)}
+                for change in drive.changes
+            ],
+        }
     return content if damage is None else content | {"ended_early": damage}
+
+
+def _segment(segment: DriveSegment) -> dict[str, Any]:
+    return {
+        "start_s": segment.start_s,
+        "end_s": segment.end_s,
+        "frames": segment.estimate.n_frames,
+        "extrinsics": _pose(segment.estimate.extrinsics),
+        "std": _pose(segment.estimate.std),
+        "spread": _pose(segment.spread),
+        "standard_error": None if segment.standard_error is None else _pose(segment.standard_error),
+    }
 
 
 def _pose(extrinsics: Extrinsics | None) -> dict[str, Any]:

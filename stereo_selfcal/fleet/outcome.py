@@ -45,6 +45,8 @@ class Outcome:
         height_std_m: Standard deviation of the height [m].
         pitch_std_rad: Standard deviation of the pitch [rad].
         roll_std_rad: Standard deviation of the roll [rad].
+        moves: How often the camera was moved; the pose is that after the last time.
+        moved_at_s: When it was moved last [s]; None if it was not.
         lane_yaw_rad: Mean yaw against the lane [rad], > 0: the camera points left.
         first_stamp_s: Stamp of the first frame [s].
         last_stamp_s: Stamp of the last frame [s].
@@ -66,6 +68,8 @@ class Outcome:
     height_std_m: float | None = None
     pitch_std_rad: float | None = None
     roll_std_rad: float | None = None
+    moves: int = 0
+    moved_at_s: float | None = None
     lane_yaw_rad: float | None = None
     first_stamp_s: float | None = None
     last_stamp_s: float | None = None
@@ -76,7 +80,7 @@ class Outcome:
     @classmethod
     def from_replay(cls, bag: str, replay: Replay, topics: tuple[str, str]) -> Outcome:
         """Return the row of a recording that was read."""
-        estimate, rows = replay.estimate, replay.rows
+        estimate, rows, changes = replay.estimate, replay.rows, replay.drive.changes
         numbers: dict[str, float | None] = {}
         if estimate.accepted and estimate.extrinsics is not None and estimate.std is not None:
             for name in ("height_m", "pitch_rad", "roll_rad"):
@@ -98,6 +102,8 @@ class Outcome:
             frames=len(rows),
             accepted=sum(row.accepted for row in rows),
             confirmed=sum(row.confirmed for row in rows),
+            moves=len(changes),
+            moved_at_s=changes[-1].at_s if changes else None,
             first_stamp_s=rows[0].stamp_s,
             last_stamp_s=rows[-1].stamp_s,
             left=topics[0],

@@ -10,7 +10,7 @@ from typing import Any
 from distributed import Client, Future, KilledWorker, as_completed
 
 from ..core.calibrator import Calibrator
-from ..offline.run import fuse_frames
+from ..offline.run import assemble_replay
 from .cluster import ClusterError
 from .outcome import Outcome, Status
 from .store import Bag
@@ -208,7 +208,7 @@ class FleetRun:
             self._calibrate(bag, None)
             return
         calibrator = Calibrator(parts[0].rig, self._settings.config)
-        replay = fuse_frames((frame for part in parts for frame in part.frames), calibrator)
+        replay = assemble_replay((frame for part in parts for frame in part.frames), calibrator)
         self._report(bag, Calibrated(replay, parts[0].topics))
 
     def _report(self, bag: Bag, calibrated: Calibrated) -> None:

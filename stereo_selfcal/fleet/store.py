@@ -56,10 +56,12 @@ class Store:
 
     Attributes:
         folder: The folder; it exists.
+        reports: Whether a recording without its report is not finished.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, reports: bool = False) -> None:
         self.folder = folder
+        self.reports = reports
         for name in (_RESULTS, _REPORTS):
             (folder / name).mkdir(parents=True, exist_ok=True)
 
@@ -72,11 +74,10 @@ class Store:
             outcome = Outcome.from_mapping(content["outcome"])
         except (OSError, ValueError, KeyError, TypeError, ConfigError):
             return None  # whatever is wrong with the file, doing the bag again mends it
-        if not outcome.finished:
+        has_report = bool(outcome.report) and (self.folder / outcome.report).is_file()
+        if not outcome.finished or (self.reports and not has_report):
             return None
-        if outcome.report and not (self.folder / outcome.report).is_file():
-            return None
-        return outcome.named(bag.name, outcome.report)
+        return outcome.named(bag.name, outcome.report if has_report else "")
 
     def save(self, bag: Bag, outcome: Outcome, replay: dict[str, Any] | None) -> None:
         """Write the result of a recording, whole or not at all.

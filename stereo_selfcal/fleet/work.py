@@ -194,6 +194,24 @@ def calibrate_stretch(path: str, settings: FleetSettings, selection: Selection) 
         return Failure(one_line(error))
 
 
+def make_report(path: str, settings: FleetSettings, calibrated: Calibrated) -> bytes | Failure:
+    """Return the report of a calibrated recording as HTML.
+
+    Args:
+        path: The recording: the frames that are shown are read again.
+        settings: How it was calibrated.
+        calibrated: What came out.
+    """
+    from ..report import render_report  # noqa: PLC0415  (Jinja2 is for who wants reports)
+
+    _be_a_worker()
+    try:
+        with settings.open(Path(path)) as source:
+            return render_report(source, calibrated.replay).encode()
+    except Exception as error:  # noqa: BLE001  (the numbers are there, whatever becomes of the report)
+        return Failure(f"{type(error).__name__}: {one_line(error)}")
+
+
 def one_line(error: BaseException) -> str:
     """Return the text of an error as one line, its type where it has none."""
     return " ".join(str(error).split()) or type(error).__name__

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from ..bags import BagError, StereoFrame
 from ..core.calibrator import Calibrator
 from ..core.config import CalibratorConfig
+from ..core.drive import Drive, estimate_drive
 from ..core.results import CalibrationResult
 from ..core.rig import StereoRig
 from .frame import FrameHead, calibrate_frame
@@ -22,7 +23,7 @@ class Replay:
 
     Attributes:
         rows: One row per frame, in order, at least one.
-        estimate: The accepted frames, fused.
+        drive: Where the mount was, and when it was moved.
         rig: The rig of the recording.
         config: Settings it was calibrated with.
         damage: What ended the recording early, in one line; None when all of it was read. The rows and
@@ -30,10 +31,15 @@ class Replay:
     """
 
     rows: tuple[FrameRow, ...]
-    estimate: CalibrationResult
+    drive: Drive
     rig: StereoRig
     config: CalibratorConfig
     damage: str | None = None
+
+    @property
+    def estimate(self) -> CalibrationResult:
+        """The accepted frames, fused: those since the mount was moved, if it was."""
+        return self.drive.estimate
 
     @property
     def shown(self) -> FrameRow:
@@ -63,17 +69,16 @@ def calibrate_recording(
     """
     config = config or CalibratorConfig()
     calibrator = Calibrator(source.rig, config)
-    return fuse_frames(
-        calibrate_in_order(source.frames(), calibrator, jobs, source.count), calibrator, on_row
-    )
+    frames = calibrate_in_order(source.frames(), calibrator, jobs, source.count)
+    return assemble_replay(frames, calibrator, on_row)
 
 
-def fuse_frames(
+def assemble_replay(
     frames: Iterable[tuple[FrameHead, CalibrationResult]],
     calibrator: Calibrator,
     on_row: Callable[[FrameRow], None] = lambda row: None,
 ) -> Replay:
-    """Fuse the frames of a recording, wherever they were calibrated.
+    """Make the outcome of a recording from its frames, wherever they were calibrated.
 
     Args:
         frames: Results of all frames, in order; where a BagError ends them, those before it count.
@@ -97,7 +102,8 @@ def fuse_frames(
         damage = f"{error}; it ended early, after {n} frames: --max-frames {n} calibrates from these alone"
     if not rows:
         raise ValueError("a recording of no frames cannot be calibrated")
-    return Replay(tuple(rows), calibrator.estimate, calibrator.rig, calibrator.config, damage)
+    drive = estimate_drive([row for row in rows if row.accepted], calibrator.rig, calibrator.estimate)
+    return Replay(tuple(rows), drive, calibrator.rig, calibrator.config, damage)
 
 
 def look_again(

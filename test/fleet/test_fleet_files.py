@@ -96,13 +96,14 @@ def test_a_result_file_that_is_none_is_made_anew(road, tmp_path, content):
 
 
 def test_a_recording_whose_report_is_gone_is_done_again(road, tmp_path):
-    store = Store(tmp_path)
+    store = Store(tmp_path, reports=True)
     bag = Bag.of(road, SETTINGS)
     name = store.save_report(bag, b"<p>")
     store.save(bag, replace(GOOD, report=name), None)
     assert store.finished(bag).report == name
     (tmp_path / name).unlink()
     assert store.finished(bag) is None
+    assert Store(tmp_path).finished(bag).report == ""
 
 
 def test_recordings_of_one_name_in_two_folders_have_files_of_their_own(tmp_path):
