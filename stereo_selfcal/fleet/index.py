@@ -20,7 +20,8 @@ th { cursor: pointer; white-space: nowrap; }
 th[aria-sort=ascending]::after { content: " \\2191"; }
 th[aria-sort=descending]::after { content: " \\2193"; }
 td.n { text-align: right; white-space: nowrap; }
-td.why { min-width: 16rem; }
+h1 { font-size: 1.4rem; }
+td.why { min-width: 20rem; font-size: .85rem; }
 b.status { border-left: .5rem solid var(--c); padding-left: .4rem; white-space: nowrap; }
 .calibrated { --c: #009e73; } .refused { --c: #e69f00; } .damaged { --c: #cc79a7; }
 .failed { --c: #d55e00; } .not_done { --c: #999; }
@@ -51,6 +52,7 @@ _HEADS = (
     "verdict",
     "frames",
     "accepted",
+    "confirmed",
     "moves",
     "height [m]",
     "pitch [deg]",
@@ -85,7 +87,8 @@ def index_page(outcomes: Sequence[Outcome], about: str) -> str:
 <h1>{len(outcomes)} recordings: {escape(summary)}</h1>
 {note}
 <p><code>{_EQUATION}</code>; REP-103: pitch &gt; 0 is nose down, roll &gt; 0 is right side down.
-The whole table is in <a href="table.csv">table.csv</a>. A click on a heading sorts.</p>
+Confirmed are accepted frames whose asphalt agrees with the lines. The whole table is in
+<a href="table.csv">table.csv</a>. A click on a heading sorts.</p>
 <div class="scroll">
 <table>
 <thead><tr>{heads}</tr></thead>
@@ -104,14 +107,16 @@ The whole table is in <a href="table.csv">table.csv</a>. A click on a heading so
 def _row(outcome: Outcome) -> str:
     name = escape(outcome.bag)
     link = f'<a href="{escape(outcome.report, quote=True)}">{name}</a>' if outcome.report else name
-    said = outcome.message
-    if outcome.reason and outcome.reason != outcome.message:
-        said = f"{outcome.reason}: {outcome.message}"
+    if outcome.status is Status.CALIBRATED:
+        said = outcome.message.partition("; ")[2]  # the numbers are in the other cells
+    else:
+        said = ": ".join(dict.fromkeys(filter(None, (outcome.reason, outcome.message))))
     cells = [
         f"<td>{link}</td>",
         f'<td><b class="status {outcome.status}">{_words(outcome.status)}</b></td>',
         _number(outcome.frames, "d"),
         _number(outcome.accepted, "d"),
+        _number(outcome.confirmed, "d"),
         _number(outcome.moves, "d"),
         _number(outcome.height_m, ".4f", outcome.height_std_m),
         _number(_degrees(outcome.pitch_rad), "+.3f", _degrees(outcome.pitch_std_rad)),
