@@ -20,6 +20,7 @@ from .fleet import fleet_table
 from .kills import kill_table
 from .limit import limit_table
 from .many_lines import many_lines_table
+from .offline import offline_tables
 from .options import QUICK, RESULTS, Options
 from .paper import noise_table, seed_table
 from .peer_table import peer_table
@@ -47,6 +48,7 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "worlds": world_tables,
     "kills": kill_table,
     "fleet": fleet_table,
+    "offline": offline_tables,
 }
 # Drawn by a section, shown below its tables.
 PLOTS = {"limit": "limit.png", "peers": "peers.png", "search": "search.png", "sizes": "sizes.png"}

@@ -93,7 +93,7 @@ def make_bag(path: Path, cameras, n_frames=3, kind="mcap", rig=RIG, other_topics
     return path.with_suffix(".bag") if ros1 else path
 
 
-def make_split_bag(path: Path, cameras, kind="mcap", n_files=2, n_frames=3):
+def make_split_bag(path: Path, cameras, kind="mcap", n_files=2, n_frames=3, rig=RIG):
     """Write a recording of several storage files, as a recorder with a size limit does."""
     merged = None
     for index in range(n_files):

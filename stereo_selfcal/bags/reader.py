@@ -36,6 +36,7 @@ class StereoBag:
     Attributes:
         paths: The bags of the recording.
         topics: The image topics of the two cameras.
+        remarks: What became of images that are in no frame, in sentences; known when all have been read.
     """
 
     def __init__(
@@ -58,6 +59,7 @@ class StereoBag:
             BagError: The recording cannot be read or has no unambiguous stereo pair.
         """
         self.paths = tuple(Path(each) for each in ([path] if isinstance(path, str | Path) else path))
+        self.remarks: tuple[str, ...] = ()
         self._tolerance_s = tolerance_s
         self._parts = _open(self.paths)
         try:
@@ -154,6 +156,9 @@ class StereoBag:
             yield from add(message_stamp_ns(message.content), message)
         yield from pairer.flush()
         counts = pairer.counts
+        if start_ns is None and stop_ns is None:
+            said = self.topics.left.count, self.topics.right.count
+            self.remarks = remarks_on((counts.left, counts.right), said, counts.pairs)
         if counts.pairs == 0 and counts.left + counts.right > 0:
             nearest = "none" if pairer.nearest_s is None else f"{pairer.nearest_s:.6f} s"
             raise BagError(
@@ -191,6 +196,26 @@ class StereoBag:
         """Yield messages in the order of the recording; of two at one time that of the earlier bag first."""
         streams = (part.messages(topics, start_ns, stop_ns) for part in self._parts)
         return merge(*streams, key=lambda message: message.recorded_ns)
+
+
+def remarks_on(read: tuple[int, int], said: tuple[int, int], pairs: int) -> tuple[str, ...]:
+    """Return what is to be said of images that are in no frame.
+
+    Args:
+        read: Left and right images that were read.
+        said: How many there are by the index of the recording.
+        pairs: Frames.
+    """
+    remarks = []
+    if read != said:
+        remarks.append(
+            f"{read[0]} left and {read[1]} right images were read, the recording should have "
+            f"{said[0]} and {said[1]}: it may be damaged"
+        )
+    if read != (pairs, pairs):
+        alone = read[0] - pairs, read[1] - pairs
+        remarks.append(f"{alone[0]} left and {alone[1]} right images have no partner of the same time")
+    return tuple(remarks)
 
 
 def stereo_pairs(paths: Sequence[Path]) -> list[StereoTopics]:

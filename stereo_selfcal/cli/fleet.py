@@ -113,7 +113,7 @@ class _Outcomes:
         replay = None
         if done.calibrated is not None:
             found = done.calibrated.replay
-            replay = as_dict(found.rows, found.estimate, found.damage, found.drive)
+            replay = as_dict(found.rows, found.estimate, found.damage, found.remarks, found.drive)
         self._store.save(done.bag, outcome, replay)
         self._rows[done.bag.path] = outcome
         return outcome

@@ -38,6 +38,7 @@ def table_summary(
     rows: Sequence[FrameRow],
     estimate: CalibrationResult,
     damage: str | None = None,
+    remarks: Sequence[str] = (),
     drive: Drive | None = None,
 ) -> str:
     """Return the lines under the table: mean and spread over the accepted frames, the fused estimate."""
@@ -46,9 +47,10 @@ def table_summary(
     refused = Counter(row.reason for row in rows if row.reason is not None)
     for reason, count in refused.most_common():
         text += f"  {count} x {reason}\n"
-    if accepted:
+    moved = drive is not None and bool(drive.changes)
+    if accepted and not moved:
         text += _line("mean", _over(accepted, statistics.fmean))
-    if len(accepted) > 1:
+    if len(accepted) > 1 and not moved:
         text += _line("standard deviation over the frames", _over(accepted, statistics.stdev), spread=True)
     if estimate.accepted and estimate.extrinsics is not None:
         text += _line("fused estimate", estimate.extrinsics)
@@ -57,7 +59,8 @@ def table_summary(
     if drive is not None:
         text += _moves(drive)
     early = "" if damage is None else f"THE RECORDING IS DAMAGED AND ENDED EARLY, after {len(rows)} frames\n"
-    return f"{text}{estimate.message}\n{early}"
+    lines = "".join(f"{remark}\n" for remark in remarks)
+    return f"{text}{estimate.message}\n{lines}{early}"
 
 
 def _moves(drive: Drive) -> str:
@@ -68,7 +71,7 @@ def _moves(drive: Drive) -> str:
     for number, segment in enumerate(drive.segments):
         if number:
             change = drive.changes[number - 1]
-            text += _line(f"moved at {clock(change.at_s)} (within {change.within_s:.1f} s) by", change.shift)
+            text += _line(f"moved {clock(change.at_s)} (within {change.within_s:.1f} s) by", change.shift)
         if segment.estimate.extrinsics is not None:
             times = f"{clock(segment.start_s)} to {clock(segment.end_s)}"
             text += _line(times, segment.estimate.extrinsics)
@@ -79,24 +82,27 @@ def as_json(
     rows: Sequence[FrameRow],
     estimate: CalibrationResult,
     damage: str | None = None,
+    remarks: Sequence[str] = (),
     drive: Drive | None = None,
 ) -> str:
     """Return the object of interface.md, "Command line", in one line; floats with all their digits."""
-    return json.dumps(as_dict(rows, estimate, damage, drive), allow_nan=False) + "\n"
+    return json.dumps(as_dict(rows, estimate, damage, remarks, drive), allow_nan=False) + "\n"
 
 
 def as_dict(
     rows: Sequence[FrameRow],
     estimate: CalibrationResult,
     damage: str | None = None,
+    remarks: Sequence[str] = (),
     drive: Drive | None = None,
 ) -> dict[str, Any]:
-    """Return what :func:`as_json` writes; a damaged recording has one key more, ``ended_early``.
+    """Return what :func:`as_json` writes.
 
+    A damaged recording has one key more, ``ended_early``, and one with images in no frame ``remarks``.
     With a drive there are ``segments`` and ``changes`` of the mount.
     """
     extrinsics = estimate.extrinsics if estimate.accepted else None
-    content = {
+    content: dict[str, Any] = {
         "accepted": estimate.accepted,
         "reason": None if estimate.reason is None else str(estimate.reason),
         "message": estimate.message,
@@ -119,7 +125,11 @@ def as_dict(
                 for change in drive.changes
             ],
         }
-    return content if damage is None else content | {"ended_early": damage}
+    if damage is not None:
+        content["ended_early"] = damage
+    if remarks:
+        content["remarks"] = list(remarks)
+    return content
 
 
 def _segment(segment: DriveSegment) -> dict[str, Any]:

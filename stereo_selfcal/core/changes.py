@@ -19,40 +19,35 @@ import numpy as np
 import numpy.typing as npt
 
 from .extrinsics import Array
+from .motion import (
+    BLOCK_S,
+    OUTLIER_SIGMAS,
+    SIGMA_OVER_MAD,
+    Blocks,
+    Motion,
+    blocks_of,
+    measure_motion,
+    standard_error,
+    without_excursions,
+)
 
-_Indices = npt.NDArray[np.intp]
-
-# Suspensions ring for a second or two and brakes are applied for some: means over ten seconds hardly repeat
-# each other, and what they do repeat is measured.
-BLOCK_S = 10.0
 # A new level has to be seen for a minute on either side: braking twice in it is not most of it.
 _STAYS_BLOCKS = 6
 # A level that is left and found again within this is that of a car that stood on a slope, towed or turned.
 _COMES_BACK_S = 120.0
-# Below twelve blocks the motion is not known well enough to say what stands out of it.
-_FEWEST_BLOCKS = 12
+# With fewer, a shift is in a quarter of the differences by which motion is measured.
+_FEWEST_BLOCKS = 15
 # A shift counts against what lies around it: over hours fuel, load and warmth move a camera as well.
 _AROUND_S = 300.0
-# Less than this a driver getting in does to a camera: height [m], pitch, roll [rad].
+# Smaller shifts are those of load and speed: one person more in a car does as much. Height [m], pitch, roll
+# [rad].
 LEAST_SHIFT: Array = np.array([0.010, np.radians(0.10), np.radians(0.15)])
 
 # Standard errors by which a shift has to stand out. Greatest statistic of all intervals, parameters and
-# splits: exceeded in at most 1 % of simulated drives of 2 minutes to an hour without a shift, whether motion
+# splits: exceeded in at most 1 % of simulated drives of minutes to an hour without a shift, whether motion
 # lasts for half a second or for five.
 _THRESHOLD = 5.5
 
-# Of means over ten seconds, for the standard error of a mean over all.
-_FEWEST_FOR_ERROR = 3
-# Neighbours on either side of a block, for outliers; single frames are compared with their block.
-_NEIGHBOURS = 2
-_OUTLIER_SIGMAS = 4.0
-_SIGMA_OVER_MAD = 1.4826
-# Three quarters of normal deviations are within this many standard deviations: a scale that up to a quarter
-# of wrong values does not move, and that wastes less than the median would.
-_QUARTILE = 0.75
-_SIGMA_OF_QUARTILE = 1.1503
-# Of neighbouring blocks; above, a shift and motion cannot be told apart.
-_MAX_CORRELATION = 0.8
 # Lengths of seeded intervals grow by this; they overlap by half.
 _GROWTH = 2**0.5
 # Half the width, in sigma^2 / shift^2, of the 95 % interval of a change point: J. Bai, "Estimation of a
@@ -118,35 +113,6 @@ class Course:
     judged: bool
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Blocks:
-    """Means over ten seconds each, where there are estimates: number of the block (B,), values (B, 3)."""
-
-    number: _Indices
-    values: Array
-
-    def __len__(self) -> int:
-        return len(self.number)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Motion:
-    """How block means scatter.
-
-    Attributes:
-        sigma: (3,) long-run standard deviation of one, which counts that they repeat each other: a mean of n
-            has it over the root of n.
-    """
-
-    sigma: Array
-
-    def statistic(self, shift: Array, n_before: npt.ArrayLike, n_after: npt.ArrayLike) -> Array:
-        """Return a shift (..., 3) over its standard error."""
-        error = np.sqrt(1.0 / np.asarray(n_before) + 1.0 / np.asarray(n_after))
-        statistic: Array = np.abs(shift) / (self.sigma * error[..., None])
-        return statistic
-
-
 def find_changes(stamps_s: npt.ArrayLike, poses: npt.ArrayLike, covariances: npt.ArrayLike) -> Course:
     """Find when the mount was moved, and where it was between.
 
@@ -166,11 +132,13 @@ def find_changes(stamps_s: npt.ArrayLike, poses: npt.ArrayLike, covariances: npt
     noise = np.sqrt(np.diagonal(np.asarray(covariances, dtype=np.float64), axis1=1, axis2=2))
     if not len(stamps) or values.shape != (len(stamps), 3) or noise.shape != values.shape:
         raise ValueError(f"{stamps.shape} stamps, {values.shape} poses and {noise.shape} covariances")
-    blocks = _blocks(stamps, values)
-    kept = _Blocks(blocks.number[_calm(blocks.values)], blocks.values[_calm(blocks.values)])
-    if len(kept) < _FEWEST_BLOCKS:
+    blocks = blocks_of(stamps, values)
+    if len(blocks) < _FEWEST_BLOCKS:
         return Course((_segment(stamps, values, 0, len(stamps)),), (), False)
-    motion = _motion(kept, noise, len(stamps) / len(blocks))
+    kept = without_excursions(blocks)
+    if len(kept) < _FEWEST_BLOCKS:
+        kept = blocks
+    motion = measure_motion(kept, noise, len(stamps) / len(blocks))
     splits = _verified(_refitted(_candidates(kept, motion), kept, motion), kept, motion)
     cuts = [_locate(split, splits, kept, stamps, values, motion) for split in splits]
     bounds = [0, *cuts, len(stamps)]
@@ -179,52 +147,6 @@ def find_changes(stamps_s: npt.ArrayLike, poses: npt.ArrayLike, covariances: npt
         _change(cut, split, splits, kept, stamps, motion) for cut, split in zip(cuts, splits, strict=True)
     )
     return Course(segments, changes, True)
-
-
-def _blocks(stamps: Array, values: Array) -> _Blocks:
-    """Average over blocks of time; a frame far from the rest of its block is left out."""
-    number = np.floor((stamps - stamps[0]) / BLOCK_S).astype(np.intp)
-    bounds = np.flatnonzero(np.diff(number)) + 1
-    parts = np.split(values, bounds)
-    scale = _SIGMA_OVER_MAD * np.median(
-        np.concatenate([np.abs(part - np.median(part, axis=0)) for part in parts]), axis=0
-    )
-    means = []
-    for part in parts:
-        good = np.all(np.abs(part - np.median(part, axis=0)) <= _OUTLIER_SIGMAS * scale, axis=1)
-        means.append(part[good].mean(axis=0) if good.any() else np.median(part, axis=0))
-    return _Blocks(number[np.concatenate([[0], bounds])], np.array(means))
-
-
-def _calm(values: Array) -> npt.NDArray[np.bool_]:
-    """Return which blocks (B,) are like their neighbours on one side at least: short excursions are not."""
-    if len(values) <= 2 * _NEIGHBOURS:
-        return np.ones(len(values), dtype=bool)
-    padded = np.pad(values, ((_NEIGHBOURS, _NEIGHBOURS), (0, 0)), mode="reflect")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * _NEIGHBOURS + 1, axis=0)
-    deviation = np.abs(values - np.median(windows, axis=2))
-    scale = _SIGMA_OVER_MAD * np.median(deviation, axis=0)
-    calm: npt.NDArray[np.bool_] = np.all(deviation <= _OUTLIER_SIGMAS * np.maximum(scale, 1e-12), axis=1)
-    return calm
-
-
-def _motion(blocks: _Blocks, noise: Array, per_block: float) -> _Motion:
-    """Measure the motion by differences of blocks, which a shift changes in one place only.
-
-    For means that repeat each other as an autoregression of first order, differences over two blocks have
-    (1 + correlation) times the variance of those over one.
-    """
-    one, two = (
-        np.quantile(np.abs(blocks.values[lag:] - blocks.values[:-lag]), _QUARTILE, axis=0)
-        / _SIGMA_OF_QUARTILE
-        for lag in (1, 2)
-    )
-    ratio = float(np.mean(two**2 / np.maximum(one**2, 1e-24)))
-    correlation = float(np.clip(ratio - 1.0, 0.0, _MAX_CORRELATION))
-    # Half the variance of a difference is 1 - correlation of that of a mean.
-    single = one**2 / (2.0 * (1.0 - correlation))
-    floor = np.median(noise, axis=0) ** 2 / per_block
-    return _Motion(np.sqrt(np.maximum(single, floor) * (1.0 + correlation) / (1.0 - correlation)))
 
 
 def _seeded(n: int) -> list[tuple[int, int]]:
@@ -241,7 +163,7 @@ def _seeded(n: int) -> list[tuple[int, int]]:
         length *= _GROWTH
 
 
-def _candidates(blocks: _Blocks, motion: _Motion) -> list[int]:
+def _candidates(blocks: Blocks, motion: Motion) -> list[int]:
     """Return the splits (indices of blocks) at which a level shifts, in order."""
     total = np.vstack([np.zeros(3), np.cumsum(blocks.values, axis=0)])
     found: list[tuple[float, int, int, int]] = []
@@ -261,7 +183,7 @@ def _candidates(blocks: _Blocks, motion: _Motion) -> list[int]:
     return sorted(splits)
 
 
-def _around(split: int, splits: list[int], blocks: _Blocks) -> tuple[slice, slice]:
+def _around(split: int, splits: list[int], blocks: Blocks) -> tuple[slice, slice]:
     """Return the blocks before and after a split: up to the next splits, and no farther than counts."""
     reach = round(_AROUND_S / BLOCK_S)
     before = max([other for other in splits if other < split], default=0)
@@ -269,7 +191,7 @@ def _around(split: int, splits: list[int], blocks: _Blocks) -> tuple[slice, slic
     return slice(max(before, split - reach), split), slice(split, min(after, split + reach))
 
 
-def _reach(split: int, splits: list[int], blocks: _Blocks) -> tuple[int, int]:
+def _reach(split: int, splits: list[int], blocks: Blocks) -> tuple[int, int]:
     """Return the blocks a split may move to: half way to its neighbours, as those may move as well."""
     before, after = _around(split, splits, blocks)
     inset = _STAYS_BLOCKS // 2
@@ -278,7 +200,7 @@ def _reach(split: int, splits: list[int], blocks: _Blocks) -> tuple[int, int]:
     return min(low, split), max(high, split)
 
 
-def _refitted(splits: list[int], blocks: _Blocks, motion: _Motion) -> list[int]:
+def _refitted(splits: list[int], blocks: Blocks, motion: Motion) -> list[int]:
     """Move each split to where it is best by all that lies around it, not by its narrow interval alone."""
     moved = []
     for split in splits:
@@ -297,14 +219,14 @@ def _refitted(splits: list[int], blocks: _Blocks, motion: _Motion) -> list[int]:
     return moved
 
 
-def _shift(split: int, splits: list[int], blocks: _Blocks, motion: _Motion) -> tuple[Array, Array]:
+def _shift(split: int, splits: list[int], blocks: Blocks, motion: Motion) -> tuple[Array, Array]:
     """Return the shift (3,) at a split and its statistic (3,), against what lies around it."""
     before, after = (blocks.values[part] for part in _around(split, splits, blocks))
     shift = np.median(after, axis=0) - np.median(before, axis=0)
     return shift, motion.statistic(shift, len(before), len(after))
 
 
-def _verified(splits: list[int], blocks: _Blocks, motion: _Motion) -> list[int]:
+def _verified(splits: list[int], blocks: Blocks, motion: Motion) -> list[int]:
     """Drop, the weakest first, what does not stand out of its surroundings, and what comes back."""
     splits = list(splits)
     while splits:
@@ -323,7 +245,7 @@ def _verified(splits: list[int], blocks: _Blocks, motion: _Motion) -> list[int]:
     return splits
 
 
-def _first_return(splits: list[int], blocks: _Blocks, motion: _Motion) -> int | None:
+def _first_return(splits: list[int], blocks: Blocks, motion: Motion) -> int | None:
     """Return the first of two neighbouring splits between which the camera was away only briefly."""
     for i, (away, back) in enumerate(pairwise(splits)):
         if (back - away) * BLOCK_S > _COMES_BACK_S:  # of what was seen: gaps say nothing
@@ -339,7 +261,7 @@ def _first_return(splits: list[int], blocks: _Blocks, motion: _Motion) -> int | 
 
 
 def _locate(
-    split: int, splits: list[int], blocks: _Blocks, stamps: Array, values: Array, motion: _Motion
+    split: int, splits: list[int], blocks: Blocks, stamps: Array, values: Array, motion: Motion
 ) -> int:
     """Return the index of the first frame after a shift, by least squares around it."""
     before, after = _around(split, splits, blocks)
@@ -355,9 +277,7 @@ def _locate(
     return first + int(np.argmax(np.concatenate([[0.0], np.cumsum(gain)])))
 
 
-def _change(
-    cut: int, split: int, splits: list[int], blocks: _Blocks, stamps: Array, motion: _Motion
-) -> Change:
+def _change(cut: int, split: int, splits: list[int], blocks: Blocks, stamps: Array, motion: Motion) -> Change:
     shift, statistic = _shift(split, splits, blocks, motion)
     gap_s = float(stamps[cut] - stamps[cut - 1])
     strength = float(np.sum((shift / motion.sigma) ** 2))
@@ -368,8 +288,8 @@ def _change(
 def _segment(stamps: Array, values: Array, first: int, end: int) -> Segment:
     part = values[first:end]
     deviation = np.abs(part - np.median(part, axis=0))
-    scale = _SIGMA_OVER_MAD * np.median(deviation, axis=0)
-    good = np.all(deviation <= _OUTLIER_SIGMAS * np.maximum(scale, 1e-12), axis=1)
+    scale = SIGMA_OVER_MAD * np.median(deviation, axis=0)
+    good = np.all(deviation <= OUTLIER_SIGMAS * scale, axis=1)
     part = part[good] if good.any() else part
     spread = part.std(axis=0, ddof=1) if len(part) > 1 else np.zeros(3)
     return Segment(
@@ -379,22 +299,5 @@ def _segment(stamps: Array, values: Array, first: int, end: int) -> Segment:
         float(stamps[end - 1]),
         part.mean(axis=0),
         spread,
-        _standard_error(stamps[first:end], values[first:end]),
+        standard_error(stamps[first:end], values[first:end]),
     )
-
-
-def _standard_error(stamps: Array, values: Array) -> Array | None:
-    """Return the covariance (3, 3) of a mean over time, by its block means and how they repeat each other."""
-    blocks = _blocks(stamps, values)
-    calm = blocks.values[_calm(blocks.values)]
-    n = len(calm)
-    if n < _FEWEST_FOR_ERROR:
-        return None
-    residual = calm - calm.mean(axis=0)
-    variance = (residual**2).mean(axis=0)
-    lagged = (residual[1:] * residual[:-1]).mean(axis=0)
-    # Residuals of a mean are correlated by -1 / n even where the values are not.
-    correlation = float(np.mean(lagged / np.maximum(variance, 1e-24))) + 1.0 / n
-    correlation = float(np.clip(correlation, 0.0, _MAX_CORRELATION))
-    covariance: Array = (residual.T @ residual) / (n - 1) / n * (1 + correlation) / (1 - correlation)
-    return covariance

@@ -9,8 +9,6 @@ from typing import Any
 
 from distributed import Client, Future, KilledWorker, as_completed
 
-from ..core.calibrator import Calibrator
-from ..offline.run import assemble_replay
 from .cluster import ClusterError
 from .outcome import Outcome, Status
 from .store import Bag
@@ -22,6 +20,7 @@ from .work import (
     Stretches,
     calibrate_bag,
     calibrate_stretch,
+    join,
     one_line,
 )
 
@@ -207,9 +206,7 @@ class FleetRun:
         if divided.failed or len(parts) < len(divided.parts):
             self._calibrate(bag, None)
             return
-        calibrator = Calibrator(parts[0].rig, self._settings.config)
-        replay = assemble_replay((frame for part in parts for frame in part.frames), calibrator)
-        self._report(bag, Calibrated(replay, parts[0].topics))
+        self._report(bag, join(parts, self._settings))
 
     def _report(self, bag: Bag, calibrated: Calibrated) -> None:
         if self._make_report is None:

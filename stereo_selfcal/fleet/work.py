@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import cv2
 import numpy as np
 
 from .. import __version__
+from ..bags.reader import remarks_on
 from ..core.calibrator import Calibrator
 from ..core.config import CalibratorConfig
 from ..core.errors import SelfcalError
@@ -20,6 +22,7 @@ from ..offline import BagSource, FrameSource, Replay, Selection, calibrate_recor
 from ..offline.frame import FrameHead
 from ..offline.opening import open_source
 from ..offline.pool import calibrate_in_order
+from ..offline.run import assemble_replay
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,11 +89,13 @@ class Stretch:
         frames: Results of all its frames, in order.
         rig: The rig of the recording.
         topics: Topics of the left and of the right images.
+        n_images: Left and right images of the whole recording.
     """
 
     frames: list[tuple[FrameHead, CalibrationResult]]
     rig: StereoRig
     topics: tuple[str, str]
+    n_images: tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,9 +194,24 @@ def calibrate_stretch(path: str, settings: FleetSettings, selection: Selection) 
         with settings.open(Path(path)) as source:
             calibrator = Calibrator(source.rig, settings.config)
             frames = list(calibrate_in_order(source.frames(), calibrator, jobs=1))
-            return Stretch(frames, source.rig, (source.left_name, source.right_name))
+            return Stretch(frames, source.rig, (source.left_name, source.right_name), source.n_images)
     except Exception as error:  # noqa: BLE001  (whatever it is, the whole recording shows it again)
         return Failure(one_line(error))
+
+
+def join(stretches: Sequence[Stretch], settings: FleetSettings) -> Calibrated:
+    """Return what comes out of the stretches of a recording, which is what comes out of the whole.
+
+    Args:
+        stretches: All of them, in order.
+        settings: How they were calibrated.
+    """
+    first = stretches[0]
+    frames = [frame for stretch in stretches for frame in stretch.frames]
+    replay = assemble_replay(frames, Calibrator(first.rig, settings.config))
+    if settings.selection.whole:  # nothing was amiss, so all images there are were read
+        replay = replace(replay, remarks=remarks_on(first.n_images, first.n_images, len(frames)))
+    return Calibrated(replay, first.topics)
 
 
 def make_report(path: str, settings: FleetSettings, calibrated: Calibrated) -> bytes | Failure:
@@ -202,7 +222,7 @@ def make_report(path: str, settings: FleetSettings, calibrated: Calibrated) -> b
         settings: How it was calibrated.
         calibrated: What came out.
     """
-    from ..report import render_report  # noqa: PLC0415  (Jinja2 is for who wants reports)
+    from ..report.page import render_report  # noqa: PLC0415  (Jinja2 is for who wants reports)
 
     _be_a_worker()
     try:

@@ -52,6 +52,11 @@ class BagSource(FrameSource):
         """How long the recording is, from its first message to its last [s]."""
         return (self._bag.end_ns - self._bag.start_ns) * 1e-9
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What became of images that are in no frame."""
+        return self._bag.remarks
+
     def frames(self) -> Iterator[StereoFrame]:
         """Yield the selected frames in the order of the recording."""
         return self._bag.frames(self.selection)

@@ -74,6 +74,14 @@ class FolderSource(FrameSource):
         )
         self.start_ns = self._pairs[0][0]
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What became of images that are in no frame."""
+        alone = [count - len(self._pairs) for count in self.n_images]
+        if not any(alone):
+            return ()
+        return (f"{alone[0]} left and {alone[1]} right images have no partner of the same name",)
+
     def frames(self) -> Iterator[StereoFrame]:
         """Yield the selected frames in the order of their stamps."""
         chosen = self.selection.choose(self._pairs, lambda pair: pair[0] - self.start_ns)

@@ -17,6 +17,7 @@ from multiprocessing import resource_tracker
 import cv2
 
 from ..bags import StereoFrame
+from ..blas import one_thread
 from ..core.calibrator import Calibrator
 from ..core.config import CalibratorConfig
 from ..core.errors import SelfcalError
@@ -77,8 +78,9 @@ def _by_workers(
                 frame, failure = None, error
             if frame is None:
                 break
-            with _without_ctrl_c():
-                waiting.append((FrameHead.of(frame), workers.submit(_calibrate, frame)))
+            head = FrameHead.of(frame)
+            with _death_reported(head), _for_workers():
+                waiting.append((head, workers.submit(_calibrate, frame)))
             del frame
             while len(waiting) > _AHEAD * jobs or (waiting and waiting[0][1].done()):
                 yield _next(waiting)
@@ -92,8 +94,14 @@ def _next(
     waiting: deque[tuple[FrameHead, Future[CalibrationResult]]],
 ) -> tuple[FrameHead, CalibrationResult]:
     head, future = waiting.popleft()
-    try:
+    with _death_reported(head):
         return head, future.result()
+
+
+@contextmanager
+def _death_reported(head: FrameHead) -> Iterator[None]:
+    try:
+        yield
     except BrokenProcessPool as error:
         raise WorkerError(
             f"a worker process died near the frame of {head.stamp_s:.3f} s: killed, or out of memory; "
@@ -105,7 +113,7 @@ def _next(
 def _workers(jobs: int, rig: StereoRig, config: CalibratorConfig) -> Iterator[ProcessPoolExecutor]:
     # Spawned, as a fork of a process with threads may hang.
     context = multiprocessing.get_context("spawn")
-    resource_tracker.ensure_running()  # starting it later would undo _without_ctrl_c
+    resource_tracker.ensure_running()  # starting it later would undo the mask of _for_workers
     workers = ProcessPoolExecutor(jobs, context, _start_worker, (rig, config))
     try:
         yield workers
@@ -114,12 +122,19 @@ def _workers(jobs: int, rig: StereoRig, config: CalibratorConfig) -> Iterator[Pr
 
 
 @contextmanager
-def _without_ctrl_c() -> Iterator[None]:
-    """Keep SIGINT from processes started meanwhile, which inherit the mask: ending them is our business."""
+def _for_workers() -> Iterator[None]:
+    """Start processes with one thread of BLAS, and without SIGINT: ending them is our business.
+
+    They inherit the variables and the mask of signals.
+    """
+    variables = dict(os.environ)
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    one_thread()
     try:
         yield
     finally:
+        for name in os.environ.keys() - variables.keys():
+            del os.environ[name]
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 

@@ -40,6 +40,11 @@ class FrameSource(ABC):
         """How many frames there are at most, None where that is not known before they are read."""
         return self.selection.count(min(self.n_images))
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What became of images that are in no frame, in sentences; known when all frames have been read."""
+        return ()
+
     @abstractmethod
     def frames(self) -> Iterator[StereoFrame]:
         """Yield the selected frames in order, at least one; can be called again.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..bags import BagError, StereoFrame
 from ..core.calibrator import Calibrator
@@ -28,6 +28,7 @@ class Replay:
         config: Settings it was calibrated with.
         damage: What ended the recording early, in one line; None when all of it was read. The rows and
             the estimate are those of the frames before.
+        remarks: What became of images that are in no frame, in sentences.
     """
 
     rows: tuple[FrameRow, ...]
@@ -35,6 +36,7 @@ class Replay:
     rig: StereoRig
     config: CalibratorConfig
     damage: str | None = None
+    remarks: tuple[str, ...] = ()
 
     @property
     def estimate(self) -> CalibrationResult:
@@ -70,7 +72,8 @@ def calibrate_recording(
     config = config or CalibratorConfig()
     calibrator = Calibrator(source.rig, config)
     frames = calibrate_in_order(source.frames(), calibrator, jobs, source.count)
-    return assemble_replay(frames, calibrator, on_row)
+    replay = assemble_replay(frames, calibrator, on_row)
+    return replace(replay, remarks=source.remarks)  # known when all is read
 
 
 def assemble_replay(

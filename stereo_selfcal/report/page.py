@@ -26,7 +26,9 @@ from .remedies import remedies
 _TEMPLATE = "report.html.j2"
 # Below this part of the accepted frames the verdict says that the asphalt has not confirmed them.
 _MOSTLY = 0.5
+_MOST_CAUSES = 3  # named in the verdict
 _HOUR_S = 3600.0
+_VERY_MANY = 100  # standard errors: more of them say nothing more
 
 _NAMES = ("height_m", "pitch_rad", "roll_rad")
 
@@ -65,25 +67,25 @@ def _verdict(replay: Replay) -> dict[str, Any]:
     """Return the verdict: a word, a sentence, and what stands against it."""
     rows, drive, estimate = replay.rows, replay.drive, replay.estimate
     doubts = [] if replay.damage is None else [f"The recording is damaged: {replay.damage}."]
+    doubts += [f"{remark[0].upper()}{remark[1:]}" for remark in replay.remarks]
     if estimate.extrinsics is None or not estimate.accepted:
         why = refusals(rows)
-        most = f", {_most(why[0][1], len(rows))} because of {why[0][0]}" if why else ""
-        text = f"None of {_number(len(rows), 'frame')} could be used{most}."
+        causes = ", ".join(f"{reason} ({count})" for reason, count, _ in why[:_MOST_CAUSES])
+        text = f"None of {_number(len(rows), 'frame')} could be used: {causes}."
         doubts += [f"What to do: {remedies()[why[0][0]]}."] if why else []
         return {"word": "Not calibrated", "kind": "bad", "sentence": text, "doubts": doubts}
     pose = _in_words(estimate.extrinsics)
     if drive.changes:
-        times = "once" if len(drive.changes) == 1 else f"{len(drive.changes)} times"
-        at = clock(drive.changes[-1].at_s)
-        text = f"The camera was moved {times}, last at {at}; since then it is {pose}."
+        change = drive.changes[-1]
+        times = "once, at" if len(drive.changes) == 1 else f"{len(drive.changes)} times, last at"
+        text = f"The camera was moved {times} {clock(change.at_s)}. Since then it is {pose}; "
+        text += f"before it was {_in_words(change.before)}."
     else:
         text = f"The camera is {pose}"
         span = _duration(rows[-1].stamp_s - rows[0].stamp_s)
         text += f", and did not move during {span}." if drive.judged else "."
         if not drive.judged:
-            doubts.append(
-                "The recording is too short to tell whether the camera was moved: two minutes are needed."
-            )
+            doubts.append("The recording is too short to tell whether the camera was moved: it takes 150 s.")
     accepted = [row for row in rows if row.accepted]
     confirmed = sum(row.confirmed for row in accepted)
     if confirmed < _MOSTLY * len(accepted):
@@ -91,22 +93,13 @@ def _verdict(replay: Replay) -> dict[str, Any]:
             f"Only {confirmed} of {len(accepted)} accepted frames are confirmed by the asphalt between "
             "the lines: lines alone can be those of a kerb, or of a road that is not level across."
         )
-    kind = "warn" if drive.changes or confirmed < _MOSTLY * len(accepted) or replay.damage else "good"
-    word = {"good": "Calibrated", "warn": "Calibrated, with reservations"}[kind]
-    word = "Calibrated, and moved" if drive.changes and not replay.damage else word
+    if drive.changes:
+        kind, word = "warn", "Calibrated, and moved"
+    elif replay.damage or confirmed < _MOSTLY * len(accepted):
+        kind, word = "warn", "Calibrated, with reservations"
+    else:
+        kind, word = "good", "Calibrated"
     return {"word": word, "kind": kind, "sentence": text, "doubts": doubts}
-
-
-def _most(count: int, of: int) -> str:
-    return (
-        "all"
-        if count == of and of > 1
-        else "most"
-        if 2 * count > of > 1
-        else f"{count}"
-        if of > 1
-        else "refused"
-    )
 
 
 def _in_words(pose: Extrinsics) -> str:
@@ -127,7 +120,7 @@ def _estimate(segment: DriveSegment, rows: Sequence[FrameRow]) -> dict[str, Any]
     for index, (label, name) in enumerate(zip(PARAMETERS, _NAMES, strict=True)):
         value = getattr(estimate.extrinsics, name)
         spreads = [estimate.std, segment.spread if estimate.n_frames > 1 else None, segment.standard_error]
-        shown = f"{value:.4f} m" if index == 0 else f"{math.degrees(value):+.3f}°"
+        shown = f"{value:.4f} m" if index == 0 else f"{math.degrees(value):+.4f}°"
         lines.append([label, shown, *(_small(each, name) for each in spreads)])
     inside = [row for row in rows if row.accepted and segment.start_s <= row.stamp_s <= segment.end_s]
     span = f"{clock(segment.start_s)} to {clock(segment.end_s)}"
@@ -146,11 +139,16 @@ def _change(change: Any) -> dict[str, str]:
     return {
         "at": clock(change.at_s),
         "within": f"{change.within_s:.1f} s" if change.within_s < MINUTE_S else _duration(change.within_s),
-        "height": f"{shift.height_m * 1e3:+.1f} mm",
-        "pitch": f"{math.degrees(shift.pitch_rad):+.3f}°",
-        "roll": f"{math.degrees(shift.roll_rad):+.3f}°",
-        "sigmas": f"{float(np.max(sigmas)):.0f}",
+        "height": f"{_signed(shift.height_m * 1e3, 1)} mm",
+        "pitch": f"{_signed(math.degrees(shift.pitch_rad), 3)}°",
+        "roll": f"{_signed(math.degrees(shift.roll_rad), 3)}°",
+        "sigmas": f"{most:.0f}" if (most := float(np.max(sigmas))) < _VERY_MANY else f"over {_VERY_MANY}",
     }
+
+
+def _signed(value: float, digits: int) -> str:
+    """Return a number with its sign; what is rounded to zero has none."""
+    return f"{value:+.{digits}f}" if round(value, digits) else f"{0:.{digits}f}"
 
 
 def _counts(rows: Sequence[FrameRow]) -> dict[str, int]:
