@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from .bias import bias_table
+from .drives import drive_table
 from .false_alarms import false_alarm_table
 from .fleet import fleet_table
 from .kills import kill_table
@@ -48,6 +49,7 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "worlds": world_tables,
     "kills": kill_table,
     "fleet": fleet_table,
+    "drives": drive_table,
     "offline": offline_tables,
 }
 # Drawn by a section, shown below its tables.

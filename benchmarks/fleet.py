@@ -61,7 +61,7 @@ def fleet_table(options: Options) -> Iterator[Table]:
         f"{options.fleet_bags} recordings of {_N_FRAMES} frames (640 x 480) on this machine",
         ["run", "exit status", "finished", "rows unlike replay's", "wall time [s]", "recordings/s"],
         "'one process': `calibrate_recording`, the function behind `replay`, one recording after the other "
-        "in a process that is up. The others are the command `fleet` from its start to its end, about 3 s of "
+        "in a process that is up. The others are the command `fleet --no-report` from its start to its end, about 3 s of "
         "which are the start and the end of Dask's processes. 'killed': SIGKILL to one of two workers when a "
         "third of the recordings is done. 'interrupted': SIGINT to the command when half of them is done, "
         f"and the same command again. {os.cpu_count()} cores, which other work may have used as well.",
@@ -74,9 +74,7 @@ def fleet_table(options: Options) -> Iterator[Table]:
         n = len(bags)
         table.add("one process", "", f"{n}", "", f"{wall_s:.1f}", f"{n / wall_s:.2f}")
         fleet = _Fleet(Path(folder), expected)
-        for name, workers in (("1 worker", 1), ("2 workers", 2)):
-            _add(table, name, fleet.run(name, workers), 0)
-        _add(table, "2 workers, with reports", fleet.run("reports", 2, reports=True), 0)
+        _add(table, "2 workers", fleet.run("2 workers", 2), 0)
         killed = fleet.run("killed", 2, _when_done(n // 3, _kill_worker))
         _add(table, f"2 workers, {killed.killed} killed", killed, 0)
         first = fleet.run("interrupted", 2, _when_done(n // 2, lambda run: run.send_signal(signal.SIGINT)))
@@ -124,7 +122,6 @@ class _Fleet:
         name: str,
         workers: int,
         meddle: Callable[[subprocess.Popen[bytes], Path], int] = lambda run, results: 0,
-        reports: bool = False,
     ) -> _Run:
         """Run it once, and look at what it has left.
 
@@ -132,12 +129,11 @@ class _Fleet:
             name: Name of the output folder.
             workers: Number of workers.
             meddle: Called once it runs, with the process and the folder of its results; returns kills.
-            reports: Whether reports are made, too.
         """
         output = self._folder / name
         command = [sys.executable, "-m", "stereo_selfcal", "fleet", str(self._folder / "bags")]
         command += ["--output", str(output), "--workers", str(workers), "--dashboard-port", "0"]
-        command += [] if reports else ["--no-report"]
+        command += ["--no-report"]  # as little as the process it is compared with
         start_s = time.perf_counter()
         with subprocess.Popen(
             command, cwd=_ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL

@@ -21,6 +21,8 @@ class Options:
         worlds: Random worlds.
         kills: Writers of result files killed.
         fleet_bags: Recordings of the fleet.
+        drives: Simulated drives of each kind.
+        drive_frames: Frames of the rendered drive.
         all_sizes: Whether to go through all image sizes, or the smallest two only.
         folder: Where tables and plots go.
     """
@@ -33,6 +35,8 @@ class Options:
     worlds: int = 2000
     kills: int = 200
     fleet_bags: int = 200
+    drives: int = 200
+    drive_frames: int = 900
     all_sizes: bool = True
     folder: Path = RESULTS
 
@@ -47,6 +51,8 @@ QUICK = Options(
     worlds=60,
     kills=20,
     fleet_bags=12,
+    drives=5,
+    drive_frames=60,
     all_sizes=False,
     folder=RESULTS / "quick",
 )

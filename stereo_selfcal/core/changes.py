@@ -31,12 +31,10 @@ from .motion import (
     without_excursions,
 )
 
-# A new level has to be seen for a minute on either side: braking twice in it is not most of it.
-_STAYS_BLOCKS = 6
-# A level that is left and found again within this is that of a car that stood on a slope, towed or turned.
-_COMES_BACK_S = 120.0
-# With fewer, a shift is in a quarter of the differences by which motion is measured.
-_FEWEST_BLOCKS = 15
+# A level has to be seen for two minutes on either side, and one that is left and found again within them is
+# that of a car that braked twice, stood on a slope or towed.
+_STAYS_BLOCKS = 12
+_FEWEST_BLOCKS = 2 * _STAYS_BLOCKS
 # A shift counts against what lies around it: over hours fuel, load and warmth move a camera as well.
 _AROUND_S = 300.0
 # Smaller shifts are those of load and speed: one person more in a car does as much. Height [m], pitch, roll
@@ -248,7 +246,7 @@ def _verified(splits: list[int], blocks: Blocks, motion: Motion) -> list[int]:
 def _first_return(splits: list[int], blocks: Blocks, motion: Motion) -> int | None:
     """Return the first of two neighbouring splits between which the camera was away only briefly."""
     for i, (away, back) in enumerate(pairwise(splits)):
-        if (back - away) * BLOCK_S > _COMES_BACK_S:  # of what was seen: gaps say nothing
+        if back - away > _STAYS_BLOCKS:
             continue
         others = [split for split in splits if split not in (away, back)]
         before, _ = _around(away, others, blocks)

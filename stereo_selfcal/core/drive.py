@@ -111,18 +111,22 @@ class Drive:
     judged: bool = False
 
 
-def fuse_frames(frames: Sequence[AcceptedFrame], rig: StereoRig) -> CalibrationResult:
+def fuse_frames(
+    frames: Sequence[AcceptedFrame], rig: StereoRig, motion: Array | None = None
+) -> CalibrationResult:
     """Fuse accepted frames of one mounting.
 
     Args:
         frames: At least one, in the order of time.
         rig: The rig they come from.
+        motion: (3, 3) covariance of the car's motion, as far as it is known; with it, frames of little noise
+            do not outweigh the others.
     """
     if len(frames) == 1 and isinstance(frames[0], CalibrationResult):
         return frames[0]
     poses = np.array([frame.extrinsics.as_array() for frame in frames if frame.extrinsics is not None])
     covariances = np.array([frame.covariance for frame in frames])
-    mean, covariance, used = fuse(poses, covariances)
+    mean, covariance, used = fuse(poses, covariances if motion is None else covariances + motion)
     good = [frame for frame, use in zip(frames, used, strict=True) if use]
     yaws = [frame.lane_yaw_rad for frame in good if frame.lane_yaw_rad is not None]
     bends = [frame.lane_curvature_per_m for frame in good if frame.lane_curvature_per_m is not None]
@@ -156,7 +160,8 @@ def estimate_drive(frames: Sequence[AcceptedFrame], rig: StereoRig, fused: Calib
         fused: :attr:`.Calibrator.estimate` of all frames of the drive.
 
     Returns:
-        One segment with the fused estimate where nothing was moved, or the drive is too short to tell.
+        The fused estimate as it is where the drive is too short to tell a move from motion. Else every
+        segment is fused with the motion in the weights, and what it does to the mean in the covariance.
     """
     if not frames:
         return Drive(fused)
@@ -167,11 +172,18 @@ def estimate_drive(frames: Sequence[AcceptedFrame], rig: StereoRig, fused: Calib
     course = find_changes(stamps_s, poses, covariances)
     segments = []
     for part in course.segments:
-        estimate = fused if len(course.segments) == 1 else fuse_frames(frames[part.first : part.end], rig)
-        error = None
-        if part.standard_error is not None and estimate.covariance is not None:
-            error = Extrinsics.from_array(np.sqrt(np.diag(part.standard_error)))
-            estimate = replace(estimate, covariance=estimate.covariance + part.standard_error)
+        error = (
+            None
+            if part.standard_error is None
+            else Extrinsics.from_array(np.sqrt(np.diag(part.standard_error)))
+        )
+        estimate = fused
+        if course.judged and part.standard_error is not None:
+            noise = np.median(np.diagonal(covariances[part.first : part.end], axis1=1, axis2=2), axis=0)
+            motion = np.diag(np.maximum(part.spread**2 - noise, 0.0))
+            estimate = fuse_frames(frames[part.first : part.end], rig, motion)
+            if estimate.covariance is not None:
+                estimate = replace(estimate, covariance=estimate.covariance + part.standard_error)
             n_outliers = part.end - part.first - estimate.n_frames
             estimate = replace(estimate, message=announce(estimate, n_outliers))
         spread = Extrinsics.from_array(part.spread)

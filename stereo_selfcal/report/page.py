@@ -85,7 +85,7 @@ def _verdict(replay: Replay) -> dict[str, Any]:
         span = _duration(rows[-1].stamp_s - rows[0].stamp_s)
         text += f", and did not move during {span}." if drive.judged else "."
         if not drive.judged:
-            doubts.append("The recording is too short to tell whether the camera was moved: it takes 150 s.")
+            doubts.append("The recording is too short to tell a move of the camera: that takes four minutes.")
     accepted = [row for row in rows if row.accepted]
     confirmed = sum(row.confirmed for row in accepted)
     if confirmed < _MOSTLY * len(accepted):
