@@ -61,11 +61,14 @@ def fleet_table(options: Options) -> Iterator[Table]:
         f"{options.fleet_bags} recordings of {_N_FRAMES} frames (640 x 480) on this machine",
         ["run", "exit status", "finished", "rows unlike replay's", "wall time [s]", "recordings/s"],
         "'one process': `calibrate_recording`, the function behind `replay`, one recording after the other "
-        "in a process that is up. The others are the command `fleet --no-report` from its start to its end, about 3 s of "
-        "which are the start and the end of Dask's processes. 'killed': SIGKILL to one of two workers when a "
-        "third of the recordings is done. 'interrupted': SIGINT to the command when half of them is done, "
-        f"and the same command again. {os.cpu_count()} cores, which other work may have used as well.",
+        "in a process that is up. The others are the command `fleet --no-report` from its start to its end; "
+        "about 3 s of it are the start and the end of Dask's processes. 'killed': SIGKILL to one of two "
+        "workers when a third of the recordings is done. 'interrupted': SIGINT to the command when half of "
+        f"them is done, and the same command again. {os.cpu_count()} cores, which other work may have used "
+        "as well.",
     )
+    # Where SIGINT is ignored, as in the background of a shell, so it would be in the runs.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     with tempfile.TemporaryDirectory(prefix="fleet_bench.") as folder:
         bags = _make_bags(Path(folder) / "bags", options.fleet_bags)
         start_s = time.perf_counter()

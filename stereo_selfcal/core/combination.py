@@ -13,6 +13,7 @@ import numpy as np
 from .corridor import plane_of, plane_to_extrinsics
 from .extrinsics import Array, Extrinsics, road_from_camera_rotation
 from .pattern import ImageLine, LanePattern
+from .refinement import RefinedFit
 from .rig import StereoRig
 from .texture import AGREEMENT, TextureFit
 from .unevenness import RoadShape, kernels
@@ -22,6 +23,8 @@ RECTIFICATION_STD_PX = 0.1
 # Nothing is measured where the disparity is a pixel.
 _LEAST_DISPARITY_PX = 1.0
 _N_ROWS = 8  # of a line, which has two parameters
+# Near and far differ: one false alarm in 15 000 frames for normal errors.
+_DIFFER_SIGMAS = 4.0
 # Painted lines lie in the asphalt; the lowest kerbs are 6 cm high, and half of that tells them apart.
 MAX_LINE_HEIGHT_M = 0.030
 # Height [m], pitch, roll [rad] by which both may differ all the same, as far as the lever of the nearest line
@@ -129,6 +132,19 @@ def covariance_by_road(
     covariance = by_plane @ heights @ by_plane.T
     symmetric: Array = (covariance + covariance.T) / 2.0
     return symmetric
+
+
+def covariance_by_profile(refined: RefinedFit | None) -> Array:
+    """Return the covariance (3, 3) of an estimate from lines whose near and far parts differ.
+
+    They are of one plane within noise, or the road is none and the estimate is as uncertain as they differ.
+    """
+    covariance = np.zeros((3, 3))
+    if refined is not None and refined.profile is not None:
+        profile = refined.profile
+        surely = np.any(np.abs(profile.change) > _DIFFER_SIGMAS * profile.std)
+        covariance[:2, :2] = np.outer(profile.change, profile.change) * surely
+    return covariance
 
 
 def covariance_by_rectification(rig: StereoRig, extrinsics: Extrinsics) -> Array:

@@ -26,6 +26,8 @@ class RejectReason(Enum):
     LINES_NOT_MATCHED = "lines_not_matched"
     LINES_NOT_STRAIGHT = "lines_not_straight"
     LINE_BELOW_ROAD = "line_below_road"
+    LINE_NOT_PAINTED = "line_not_painted"
+    LINES_NOT_COPLANAR = "lines_not_coplanar"
     ROAD_NOT_FLAT = "road_not_flat"
     LINES_NOT_CONVERGING = "lines_not_converging"
     LINES_INCONSISTENT = "lines_inconsistent"
