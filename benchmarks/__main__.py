@@ -18,6 +18,7 @@ from .bias import bias_table
 from .drives import drive_table
 from .false_alarms import false_alarm_table
 from .fleet import fleet_table
+from .idle import idle_tables
 from .kills import kill_table
 from .limit import limit_table
 from .many_lines import many_lines_table
@@ -30,6 +31,7 @@ from .search import search_table
 from .speed import cost_tables, ratio_table, size_table
 from .table import Table
 from .thresholds import threshold_table
+from .variants import variant_tables
 from .worlds import world_tables
 
 SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
@@ -45,12 +47,14 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "cost": cost_tables,
     "false_alarms": false_alarm_table,
     "recorded": recorded_table,
+    "variants": variant_tables,
     "thresholds": threshold_table,
     "worlds": world_tables,
     "kills": kill_table,
     "fleet": fleet_table,
     "drives": drive_table,
     "offline": offline_tables,
+    "idle": idle_tables,
 }
 # Drawn by a section, shown below its tables.
 PLOTS = {"limit": "limit.png", "peers": "peers.png", "search": "search.png", "sizes": "sizes.png"}

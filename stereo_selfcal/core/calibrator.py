@@ -15,6 +15,7 @@ from .combination import (
     covariance_by_rectification,
     lies_on,
     same_road,
+    surely_right,
 )
 from .config import CalibratorConfig
 from .drive import fuse_frames
@@ -161,12 +162,13 @@ class Calibrator:
             return refused
         candidates = [each.candidates[0] for each in looks]
         for pattern in lines_on_road(shown.extrinsics, candidates, points, images, self.rig, self.config):
-            result = self._solve(pattern, Seen(images), stamp_s)
+            result = self._solve(pattern, Seen(images, shown=shown), stamp_s)
             if result.accepted and "textured" in result.stages:
                 return result
         seen = line_on_road(shown.extrinsics, matches, points, images, self.rig, self.config)
+        covariance = shown.covariance + covariance_by_rectification(self.rig, shown.extrinsics)
         vertical = None
-        if seen is not None and shown.precise:
+        if seen is not None and surely_right(covariance):
             vertical = vertical_offset(images, self.rig, shown.extrinsics, seen[1])
         if seen is None or vertical is None:  # rows that cannot be compared may be those of a turned camera
             return refused
@@ -176,7 +178,7 @@ class Calibrator:
         result = CalibrationResult(
             message="",
             extrinsics=shown.extrinsics,
-            covariance=shown.covariance + covariance_by_rectification(self.rig, shown.extrinsics),
+            covariance=covariance,
             lane_yaw_rad=seen[1],
             stamp_s=stamp_s,
             n_frames=1,

@@ -24,6 +24,7 @@ class RejectReason(Enum):
     RIG_SIZE_MISMATCH = "rig_size_mismatch"
     NO_LINES_FOUND = "no_lines_found"
     LINES_NOT_MATCHED = "lines_not_matched"
+    CAMERAS_SWAPPED = "cameras_swapped"
     LINES_NOT_STRAIGHT = "lines_not_straight"
     LINE_BELOW_ROAD = "line_below_road"
     LINE_NOT_PAINTED = "line_not_painted"
