@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from contextlib import closing
 from dataclasses import dataclass, replace
 
 from ..bags import BagError, StereoFrame
@@ -71,8 +72,8 @@ def calibrate_recording(
     """
     config = config or CalibratorConfig()
     calibrator = Calibrator(source.rig, config)
-    frames = calibrate_in_order(source.frames(), calibrator, jobs, source.count)
-    replay = assemble_replay(frames, calibrator, on_row)
+    with closing(calibrate_in_order(source.frames(), calibrator, jobs, source.count)) as frames:
+        replay = assemble_replay(frames, calibrator, on_row)
     return replace(replay, remarks=source.remarks)  # known when all is read
 
 
