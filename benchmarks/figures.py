@@ -212,7 +212,7 @@ def misfit() -> bytes:
 
 
 def kerb() -> bytes:
-    """Show what lines alone cannot tell: a kerb painted like a line, on asphalt with too little texture."""
+    """Show a refused frame: a kerb painted like a line."""
     world = named_world("kerb_for_line")
     rig = world.scene.rig
     left, right = render_world(world, np.random.default_rng(0))

@@ -29,6 +29,22 @@ _EXTERNAL = re.compile(r"[a-z]+:")
 _HOME = "index.md"
 
 
+def on_config(config: Any) -> Any:
+    """Put pages that the navigation does not list under "Reference"."""
+    config.nav = with_all_pages(config.nav)
+    return config
+
+
+def with_all_pages(nav: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the navigation with every page of docs/ in it."""
+    missing = [page.name for page in pages() if f"'{page.name}'" not in repr(nav)]
+    return [
+        {title: [*part, *missing] if title == "Reference" else part}
+        for entry in nav
+        for title, part in entry.items()
+    ]
+
+
 def on_files(files: Any, config: Any) -> Any:
     """Add what the pages link to outside docs/, and what that links to."""
     from mkdocs.structure.files import File  # noqa: PLC0415  (test/test_docs.py runs without MkDocs)
