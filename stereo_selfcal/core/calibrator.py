@@ -299,7 +299,8 @@ class Calibrator:
             fit = shown
         if fit is None or not fit.enough_texture or not fit.even_enough:
             lacking = "too uneven" if fit is not None and fit.enough_texture else "too little texture"
-            if self.config.texture.required:
+            # Lines whose stripes could not be fitted, on asphalt that cannot be asked, are a guess.
+            if self.config.texture.required or "refined" not in result.stages:
                 evidence = replace(evidence, witness=0.0 if fit is None else fit.sufficiency)
                 gates, refusal = judge(evidence, but=result.gates)
                 known = {"pattern": result.pattern, "genetic": result.genetic, "stages": result.stages}
