@@ -16,6 +16,7 @@ from .corridor import plane_of, plane_to_extrinsics
 from .extrinsics import Array, Extrinsics, road_from_camera_rotation
 from .geometry import apply_homography, road_from_image
 from .pattern import ImageLine, LanePattern
+from .refinement import RefinedFit
 from .rig import StereoRig
 from .road import lane_in_road
 from .texture import AGREEMENT, TextureFit
@@ -27,6 +28,10 @@ RECTIFICATION_STD_PX = 0.1
 _LEAST_DISPARITY_PX = 1.0
 _LEAST_WEIGHT = 1e-3  # of an outlier
 _N_ROWS = 8  # of a line, which has two parameters
+# Of the chi-squared distribution with three degrees of freedom: exceeded in one of twenty cases.
+_UNLIKELY_CHI2_3 = 7.815
+# Near and far differ: one false alarm in 15 000 frames for normal errors.
+_DIFFER_SIGMAS = 4.0
 # Painted lines are parallel only so far: on the plane of the asphalt, those of 12 recorded roads meet at an
 # angle of 5 mrad (RMS), as a lane does that is 5 cm wider after 10 m.
 _PAINT_STD_RAD = 0.005
@@ -186,6 +191,19 @@ def covariance_by_road(
     return symmetric
 
 
+def covariance_by_profile(refined: RefinedFit | None) -> Array:
+    """Return the covariance (3, 3) of an estimate from lines whose near and far parts differ.
+
+    They are of one plane within noise, or the road is none and the estimate is as uncertain as they differ.
+    """
+    covariance = np.zeros((3, 3))
+    if refined is not None and refined.profile is not None:
+        profile = refined.profile
+        surely = np.any(np.abs(profile.change) > _DIFFER_SIGMAS * profile.std)
+        covariance[:2, :2] = np.outer(profile.change, profile.change) * surely
+    return covariance
+
+
 def covariance_by_paint(
     pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics, shape: RoadShape
 ) -> Array:
@@ -248,7 +266,8 @@ def combine(lines: Extrinsics, covariance: Array, texture: TextureFit) -> tuple[
     """Return the mean of both estimates, weighted by their information, and its covariance.
 
     They share no pixel, as the asphalt is aligned without the paint; that both may lie in the same hollow of
-    the road is neglected.
+    the road is neglected. Where they differ by more than their covariances explain, it is enlarged
+    by as much (R. T. Birge, "The calculation of errors by the method of least squares", Phys. Rev. 40, 1932).
 
     Args:
         lines: Estimate from lines.
@@ -258,4 +277,8 @@ def combine(lines: Extrinsics, covariance: Array, texture: TextureFit) -> tuple[
     information = [np.linalg.inv(covariance), np.linalg.inv(texture.covariance)]
     total = np.linalg.inv(information[0] + information[1])
     mean = total @ (information[0] @ lines.as_array() + information[1] @ texture.extrinsics.as_array())
+    difference = lines.as_array() - texture.extrinsics.as_array()
+    chi2 = float(difference @ np.linalg.solve(covariance + texture.covariance, difference))
+    if chi2 > _UNLIKELY_CHI2_3:
+        total = total * (chi2 / len(difference))
     return Extrinsics.from_array(mean), (total + total.T) / 2.0
