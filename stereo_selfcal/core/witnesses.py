@@ -84,6 +84,10 @@ def ask_road(
         lacking = "too uneven" if fit is not None and fit.enough_texture else "too little texture"
         if config.texture.required:
             evidence = replace(evidence, witness=0.0 if fit is None else fit.sufficiency)
+        if fit is not None:  # no witness of where the lines are, but of a road that is no plane
+            known_road = (result.pattern, rig, result.extrinsics, fit.shape)
+            by_road = covariance_by_road(*known_road) + covariance_by_paint(*known_road)
+            result = replace(result, covariance=result.covariance + by_road)
         note = f"not checked against the asphalt: {lacking}"
         return _ask_rest(replace(result, notes=(*result.notes, note)), evidence, seen, rig, config)
     evidence = replace(
