@@ -22,6 +22,7 @@ class Options:
         kills: Writers of result files killed.
         drives: Hours the watch is driven without a change, for each ride.
         bumps: Drives with each bump.
+        soak_s: How long the node is soaked [s].
         all_sizes: Whether to go through all image sizes, or the smallest two only.
         folder: Where tables and plots go.
     """
@@ -35,6 +36,7 @@ class Options:
     kills: int = 200
     drives: int = 60
     bumps: int = 30
+    soak_s: float = 600.0
     all_sizes: bool = True
     folder: Path = RESULTS
 
@@ -50,6 +52,7 @@ QUICK = Options(
     kills=20,
     drives=2,
     bumps=3,
+    soak_s=60.0,
     all_sizes=False,
     folder=RESULTS / "quick",
 )

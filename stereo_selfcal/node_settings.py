@@ -80,6 +80,12 @@ NODE_SETTINGS = (
         fixed=True,
     ),
     NodeSetting(
+        "rectified",
+        True,
+        "true: image_rect of both cameras is read; false: image_raw, which is undistorted and rectified here",
+        fixed=True,
+    ),
+    NodeSetting(
         "output_path",
         "~/.ros/stereo_selfcal.yaml",
         "File the result is written to (~ is the home folder); empty: it is not written",

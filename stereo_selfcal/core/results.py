@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import TYPE_CHECKING
 
@@ -19,10 +19,12 @@ class RejectReason(Enum):
 
     IMAGE_EMPTY = "image_empty"
     IMAGE_TYPE = "image_type"
+    IMAGE_UNREADABLE = "image_unreadable"
     IMAGE_SIZES_DIFFER = "image_sizes_differ"
     RIG_SIZE_MISMATCH = "rig_size_mismatch"
     NO_LINES_FOUND = "no_lines_found"
     LINES_NOT_MATCHED = "lines_not_matched"
+    CAMERAS_SWAPPED = "cameras_swapped"
     LINES_NOT_STRAIGHT = "lines_not_straight"
     LINE_BELOW_ROAD = "line_below_road"
     LINE_NOT_PAINTED = "line_not_painted"
@@ -142,6 +144,10 @@ class CalibrationResult:
         if self.covariance is None:
             return None
         return Extrinsics(*(math.sqrt(float(self.covariance[i, i])) for i in range(3)))
+
+    def slim(self) -> CalibrationResult:
+        """Return the result without the points and lines behind it, which weigh as much as an image."""
+        return replace(self, pattern=None, unused_lines=(), genetic=None)
 
 
 def rejected(rejection: Rejection, stamp_s: float = 0.0, **evidence: object) -> CalibrationResult:

@@ -67,6 +67,7 @@ class ImagesReport:
         added: The same within the last ``elapsed_s``.
         elapsed_s: Time over which rates are measured [s].
         listening: False while images are not wanted, so that none arrive.
+        age_s: Time since the rates were measured [s].
         no_pair: Why there was no pair within that time, "" if there was one.
         nearest_s: Least difference of a left and a right stamp [s], None before the first.
         topics: Names of the topics.
@@ -81,6 +82,7 @@ class ImagesReport:
     added: PairCounts
     elapsed_s: float
     listening: bool = True
+    age_s: float = 0.0
     no_pair: str = ""
     nearest_s: float | None = None
     topics: Topics | None = None
@@ -267,6 +269,7 @@ def _images(report: ImagesReport) -> _Part:
     values |= {f"dropped_{reason}": str(count) for reason, count in report.drops.items()}
     nearest = "not measured" if report.nearest_s is None else f"{report.nearest_s * 1e3:.3f} ms"
     values["nearest_stamp_difference"] = nearest
+    values["rates_measured"] = "now" if report.listening else f"{age_text(report.age_s)} ago"
     values |= {f"{side}_format": text for side, text in report.formats.items()}
     if report.topics is not None:
         values |= {"left_topic": report.topics.left, "right_topic": report.topics.right}
@@ -276,11 +279,12 @@ def _images(report: ImagesReport) -> _Part:
     faults = (*report.incompatible_qos, *report.unusable)
     if faults:
         return ERROR, "; ".join(faults), values
-    if not report.listening:
-        return OK, "not listening: images are read when they are wanted", values
+    ago = "" if report.listening else f"; looked at {age_text(report.age_s)} ago, as nobody wants images"
     if not added.pairs:
-        return WARN, report.no_pair or f"no pairs: left {rates[0]} Hz, right {rates[1]} Hz", values
-    return OK, f"{rates[2]} pairs per second (left {rates[0]} Hz, right {rates[1]} Hz)", values
+        if not report.listening and not report.no_pair:
+            return OK, "not listening: images are read when they are wanted", values
+        return WARN, (report.no_pair or f"no pairs: left {rates[0]} Hz, right {rates[1]} Hz") + ago, values
+    return OK, f"{rates[2]} pairs per second (left {rates[0]} Hz, right {rates[1]} Hz){ago}", values
 
 
 def _camera_info(report: CameraInfoReport) -> _Part:

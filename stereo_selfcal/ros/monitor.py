@@ -50,9 +50,13 @@ class Monitor:
         """Watch until :meth:`stop`."""
         self._thread.start()
 
+    def cancel(self) -> None:
+        """End the watch with the frame it is at; what fails from now on is no news."""
+        self._stopped.set()
+
     def stop(self) -> None:
         """End the watch and wait for it."""
-        self._stopped.set()
+        self.cancel()
         if self._thread.is_alive():
             self._thread.join()
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import threading
-import time
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,7 +13,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from visualization_msgs.msg import MarkerArray
 
-from ..core.errors import ConfigError
+from ..core.errors import ConfigError, OutputError
 from ..core.extrinsics import Array
 from ..core.results import CalibrationResult
 from ..node_settings import RESULT_PREFIX
@@ -26,7 +25,7 @@ from .parameters import NodeParameters
 
 # The default callback group runs only short work; longer than this means it hangs.
 _PUBLISH_TIMEOUT_S = 10.0
-_SLICE_S = 0.1  # nobody publishes any more once the node shuts down
+_SHUTDOWN = "the node shuts down: nothing is published any more"
 _LATCHED = QoSProfile(
     depth=1, reliability=QoSReliabilityPolicy.RELIABLE, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL
 )
@@ -78,6 +77,7 @@ class Outputs:
         self._transform = _transform_broadcaster(node) if parameters.config.publish_tf else None
         # Published from the default callback group, in which the parameter services run.
         self._order: _Order | None = None
+        self._stopped = False
         self._guard = node.create_guard_condition(self._on_guard)
 
     def publish(self, publication: Publication) -> None:
@@ -86,7 +86,7 @@ class Outputs:
         One thread at a time, and none of that group.
 
         Raises:
-            OutputError: The result is a rejection, or holds NaN or infinity.
+            OutputError: The result is a rejection, or holds NaN or infinity; or the node shuts down.
             TimeoutError: The callback group hangs.
         """
         self._do(publication)
@@ -102,11 +102,11 @@ class Outputs:
     def _do(self, publication: Publication | None) -> None:
         order = _Order(publication)
         self._order = order
+        if self._stopped:  # after the order is given, so that one of both sees the other
+            raise OutputError(_SHUTDOWN)
         self._guard.trigger()
-        deadline_s = time.monotonic() + _PUBLISH_TIMEOUT_S
-        while not order.done.wait(_SLICE_S):
-            if time.monotonic() >= deadline_s or not self._node.context.ok():
-                raise TimeoutError(f"the result was not published within {_PUBLISH_TIMEOUT_S} s")
+        if not order.done.wait(_PUBLISH_TIMEOUT_S):
+            raise TimeoutError(f"the result was not published within {_PUBLISH_TIMEOUT_S} s")
         if order.error is not None:
             raise order.error
 
@@ -131,6 +131,14 @@ class Outputs:
         self._markers.publish(markers)
         if self._transform is not None:
             self._transform.sendTransform(transform)
+
+    def stop(self) -> None:
+        """End the waiting of whoever publishes: the node shuts down, and nobody will do it."""
+        self._stopped = True
+        order, self._order = self._order, None
+        if order is not None:
+            order.error = OutputError(_SHUTDOWN)
+            order.done.set()
 
     def withdraw_now(self) -> None:
         """Take back; to be called as :meth:`publish_now`."""

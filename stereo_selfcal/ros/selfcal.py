@@ -10,6 +10,7 @@ from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
+from rclpy.qos import qos_profile_parameters
 from std_srvs.srv import Trigger
 
 from ..core.errors import ConfigError, RigError
@@ -75,7 +76,13 @@ class SelfcalNode:
                 self.node, self._input, lambda: self._parameters.config, self._calibration_report
             )
             self.node.create_service(
-                Trigger, "~/calibrate", self._on_calibrate, callback_group=ReentrantCallbackGroup()
+                Trigger,
+                "~/calibrate",
+                self._on_calibrate,
+                # As the parameter services have it, a queue of 1000: with the 10 of other services, ten of
+                # twenty calls at once got no answer.
+                qos_profile=qos_profile_parameters,
+                callback_group=ReentrantCallbackGroup(),
             )
             self._monitor = Monitor(
                 self._live.one,
@@ -94,6 +101,8 @@ class SelfcalNode:
     def stop(self) -> None:
         """End a running call, the watch and the pictures: the node shuts down."""
         self._input.stop()
+        self._monitor.cancel()
+        self._outputs.stop()  # whom the watch may be waiting for
         self._monitor.stop()
         self._views.stop()
 
@@ -125,8 +134,8 @@ class SelfcalNode:
         if not self._calibrating.acquire(blocking=False):
             response.success, response.message = False, _BUSY
             return response
-        self._standing.begin()
         try:
+            self._standing.begin()
             response.success, response.message = self._calibrate(self._parameters.config)
         except Exception as error:  # noqa: BLE001 - whatever it is, the caller gets an answer and the node lives
             if self.node.context.ok():  # after a shutdown everything fails, which is no news
