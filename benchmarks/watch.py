@@ -249,9 +249,9 @@ def _rendered_table() -> Table:
         "watch_rendered",
         "The watch over rendered images",
         ["ride", "bump", "accepted", "alarm", "proof", "better calibration", "its error: mm, deg, deg"],
-        f"The pipeline as it is: the country road of bags/straight_road is rendered every {PERIOD_S:g} s with "
-        f"the motion named, calibrated, and the camera is moved after {_RENDERED_BEFORE * PERIOD_S:g} s. Every "
-        "tenth frame shows no lines. One drive each.",
+        f"The pipeline as it is: the country road of bags/straight_road is rendered every {PERIOD_S:g} s "
+        f"with the motion named and calibrated; the camera is moved after {_RENDERED_BEFORE * PERIOD_S:g} s. "
+        "Every tenth frame shows no lines. One drive each.",
     )
     for ride, name in ((RIDES[0], "pitch 0.1°"), (RIDES[1], "pitch 0.3°"), (RIDES[1], "height 2 cm")):
         table.add(ride.describe(), name, *_rendered(ride, BUMPS[name]))
