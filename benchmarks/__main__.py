@@ -15,7 +15,9 @@ import cv2
 import numpy as np
 
 from .bias import bias_table
+from .drives import drive_table
 from .false_alarms import false_alarm_table
+from .fleet import fleet_table
 from .idle import idle_tables
 from .kills import kill_table
 from .limit import limit_table
@@ -54,6 +56,8 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "idle": idle_tables,
     "watch": watch_tables,
     "soak": soak_table,
+    "fleet": fleet_table,
+    "drives": drive_table,
     "offline": offline_tables,
 }
 # Drawn by a section, shown below its tables.
