@@ -20,14 +20,18 @@ from .idle import idle_tables
 from .kills import kill_table
 from .limit import limit_table
 from .many_lines import many_lines_table
+from .offline import offline_tables
 from .options import QUICK, RESULTS, Options
 from .paper import noise_table, seed_table
 from .peer_table import peer_table
 from .recorded import recorded_table
 from .search import search_table
+from .soak import soak_table
 from .speed import cost_tables, ratio_table, size_table
 from .table import Table
 from .thresholds import threshold_table
+from .variants import variant_tables
+from .watch import watch_tables
 from .worlds import world_tables
 
 SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
@@ -43,10 +47,14 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "cost": cost_tables,
     "false_alarms": false_alarm_table,
     "recorded": recorded_table,
+    "variants": variant_tables,
     "thresholds": threshold_table,
     "worlds": world_tables,
     "kills": kill_table,
     "idle": idle_tables,
+    "watch": watch_tables,
+    "soak": soak_table,
+    "offline": offline_tables,
 }
 # Drawn by a section, shown below its tables.
 PLOTS = {"limit": "limit.png", "peers": "peers.png", "search": "search.png", "sizes": "sizes.png"}

@@ -20,6 +20,9 @@ class Options:
         false_alarms: Pictures without a road of each kind.
         worlds: Random worlds.
         kills: Writers of result files killed.
+        drives: Hours the watch is driven without a change, for each ride.
+        bumps: Drives with each bump.
+        soak_s: How long the node is soaked [s].
         all_sizes: Whether to go through all image sizes, or the smallest two only.
         folder: Where tables and plots go.
     """
@@ -31,6 +34,9 @@ class Options:
     false_alarms: int = 200
     worlds: int = 2000
     kills: int = 200
+    drives: int = 60
+    bumps: int = 30
+    soak_s: float = 600.0
     all_sizes: bool = True
     folder: Path = RESULTS
 
@@ -44,6 +50,9 @@ QUICK = Options(
     false_alarms=20,
     worlds=60,
     kills=20,
+    drives=2,
+    bumps=3,
+    soak_s=60.0,
     all_sizes=False,
     folder=RESULTS / "quick",
 )

@@ -26,6 +26,7 @@ WITHOUT_ROS = (
     "stereo_selfcal.cli.replay",
     "stereo_selfcal.cli.synth",
     "stereo_selfcal.cli.limits",
+    "stereo_selfcal.offline",
 )
 
 COMPUTED = "an import of a computed name"

@@ -11,40 +11,42 @@ from . import checks
 from .closed_form import compare_stages, solve_plane
 from .combination import (
     MAX_LINE_HEIGHT_M,
-    combine,
+    covariance_by_profile,
     covariance_by_rectification,
-    covariance_by_road,
-    heights_over,
     lies_on,
     same_road,
+    surely_right,
 )
 from .config import CalibratorConfig
-from .corridor import CELL_WIDTH_M
 from .extraction import Image, find_stripe_points
 from .extrinsics import Extrinsics
 from .fitness import PatternFitness
 from .further import further_lines
-from .fusion import fuse, shared
-from .gates import Evidence, judge
+from .fusion import fuse_results
+from .gates import judge
 from .genetic import GeneticResult, maximise_each
 from .geometry import SIDES
 from .guided import find_road, line_on_road, lines_on_road
 from .pattern import LanePattern
 from .patterns import Look, Points, Refused, buried_m, look, unused_lines
+from .readings import Evidence
 from .rectification import vertical_offset
 from .refinement import refine
-from .results import CalibrationResult, Rejection, RejectReason, describe, rejected
+from .results import CalibrationResult, Rejection, RejectReason, announce, rejected
 from .rig import StereoRig
-from .road import lane_in_road
-from .texture import align_texture
 from .uncertainty import measure_bends, propagate
+from .witnesses import Seen, ask_road
 
 # A frame that is refused is looked at again, with chains and with the next best pairs of lines; each costs a
 # search, a refinement and an alignment, so there is an end to it.
 _MOST_SECOND_LOOKS = 4
-# The road goes on beyond its lines by a shoulder or another lane: a cell more on either side has the lines
-# inside of the surface they are compared with, not on its rim.
-_BESIDE_M = CELL_WIDTH_M
+# Where one of two lines is none of the road, other pairs get their turn: as many as that took in most worlds.
+_OTHER_LINES_MAY_DO = (
+    RejectReason.LINE_BELOW_ROAD,
+    RejectReason.LINES_NOT_COPLANAR,
+    RejectReason.LINE_NOT_PAINTED,
+)
+_MOST_OTHER_PAIRS = 2
 _CLIPPED_STEP = 4  # every fourth pixel of every fourth row is enough for two digits
 
 
@@ -73,12 +75,20 @@ class Calibrator:
             right: The same of the right camera.
             stamp_s: Time stamp of the frame [s].
         """
-        result = self._calibrate(left, right, stamp_s)
+        result = self.calibrate_frame(left, right, stamp_s)
+        self.remember(result)
+        return result
+
+    def remember(self, result: CalibrationResult) -> None:
+        """Take the result of a frame of this rig into the estimate, wherever it was calibrated.
+
+        Args:
+            result: What :meth:`calibrate_frame` returned, of this calibrator or of one like it.
+        """
         if result.accepted:
             # Images' worth of points is not needed any more: memory must not grow with a bag.
-            self._accepted.append(replace(result, pattern=None, unused_lines=(), genetic=None))
+            self._accepted.append(result.slim())
         self._last = result
-        return result
 
     @property
     def estimate(self) -> CalibrationResult:
@@ -89,34 +99,13 @@ class Calibrator:
             return rejected(Rejection(RejectReason.NO_FRAMES, "frames", 0, 1, "", "add a stereo frame first"))
         if len(self._accepted) == 1:
             return self._accepted[0]
-        poses = np.array([r.extrinsics.as_array() for r in self._accepted if r.extrinsics is not None])
-        covariances = np.array([r.covariance for r in self._accepted])
-        mean, covariance, used = fuse(poses, covariances)
-        frames = [r for r, use in zip(self._accepted, used, strict=True) if use]
-        yaws = [r.lane_yaw_rad for r in frames if r.lane_yaw_rad is not None]
-        bends = [r.lane_curvature_per_m for r in frames if r.lane_curvature_per_m is not None]
-        pose, covariance = Extrinsics.from_array(mean), covariance + shared(covariances[used])
-        if any("textured" in r.stages for r in frames):
-            # What the calibration of the cameras has left is the same in all frames.
-            covariance = covariance + covariance_by_rectification(self.rig, pose)
-        fused = CalibrationResult(
-            message="",
-            extrinsics=pose,
-            covariance=covariance,
-            lane_yaw_rad=float(np.mean(yaws)),
-            lane_curvature_per_m=float(np.mean(bends)) if bends else None,
-            stages={
-                name: Extrinsics.from_array(np.mean([r.stages[name].as_array() for r in frames], axis=0))
-                for name in frames[0].stages
-                if all(name in r.stages for r in frames)
-            },
-            stamp_s=self._accepted[-1].stamp_s,
-            n_frames=len(frames),
-        )
-        return replace(fused, message=_announce(fused, len(self._accepted) - len(frames)))
+        return fuse_results(self._accepted, self.rig)
 
-    def _calibrate(self, left: Image, right: Image, stamp_s: float) -> CalibrationResult:
-        """Run every stage on one frame; again with other lines where the first ones are refused."""
+    def calibrate_frame(self, left: Image, right: Image, stamp_s: float = 0.0) -> CalibrationResult:
+        """Calibrate one frame and remember nothing; arguments and result as of :meth:`add`.
+
+        Every stage runs, and again with other lines where the first ones are refused.
+        """
         images = (left, right)
         refusal = checks.check_images(left, right, self.rig)
         if refusal:
@@ -128,12 +117,14 @@ class Calibrator:
         else:
             depths = buried_m(first.patterns, self.rig)
             further = further_lines(first.patterns[0], first.matches, points, self.rig, self.config)
-            result = self._solve(first.patterns[0].joined(further), images, stamp_s, depths[0])
+            seen = Seen(images, points, first.matches)
+            result = self._solve(first.patterns[0].joined(further), seen, stamp_s, depths[0])
             if further and not result.accepted:
-                result = self._solve(first.patterns[0], images, stamp_s, depths[0])
-            others = [i for i, depth in enumerate(depths) if depth <= MAX_LINE_HEIGHT_M]
-            if result.reason is RejectReason.LINE_BELOW_ROAD and others:
-                result = self._solve(first.patterns[others[0]], images, stamp_s, depths[others[0]])
+                result = self._solve(first.patterns[0], seen, stamp_s, depths[0])
+            others = [i for i, depth in enumerate(depths) if i and depth <= MAX_LINE_HEIGHT_M]
+            for i in others[:_MOST_OTHER_PAIRS]:
+                if result.reason in _OTHER_LINES_MAY_DO:
+                    result = self._solve(first.patterns[i], seen, stamp_s, depths[i])
         if not result.accepted and self.config.texture.check:
             result = self._look_again(result, first, points, images, stamp_s)
         return replace(result, unused_lines=unused_lines(first, result.pattern))
@@ -163,7 +154,7 @@ class Calibrator:
             if road is not None and not lies_on(pattern, self.rig, closed.extrinsics, road):
                 continue
             left -= 1
-            result = self._solve(pattern, images, stamp_s)
+            result = self._solve(pattern, Seen(images), stamp_s)
             if result.accepted and "textured" in result.stages:
                 return result
             road = road or result.stages.get("textured")
@@ -173,12 +164,13 @@ class Calibrator:
             return refused
         candidates = [each.candidates[0] for each in looks]
         for pattern in lines_on_road(shown.extrinsics, candidates, points, images, self.rig, self.config):
-            result = self._solve(pattern, images, stamp_s)
+            result = self._solve(pattern, Seen(images, shown=shown), stamp_s)
             if result.accepted and "textured" in result.stages:
                 return result
         seen = line_on_road(shown.extrinsics, matches, points, images, self.rig, self.config)
+        covariance = shown.covariance + covariance_by_rectification(self.rig, shown.extrinsics)
         vertical = None
-        if seen is not None and shown.precise:
+        if seen is not None and surely_right(covariance):
             vertical = vertical_offset(images, self.rig, shown.extrinsics, seen[1])
         if seen is None or vertical is None:  # rows that cannot be compared may be those of a turned camera
             return refused
@@ -188,7 +180,7 @@ class Calibrator:
         result = CalibrationResult(
             message="",
             extrinsics=shown.extrinsics,
-            covariance=shown.covariance + covariance_by_rectification(self.rig, shown.extrinsics),
+            covariance=covariance,
             lane_yaw_rad=seen[1],
             stamp_s=stamp_s,
             n_frames=1,
@@ -196,7 +188,7 @@ class Calibrator:
             gates=gates,
             notes=("from the asphalt, confirmed by one line only",),
         )
-        return replace(result, message=_announce(result))
+        return replace(result, message=announce(result))
 
     def extract(self, left: Image, right: Image) -> LanePattern | Refused:
         """Extract the calibration pattern of one frame (paper section 2.2).
@@ -222,11 +214,12 @@ class Calibrator:
     def _solve(
         self,
         pattern: LanePattern,
-        images: tuple[Image, Image],
+        seen: Seen,
         stamp_s: float,
         buried: float | None = None,
     ) -> CalibrationResult:
         """Find the extrinsics for a pattern, judge them, and refine them on the images."""
+        images = seen.images
         fitness = PatternFitness(pattern, self.rig, self.config.fitness)
         genetic = self._search(fitness)
         extrinsics = Extrinsics.from_array(genetic.best)
@@ -262,7 +255,7 @@ class Calibrator:
         result = CalibrationResult(
             message="",
             extrinsics=evidence.of_lines,
-            covariance=best.covariance,
+            covariance=best.covariance + covariance_by_profile(refined),
             lane_yaw_rad=best.lane_yaw_rad,
             lane_curvature_per_m=bends.lateral_per_m,
             n_frames=1,
@@ -270,44 +263,8 @@ class Calibrator:
             notes=notes,
             **known,
         )
-        if self.config.texture.check:
-            result = self._ask_asphalt(result, evidence, images)
-        return replace(result, message=_announce(result)) if result.accepted else result
-
-    def _ask_asphalt(
-        self, result: CalibrationResult, evidence: Evidence, images: tuple[Image, Image]
-    ) -> CalibrationResult:
-        """Compare an estimate from lines with the plane of the asphalt between them, and combine both."""
-        if result.pattern is None or result.extrinsics is None or result.covariance is None:
-            raise ValueError("only an accepted result can be compared with the road")
-        _, left_m, right_m = lane_in_road(result.pattern.boundaries, self.rig, result.extrinsics)
-        limits_m = (float(right_m) - _BESIDE_M, float(left_m) + _BESIDE_M)
-        yaw = result.lane_yaw_rad or 0.0
-        fit = align_texture(images, self.rig, result.extrinsics, yaw, limits_m=limits_m)
-        if fit is None or not fit.enough_texture or not fit.even_enough:
-            lacking = "too uneven" if fit is not None and fit.enough_texture else "too little texture"
-            if self.config.texture.required:
-                evidence = replace(evidence, witness=0.0 if fit is None else fit.sufficiency)
-                gates, refusal = judge(evidence, but=result.gates)
-                known = {"pattern": result.pattern, "genetic": result.genetic, "stages": result.stages}
-                return rejected(refusal, result.stamp_s, gates=gates, **known)  # type: ignore[arg-type]
-            return replace(result, notes=(*result.notes, f"not checked against the asphalt: {lacking}"))
-        evidence = replace(
-            evidence,
-            texture=fit,
-            heights_m=heights_over(result.pattern, self.rig, result.extrinsics, fit.extrinsics),
-            vertical=vertical_offset(images, self.rig, fit.extrinsics, yaw, limits_m=limits_m),
-        )
-        gates, refusal = judge(evidence, but=result.gates)
-        stages = {**result.stages, "textured": fit.extrinsics}
-        if refusal:
-            known = {"pattern": result.pattern, "genetic": result.genetic}
-            return rejected(refusal, result.stamp_s, gates=gates, stages=stages, **known)
-        by_road = covariance_by_road(result.pattern, self.rig, result.extrinsics, fit.shape)
-        extrinsics, covariance = combine(result.extrinsics, result.covariance + by_road, fit)
-        stages["combined"] = extrinsics
-        covariance = covariance + covariance_by_rectification(self.rig, extrinsics)
-        return replace(result, stages=stages, extrinsics=extrinsics, covariance=covariance, gates=gates)
+        result = ask_road(result, evidence, seen, self.rig, self.config)
+        return replace(result, message=announce(result)) if result.accepted else result
 
     def _search(self, fitness: PatternFitness) -> GeneticResult:
         """Run the genetic algorithm over the whole search box, once for each camera's parallelism."""
@@ -343,13 +300,3 @@ def _clipped(images: tuple[Image, Image]) -> float:
     """Return the greatest part of black and white pixels in the lower half of an image."""
     lower = (image[image.shape[0] // 2 :: _CLIPPED_STEP, ::_CLIPPED_STEP] for image in images)
     return max(float(np.mean((part == 0) | (part == np.iinfo(np.uint8).max))) for part in lower)
-
-
-def _announce(result: CalibrationResult, n_outliers: int = 0) -> str:
-    """Return the sentence of an accepted result."""
-    if result.extrinsics is None or result.std is None:
-        raise ValueError("only an accepted result can be announced")
-    frames = "1 frame" if result.n_frames == 1 else f"{result.n_frames} frames"
-    aside = f" ({n_outliers} more set aside as outliers)" if n_outliers else ""
-    notes = "".join(f"; {note}" for note in result.notes)
-    return f"calibrated from {frames}{aside}: {describe(result.extrinsics, result.std)}{notes}"

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
-from .extrinsics import Array
+from .combination import covariance_by_rectification
+from .extrinsics import Array, Extrinsics
+from .results import CalibrationResult, announce
+from .rig import StereoRig
 
 # Frames farther from the median than this many robust standard deviations are left out.
 _OUTLIER_SIGMAS = 4.0
@@ -56,3 +62,46 @@ def shared(covariances: Array) -> Array:
     """Return the covariance (3, 3) that frames of one drive have in common, however many there are."""
     common: Array = _SHARED_VARIANCE * covariances.mean(axis=0)
     return common
+
+
+def fuse_results(
+    accepted: Sequence[CalibrationResult],
+    rig: StereoRig,
+    motion: Array | None = None,
+    inflation: float = 1.0,
+) -> CalibrationResult:
+    """Combine accepted frames of one pose into one result.
+
+    Args:
+        accepted: The frames, at least one.
+        rig: The rig all come from.
+        motion: (3,) variances of what the pose does from frame to frame, None where the frames are of one
+            moment.
+        inflation: By how much the variance of the mean is greater than if frames were independent.
+    """
+    poses = np.array([r.extrinsics.as_array() for r in accepted if r.extrinsics is not None])
+    covariances = np.array([r.covariance for r in accepted])
+    moving = covariances if motion is None else covariances + np.diag(motion)
+    mean, covariance, used = fuse(poses, moving)
+    frames = [r for r, use in zip(accepted, used, strict=True) if use]
+    yaws = [r.lane_yaw_rad for r in frames if r.lane_yaw_rad is not None]
+    bends = [r.lane_curvature_per_m for r in frames if r.lane_curvature_per_m is not None]
+    pose, covariance = Extrinsics.from_array(mean), inflation * covariance + shared(covariances[used])
+    if any("textured" in r.stages for r in frames):
+        # What the calibration of the cameras has left is the same in all frames.
+        covariance = covariance + covariance_by_rectification(rig, pose)
+    fused = CalibrationResult(
+        message="",
+        extrinsics=pose,
+        covariance=covariance,
+        lane_yaw_rad=float(np.mean(yaws)) if yaws else None,
+        lane_curvature_per_m=float(np.mean(bends)) if bends else None,
+        stages={
+            name: Extrinsics.from_array(np.mean([r.stages[name].as_array() for r in frames], axis=0))
+            for name in frames[0].stages
+            if all(name in r.stages for r in frames)
+        },
+        stamp_s=accepted[-1].stamp_s,
+        n_frames=len(frames),
+    )
+    return replace(fused, message=announce(fused, len(accepted) - len(frames)))

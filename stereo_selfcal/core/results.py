@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import TYPE_CHECKING
 
@@ -19,6 +19,7 @@ class RejectReason(Enum):
 
     IMAGE_EMPTY = "image_empty"
     IMAGE_TYPE = "image_type"
+    IMAGE_UNREADABLE = "image_unreadable"
     IMAGE_SIZES_DIFFER = "image_sizes_differ"
     RIG_SIZE_MISMATCH = "rig_size_mismatch"
     NO_LINES_FOUND = "no_lines_found"
@@ -26,6 +27,8 @@ class RejectReason(Enum):
     CAMERAS_SWAPPED = "cameras_swapped"
     LINES_NOT_STRAIGHT = "lines_not_straight"
     LINE_BELOW_ROAD = "line_below_road"
+    LINE_NOT_PAINTED = "line_not_painted"
+    LINES_NOT_COPLANAR = "lines_not_coplanar"
     ROAD_NOT_FLAT = "road_not_flat"
     LINES_NOT_CONVERGING = "lines_not_converging"
     LINES_INCONSISTENT = "lines_inconsistent"
@@ -142,6 +145,10 @@ class CalibrationResult:
             return None
         return Extrinsics(*(math.sqrt(float(self.covariance[i, i])) for i in range(3)))
 
+    def slim(self) -> CalibrationResult:
+        """Return the result without the points and lines behind it, which weigh as much as an image."""
+        return replace(self, pattern=None, unused_lines=(), genetic=None)
+
 
 def rejected(rejection: Rejection, stamp_s: float = 0.0, **evidence: object) -> CalibrationResult:
     """Return the result of a refused frame; ``evidence`` goes into the fields that explain it."""
@@ -155,3 +162,18 @@ def describe(extrinsics: Extrinsics, std: Extrinsics) -> str:
         f"pitch {math.degrees(extrinsics.pitch_rad):+.4f} deg (std {math.degrees(std.pitch_rad):.4f}), "
         f"roll {math.degrees(extrinsics.roll_rad):+.4f} deg (std {math.degrees(std.roll_rad):.4f})"
     )
+
+
+def announce(result: CalibrationResult, n_outliers: int = 0) -> str:
+    """Return the sentence of an accepted result.
+
+    Args:
+        result: The result.
+        n_outliers: Frames that were left out of it.
+    """
+    if result.extrinsics is None or result.std is None:
+        raise ValueError("only an accepted result can be announced")
+    frames = "1 frame" if result.n_frames == 1 else f"{result.n_frames} frames"
+    aside = f" ({n_outliers} more set aside as outliers)" if n_outliers else ""
+    notes = "".join(f"; {note}" for note in result.notes)
+    return f"calibrated from {frames}{aside}: {describe(result.extrinsics, result.std)}{notes}"
