@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from .bias import bias_table
+from .drives import drive_table
 from .false_alarms import false_alarm_table
 from .idle import idle_tables
 from .kills import kill_table
@@ -54,6 +55,7 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "idle": idle_tables,
     "watch": watch_tables,
     "soak": soak_table,
+    "drives": drive_table,
     "offline": offline_tables,
 }
 # Drawn by a section, shown below its tables.

@@ -193,7 +193,7 @@ def watch_tables(options: Options) -> Iterator[Table]:
     )
     calm = Table(
         "watch_alarms",
-        f"The watch over {options.drives} drives of an hour without a change",
+        f"The watch over {options.watch_hours} drives of an hour without a change",
         [
             "ride: height, pitch, roll; memory",
             "drives with an alarm",
@@ -204,7 +204,7 @@ def watch_tables(options: Options) -> Iterator[Table]:
         f"{how} The alarm is raised at {ALARM_SIGMAS:g} standard deviations.",
     )
     for ride in RIDES:
-        runs = [run(ride, seed) for seed in range(options.drives)]
+        runs = [run(ride, seed) for seed in range(options.watch_hours)]
         greatest = np.array([r.greatest for r in runs])
         cells = [number(value) for value in (*np.percentile(greatest, (50, 90)), greatest.max())]
         calm.add(ride.describe(), f"{sum(r.false_alarm for r in runs)} of {len(runs)}", *cells)

@@ -34,6 +34,7 @@ COMPUTED = "an import of a computed name"
 # Import name -> rosdep key, where the two differ.
 ROSDEP_KEYS = {
     "cv2": "python3-opencv",
+    "jinja2": "python3-jinja2",
     "numpy": "python3-numpy",
     "rosbags": "python3-rosbags-pip",
     "tf2_ros": "tf2_ros_py",

@@ -22,7 +22,7 @@ from .extraction import Image, find_stripe_points
 from .extrinsics import Extrinsics
 from .fitness import PatternFitness
 from .further import further_lines
-from .fusion import fuse_results
+from .fusion import fuse_frames
 from .gates import judge
 from .genetic import GeneticResult, maximise_each
 from .geometry import SIDES
@@ -97,9 +97,7 @@ class Calibrator:
             if self._last is not None:
                 return self._last
             return rejected(Rejection(RejectReason.NO_FRAMES, "frames", 0, 1, "", "add a stereo frame first"))
-        if len(self._accepted) == 1:
-            return self._accepted[0]
-        return fuse_results(self._accepted, self.rig)
+        return fuse_frames(self._accepted, self.rig)
 
     def calibrate_frame(self, left: Image, right: Image, stamp_s: float = 0.0) -> CalibrationResult:
         """Calibrate one frame and remember nothing; arguments and result as of :meth:`add`.

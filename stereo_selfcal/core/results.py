@@ -67,10 +67,15 @@ class Rejection:
     remedy: str
 
     @property
+    def finding(self) -> str:
+        """What was measured, the value and the threshold."""
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.what}: {self.value:.4g}{unit}, limit {self.threshold:.4g}{unit}"
+
+    @property
     def message(self) -> str:
         """One sentence: what, the measured value, the threshold, the remedy."""
-        unit = f" {self.unit}" if self.unit else ""
-        return f"{self.what}: {self.value:.4g}{unit}, limit {self.threshold:.4g}{unit}; {self.remedy}"
+        return f"{self.finding}; {self.remedy}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +174,7 @@ def announce(result: CalibrationResult, n_outliers: int = 0) -> str:
 
     Args:
         result: The result.
-        n_outliers: Frames that were left out of it.
+        n_outliers: Accepted frames that were left out of it.
     """
     if result.extrinsics is None or result.std is None:
         raise ValueError("only an accepted result can be announced")

@@ -22,7 +22,7 @@ from .drift import (
     settled_outliers,
 )
 from .extrinsics import Array
-from .fusion import fuse_results
+from .fusion import fuse_frames
 from .results import CalibrationResult
 from .rig import StereoRig
 from .states import Verdict
@@ -184,7 +184,7 @@ class Watch:
             return None
         used = [r for r, use in zip(self._results[start:], series.used, strict=True) if use]
         scatter = measure_scatter(series)
-        return fuse_results(used, rig, scatter.motion, float(scatter.inflation.max()))
+        return fuse_frames(used, rig, np.diag(scatter.motion), float(scatter.inflation.max()))
 
     def _append(self, result: CalibrationResult) -> None:
         assert result.extrinsics is not None and result.covariance is not None

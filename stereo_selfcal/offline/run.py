@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from ..bags import BagError, StereoFrame
 from ..core.calibrator import Calibrator
 from ..core.config import CalibratorConfig
+from ..core.drive import Drive, estimate_drive
 from ..core.results import CalibrationResult
 from ..core.rig import StereoRig
 from .frame import calibrate_frame
@@ -23,7 +24,7 @@ class Replay:
 
     Attributes:
         rows: One row per frame, in order, at least one.
-        estimate: The accepted frames, fused.
+        drive: Where the mount was, and when it was moved.
         rig: The rig of the recording.
         config: Settings it was calibrated with.
         damage: What ended the recording early, in one line; None when all of it was read. The rows and
@@ -32,11 +33,16 @@ class Replay:
     """
 
     rows: tuple[FrameRow, ...]
-    estimate: CalibrationResult
+    drive: Drive
     rig: StereoRig
     config: CalibratorConfig
     damage: str | None = None
     remarks: tuple[str, ...] = ()
+
+    @property
+    def estimate(self) -> CalibrationResult:
+        """The accepted frames, fused: those since the mount was moved, if it was."""
+        return self.drive.estimate
 
     @property
     def shown(self) -> FrameRow:
@@ -81,7 +87,8 @@ def calibrate_recording(
         damage = f"{error}; it ended early, after {n} frames: --max-frames {n} calibrates from these alone"
     if not rows:
         raise ValueError("a recording of no frames cannot be calibrated")
-    return Replay(tuple(rows), calibrator.estimate, source.rig, config, damage, source.remarks)
+    drive = estimate_drive([row for row in rows if row.accepted], source.rig, calibrator.estimate)
+    return Replay(tuple(rows), drive, source.rig, config, damage, source.remarks)
 
 
 def look_again(
