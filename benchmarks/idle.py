@@ -27,6 +27,7 @@ HZ = 30
 # Any that the tests, which take their own, will hardly have.
 _DOMAIN = "97"
 _SETTLE_S = 15.0
+_LOOKS_S = 120.0  # four of the looks of an idle node
 _READ_EVERY_S = 1.0
 _KIBIBYTES = 1024
 _END_S = 20.0
@@ -59,6 +60,8 @@ VARIANTS = {
 @contextmanager
 def process(*arguments: str) -> Iterator[subprocess.Popen[str]]:
     """Run a process of :mod:`.graph`; it is ended with the block."""
+    if not PYTHON.is_file():
+        raise FileNotFoundError(f"{PYTHON} is needed, with ROS: make .venv")
     environment = {
         **os.environ,
         "PYTHONPATH": str(ROOT),
@@ -103,16 +106,9 @@ def resident_mib(pid: int) -> float:
     return int(line.split()[1]) / _KIBIBYTES
 
 
-def idle_tables(options: Options) -> Iterator[Table]:
-    """Cost of the variants with nothing to do, then the answers while calibrations run."""
-    if not PYTHON.is_file():
-        raise FileNotFoundError(f"{PYTHON} is needed, with ROS: make .venv")
-    thin = options.folder != RESULTS
-    yield _costs(10.0 if thin else 120.0)
-    yield _answers(5.0 if thin else 30.0)
-
-
-def _costs(seconds: float) -> Table:
+def idle_table(options: Options) -> Iterator[Table]:
+    """Cost of the variants with nothing to do."""
+    seconds = _LOOKS_S if options.folder == RESULTS else 10.0
     table = Table(
         "idle",
         f"Idle: two cameras of 1280 x 720 mono8 at {HZ} Hz, nothing to do",
@@ -132,10 +128,12 @@ def _costs(seconds: float) -> Table:
                 used = (cpu_s(node.pid) - before_s) / (time.monotonic() - start_s)
             slope = 60.0 / _READ_EVERY_S * float(np.polyfit(np.arange(len(sizes)), sizes, 1)[0])
             table.add(text, f"{used:.1%}", f"{sizes[0]:.1f} MiB", f"{slope:+.2f} MiB")
-    return table
+    yield table
 
 
-def _answers(seconds: float) -> Table:
+def answer_table(options: Options) -> Iterator[Table]:
+    """How long others wait for answers while the node has nothing to do, and while it calibrates."""
+    seconds = 30.0 if options.folder == RESULTS else 5.0
     table = Table(
         "answers",
         "How long get_parameters waits for its answer",
@@ -161,4 +159,4 @@ def _answers(seconds: float) -> Table:
                     name = f"calibrating: {accepted} times accepted, {refused} refused"  # noqa: PLW2901
             percentiles = (f"{np.percentile(times, q):.1f} ms" for q in (50, 99, 100))
             table.add(name, str(len(times)), *percentiles, str(int(np.count_nonzero(times > 50.0))))
-    return table
+    yield table
