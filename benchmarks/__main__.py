@@ -17,6 +17,7 @@ import numpy as np
 from .bias import bias_table
 from .drives import drive_table
 from .false_alarms import false_alarm_table
+from .fleet import fleet_table
 from .idle import answer_table, idle_table
 from .kills import kill_table
 from .limit import limit_table
@@ -56,6 +57,7 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "answers": answer_table,
     "watch": watch_tables,
     "soak": soak_table,
+    "fleet": fleet_table,
     "drives": drive_table,
     "offline": offline_tables,
 }
