@@ -18,7 +18,7 @@ from .bias import bias_table
 from .drives import drive_table
 from .false_alarms import false_alarm_table
 from .fleet import fleet_table
-from .idle import idle_tables
+from .idle import answer_table, idle_table
 from .kills import kill_table
 from .limit import limit_table
 from .many_lines import many_lines_table
@@ -53,7 +53,8 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "thresholds": threshold_table,
     "worlds": world_tables,
     "kills": kill_table,
-    "idle": idle_tables,
+    "idle": idle_table,
+    "answers": answer_table,
     "watch": watch_tables,
     "soak": soak_table,
     "fleet": fleet_table,
