@@ -76,7 +76,7 @@ def as_dict(
 ) -> dict[str, Any]:
     """Return what :func:`as_json` writes.
 
-    A damaged recording has one key more, ``ended_early``, and one that is strange ``remarks``.
+    A damaged recording has one key more, ``ended_early``, and one with images in no frame ``remarks``.
     """
     extrinsics = estimate.extrinsics if estimate.accepted else None
     content: dict[str, Any] = {
