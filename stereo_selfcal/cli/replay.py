@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import cv2
 from ..atomic_file import write_atomically
 from ..bags import StereoTopics, stereo_pairs
 from ..core.config import CalibratorConfig
+from ..core.drive import Drive
 from ..core.errors import SelfcalError
 from ..core.results import CalibrationResult
 from ..core.rig import StereoRig
@@ -47,7 +49,7 @@ from .replay_options import replay_parser
 from .report import as_dict, as_json, table_header, table_row, table_summary
 
 # What --all has one of for every pair.
-_FILES = ("output", "picture", "csv")
+_FILES = ("output", "picture", "csv", "report")
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,8 +136,10 @@ def _of_pair(path: Path | None, name: str) -> Path | None:
     return path and path.with_name(f"{path.stem}.{name}{path.suffix}")
 
 
-def _said(replay: Replay) -> tuple[Sequence[FrameRow], CalibrationResult, str | None, Sequence[str]]:
-    return replay.rows, replay.estimate, replay.damage, replay.remarks
+def _said(
+    replay: Replay,
+) -> tuple[Sequence[FrameRow], CalibrationResult, str | None, Sequence[str], Drive]:
+    return replay.rows, replay.estimate, replay.damage, replay.remarks, replay.drive
 
 
 def _status(replay: Replay) -> int:
@@ -163,6 +167,8 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
             check_writable(path, "--export")
     elif arguments.exports:
         raise UsageError("--export writes beside the file of --output: give --output")
+    if arguments.report is not None and find_spec("jinja2") is None:
+        raise UsageError("--report needs the Python module jinja2 (python3-jinja2), which is not installed")
     picture = arguments.picture
     if picture is not None and picture.suffix.lower() != ".png":
         raise UsageError(f"--picture {picture}: pictures are written as PNG; end the name in .png")
@@ -218,6 +224,10 @@ def _write_files(
         write_atomically(arguments.csv, as_csv(replay.rows).encode())
     if arguments.picture is not None:
         _write_picture(arguments.picture, source, replay)
+    if arguments.report is not None:
+        from ..report.page import render_report  # noqa: PLC0415 - jinja2 is for who asks for a report
+
+        write_atomically(arguments.report, render_report(source, replay).encode())
 
 
 def _write_picture(path: Path, source: FrameSource, replay: Replay) -> None:

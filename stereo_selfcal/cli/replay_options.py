@@ -64,6 +64,7 @@ def replay_parser() -> Parser:
         type=Path,
         help="write an overlay of the result on the last good frame (PNG)",
     )
+    add("--report", metavar="FILE", type=Path, help="write a report to look at: one HTML file, with pictures")
     add("--csv", metavar="FILE", type=Path, help="write a table, one line per frame (SI units, radians)")
     add("--json", action="store_true", help="print one JSON object (SI units, radians) instead of the table")
     add(

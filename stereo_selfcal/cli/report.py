@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
+from ..core.drive import Drive, DriveSegment, clock
 from ..core.extrinsics import Extrinsics
 from ..core.results import CalibrationResult
 from ..offline import FrameRow
@@ -38,6 +39,7 @@ def table_summary(
     estimate: CalibrationResult,
     damage: str | None = None,
     remarks: Sequence[str] = (),
+    drive: Drive | None = None,
 ) -> str:
     """Return the lines under the table: mean and spread over the accepted frames, the fused estimate."""
     accepted = [row.extrinsics for row in rows if row.extrinsics is not None]
@@ -45,17 +47,35 @@ def table_summary(
     refused = Counter(row.reason for row in rows if row.reason is not None)
     for reason, count in refused.most_common():
         text += f"  {count} x {reason}\n"
-    if accepted:
+    moved = drive is not None and bool(drive.changes)
+    if accepted and not moved:
         text += _line("mean", _over(accepted, statistics.fmean))
-    if len(accepted) > 1:
+    if len(accepted) > 1 and not moved:
         text += _line("standard deviation over the frames", _over(accepted, statistics.stdev), spread=True)
     if estimate.accepted and estimate.extrinsics is not None:
         text += _line("fused estimate", estimate.extrinsics)
         if estimate.std is not None:
             text += _line("its standard deviation", estimate.std, spread=True)
+    if drive is not None:
+        text += _moves(drive)
     early = "" if damage is None else f"THE RECORDING IS DAMAGED AND ENDED EARLY, after {len(rows)} frames\n"
     lines = "".join(f"{remark}\n" for remark in remarks)
     return f"{text}{estimate.message}\n{lines}{early}"
+
+
+def _moves(drive: Drive) -> str:
+    """Return a line for every move of the mount, and for every segment if there is more than one."""
+    if not drive.changes:
+        return ""
+    text = ""
+    for number, segment in enumerate(drive.segments):
+        if number:
+            change = drive.changes[number - 1]
+            text += _line(f"moved {clock(change.at_s)} (within {change.within_s:.1f} s) by", change.shift)
+        if segment.estimate.extrinsics is not None:
+            times = f"{clock(segment.start_s)} to {clock(segment.end_s)}"
+            text += _line(times, segment.estimate.extrinsics)
+    return text
 
 
 def as_json(
@@ -63,9 +83,10 @@ def as_json(
     estimate: CalibrationResult,
     damage: str | None = None,
     remarks: Sequence[str] = (),
+    drive: Drive | None = None,
 ) -> str:
     """Return the object of interface.md, "Command line", in one line; floats with all their digits."""
-    return json.dumps(as_dict(rows, estimate, damage, remarks), allow_nan=False) + "\n"
+    return json.dumps(as_dict(rows, estimate, damage, remarks, drive), allow_nan=False) + "\n"
 
 
 def as_dict(
@@ -73,10 +94,12 @@ def as_dict(
     estimate: CalibrationResult,
     damage: str | None = None,
     remarks: Sequence[str] = (),
+    drive: Drive | None = None,
 ) -> dict[str, Any]:
     """Return what :func:`as_json` writes.
 
     A damaged recording has one key more, ``ended_early``, and one with images in no frame ``remarks``.
+    With a drive there are ``segments`` and ``changes`` of the mount.
     """
     extrinsics = estimate.extrinsics if estimate.accepted else None
     content: dict[str, Any] = {
@@ -94,11 +117,31 @@ def as_dict(
             for row in rows
         ],
     }
+    if drive is not None:
+        content |= {
+            "segments": [_segment(segment) for segment in drive.segments],
+            "changes": [
+                {"at_s": change.at_s, "within_s": change.within_s, "shift": _pose(change.shift)}
+                for change in drive.changes
+            ],
+        }
     if damage is not None:
         content["ended_early"] = damage
     if remarks:
         content["remarks"] = list(remarks)
     return content
+
+
+def _segment(segment: DriveSegment) -> dict[str, Any]:
+    return {
+        "start_s": segment.start_s,
+        "end_s": segment.end_s,
+        "frames": segment.estimate.n_frames,
+        "extrinsics": _pose(segment.estimate.extrinsics),
+        "std": _pose(segment.estimate.std),
+        "spread": _pose(segment.spread),
+        "standard_error": None if segment.standard_error is None else _pose(segment.standard_error),
+    }
 
 
 def _pose(extrinsics: Extrinsics | None) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from .extraction import Image, find_stripe_points
 from .extrinsics import Extrinsics
 from .fitness import PatternFitness
 from .further import further_lines
-from .fusion import fuse, shared
+from .fusion import fuse_frames
 from .gates import judge
 from .genetic import GeneticResult, maximise_each
 from .geometry import SIDES
@@ -32,7 +32,7 @@ from .patterns import Look, Points, Refused, buried_m, look, unused_lines
 from .readings import Evidence
 from .rectification import vertical_offset
 from .refinement import refine
-from .results import CalibrationResult, Rejection, RejectReason, describe, rejected
+from .results import CalibrationResult, Rejection, RejectReason, announce, rejected
 from .rig import StereoRig
 from .uncertainty import measure_bends, propagate
 from .witnesses import Seen, ask_road
@@ -97,33 +97,7 @@ class Calibrator:
             if self._last is not None:
                 return self._last
             return rejected(Rejection(RejectReason.NO_FRAMES, "frames", 0, 1, "", "add a stereo frame first"))
-        if len(self._accepted) == 1:
-            return self._accepted[0]
-        poses = np.array([r.extrinsics.as_array() for r in self._accepted if r.extrinsics is not None])
-        covariances = np.array([r.covariance for r in self._accepted])
-        mean, covariance, used = fuse(poses, covariances)
-        frames = [r for r, use in zip(self._accepted, used, strict=True) if use]
-        yaws = [r.lane_yaw_rad for r in frames if r.lane_yaw_rad is not None]
-        bends = [r.lane_curvature_per_m for r in frames if r.lane_curvature_per_m is not None]
-        pose, covariance = Extrinsics.from_array(mean), covariance + shared(covariances[used])
-        if any("textured" in r.stages for r in frames):
-            # What the calibration of the cameras has left is the same in all frames.
-            covariance = covariance + covariance_by_rectification(self.rig, pose)
-        fused = CalibrationResult(
-            message="",
-            extrinsics=pose,
-            covariance=covariance,
-            lane_yaw_rad=float(np.mean(yaws)),
-            lane_curvature_per_m=float(np.mean(bends)) if bends else None,
-            stages={
-                name: Extrinsics.from_array(np.mean([r.stages[name].as_array() for r in frames], axis=0))
-                for name in frames[0].stages
-                if all(name in r.stages for r in frames)
-            },
-            stamp_s=self._accepted[-1].stamp_s,
-            n_frames=len(frames),
-        )
-        return replace(fused, message=_announce(fused, len(self._accepted) - len(frames)))
+        return fuse_frames(self._accepted, self.rig)
 
     def calibrate_frame(self, left: Image, right: Image, stamp_s: float = 0.0) -> CalibrationResult:
         """Calibrate one frame and remember nothing; arguments and result as of :meth:`add`.
@@ -212,7 +186,7 @@ class Calibrator:
             gates=gates,
             notes=("from the asphalt, confirmed by one line only",),
         )
-        return replace(result, message=_announce(result))
+        return replace(result, message=announce(result))
 
     def extract(self, left: Image, right: Image) -> LanePattern | Refused:
         """Extract the calibration pattern of one frame (paper section 2.2).
@@ -288,7 +262,7 @@ class Calibrator:
             **known,
         )
         result = ask_road(result, evidence, seen, self.rig, self.config)
-        return replace(result, message=_announce(result)) if result.accepted else result
+        return replace(result, message=announce(result)) if result.accepted else result
 
     def _search(self, fitness: PatternFitness) -> GeneticResult:
         """Run the genetic algorithm over the whole search box, once for each camera's parallelism."""
@@ -324,13 +298,3 @@ def _clipped(images: tuple[Image, Image]) -> float:
     """Return the greatest part of black and white pixels in the lower half of an image."""
     lower = (image[image.shape[0] // 2 :: _CLIPPED_STEP, ::_CLIPPED_STEP] for image in images)
     return max(float(np.mean((part == 0) | (part == np.iinfo(np.uint8).max))) for part in lower)
-
-
-def _announce(result: CalibrationResult, n_outliers: int = 0) -> str:
-    """Return the sentence of an accepted result."""
-    if result.extrinsics is None or result.std is None:
-        raise ValueError("only an accepted result can be announced")
-    frames = "1 frame" if result.n_frames == 1 else f"{result.n_frames} frames"
-    aside = f" ({n_outliers} more set aside as outliers)" if n_outliers else ""
-    notes = "".join(f"; {note}" for note in result.notes)
-    return f"calibrated from {frames}{aside}: {describe(result.extrinsics, result.std)}{notes}"

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import RigError
+from .errors import RigError, shown
 
 # Two rectified cameras share one projection matrix but for the baseline term. Calibration
 # tools print P with about six digits, so a difference of a hundredth of a pixel is a real one.
@@ -146,7 +146,7 @@ class CameraModel:
             known = ", ".join(sorted(name for name in _COEFFICIENTS if name))
             raise CameraInfoError(
                 InfoReason.UNKNOWN_MODEL,
-                f"{self.side} CameraInfo has the distortion model {self.model!r}, known are {known}: "
+                f"{self.side} CameraInfo has the distortion model {shown(self.model)}, known are {known}: "
                 "calibrate with one of them, or rectify the images before and set rectified: true",
             )
         if len(self.d) not in _COEFFICIENTS[self.model]:

@@ -67,10 +67,15 @@ class Rejection:
     remedy: str
 
     @property
+    def finding(self) -> str:
+        """What was measured, the value and the threshold."""
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.what}: {self.value:.4g}{unit}, limit {self.threshold:.4g}{unit}"
+
+    @property
     def message(self) -> str:
         """One sentence: what, the measured value, the threshold, the remedy."""
-        unit = f" {self.unit}" if self.unit else ""
-        return f"{self.what}: {self.value:.4g}{unit}, limit {self.threshold:.4g}{unit}; {self.remedy}"
+        return f"{self.finding}; {self.remedy}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,3 +167,18 @@ def describe(extrinsics: Extrinsics, std: Extrinsics) -> str:
         f"pitch {math.degrees(extrinsics.pitch_rad):+.4f} deg (std {math.degrees(std.pitch_rad):.4f}), "
         f"roll {math.degrees(extrinsics.roll_rad):+.4f} deg (std {math.degrees(std.roll_rad):.4f})"
     )
+
+
+def announce(result: CalibrationResult, n_outliers: int = 0) -> str:
+    """Return the sentence of an accepted result.
+
+    Args:
+        result: The result.
+        n_outliers: Accepted frames that were left out of it.
+    """
+    if result.extrinsics is None or result.std is None:
+        raise ValueError("only an accepted result can be announced")
+    frames = "1 frame" if result.n_frames == 1 else f"{result.n_frames} frames"
+    aside = f" ({n_outliers} more set aside as outliers)" if n_outliers else ""
+    notes = "".join(f"; {note}" for note in result.notes)
+    return f"calibrated from {frames}{aside}: {describe(result.extrinsics, result.std)}{notes}"

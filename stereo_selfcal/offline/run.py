@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..bags import BagError, StereoFrame
 from ..core.calibrator import Calibrator
 from ..core.config import CalibratorConfig
+from ..core.drive import Drive, estimate_drive
 from ..core.results import CalibrationResult
 from ..core.rig import StereoRig
-from .frame import calibrate_frame
+from .frame import FrameHead, calibrate_frame
 from .pool import calibrate_in_order
 from .recording import FrameSource
 from .rows import FrameRow
@@ -23,7 +24,7 @@ class Replay:
 
     Attributes:
         rows: One row per frame, in order, at least one.
-        estimate: The accepted frames, fused.
+        drive: Where the mount was, and when it was moved.
         rig: The rig of the recording.
         config: Settings it was calibrated with.
         damage: What ended the recording early, in one line; None when all of it was read. The rows and
@@ -32,11 +33,16 @@ class Replay:
     """
 
     rows: tuple[FrameRow, ...]
-    estimate: CalibrationResult
+    drive: Drive
     rig: StereoRig
     config: CalibratorConfig
     damage: str | None = None
     remarks: tuple[str, ...] = ()
+
+    @property
+    def estimate(self) -> CalibrationResult:
+        """The accepted frames, fused: those since the mount was moved, if it was."""
+        return self.drive.estimate
 
     @property
     def shown(self) -> FrameRow:
@@ -66,14 +72,33 @@ def calibrate_recording(
     """
     config = config or CalibratorConfig()
     calibrator = Calibrator(source.rig, config)
+    with closing(calibrate_in_order(source.frames(), calibrator, jobs, source.count)) as frames:
+        replay = assemble_replay(frames, calibrator, on_row)
+    return replace(replay, remarks=source.remarks)  # known when all is read
+
+
+def assemble_replay(
+    frames: Iterable[tuple[FrameHead, CalibrationResult]],
+    calibrator: Calibrator,
+    on_row: Callable[[FrameRow], None] = lambda row: None,
+) -> Replay:
+    """Make the outcome of a recording from its frames, wherever they were calibrated.
+
+    Args:
+        frames: Results of all frames, in order; where a BagError ends them, those before it count.
+        calibrator: A calibrator of the rig, which has seen no frame.
+        on_row: Called after every frame.
+
+    Raises:
+        SelfcalError: It ended before the first frame.
+    """
     rows: list[FrameRow] = []
     damage = None
     try:
-        with closing(calibrate_in_order(source.frames(), calibrator, jobs, source.count)) as results:
-            for head, result in results:
-                calibrator.remember(result)
-                rows.append(FrameRow.from_result(result, head.stamp_s, head.recorded_ns, head.name))
-                on_row(rows[-1])
+        for head, result in frames:
+            calibrator.remember(result)
+            rows.append(FrameRow.from_result(result, head.stamp_s, head.recorded_ns, head.name))
+            on_row(rows[-1])
     except BagError as error:
         if not rows:
             raise
@@ -81,7 +106,8 @@ def calibrate_recording(
         damage = f"{error}; it ended early, after {n} frames: --max-frames {n} calibrates from these alone"
     if not rows:
         raise ValueError("a recording of no frames cannot be calibrated")
-    return Replay(tuple(rows), calibrator.estimate, source.rig, config, damage, source.remarks)
+    drive = estimate_drive([row for row in rows if row.accepted], calibrator.rig, calibrator.estimate)
+    return Replay(tuple(rows), drive, calibrator.rig, calibrator.config, damage)
 
 
 def look_again(

@@ -16,6 +16,10 @@ from ..core.undistort import StereoRectifier
 from .config import NodeConfig
 
 _CLOCK_STEP_S = 1e-3  # a call that ends at once (shutdown) must not divide by zero
+# A camera with one image per second has not stopped; one that is silent for longer is said to have.
+_SILENCE_S = 1.5
+# What of a CameraInfo says which camera it is; the header changes with every message.
+_INFO_FIELDS = ("width", "height", "distortion_model", "d", "k", "r", "p")
 
 
 class Topics(NamedTuple):
@@ -105,6 +109,9 @@ class CalibrationCall:
         self._pairs = 0
         self._accepted = 0
         self._last_rejection = ""
+        self._cameras: tuple[tuple[str, ...], ...] = ()
+        self._camera_changes = 0
+        self._last_pair: tuple[float, PairCounts] | None = None
 
     def run(self) -> Outcome:
         """Return the result, or the reason why there is none after the timeout."""
@@ -114,6 +121,8 @@ class CalibrationCall:
             remaining_s = max(0.0, self._config.timeout_s - (time.monotonic() - start_s))
             pair = self._source.next_pair(remaining_s)
             if pair is not None:
+                self._last_pair = time.monotonic(), self._source.state.counts
+                self._notice_other_cameras()
                 self._take(pair)
                 if self._calibrator is not None and self._accepted == self._config.frames:
                     estimate = self._calibrator.estimate
@@ -127,6 +136,14 @@ class CalibrationCall:
             return Outcome("interrupted: the node shuts down")
         elapsed_s = max(time.monotonic() - start_s, _CLOCK_STEP_S)
         return Outcome(self._reason(before, elapsed_s) + self._doubts())
+
+    def _notice_other_cameras(self) -> None:
+        """Begin anew when CameraInfo has changed: frames of two rigs must not be fused."""
+        cameras = tuple(_camera(info) for info in self._source.camera_infos)
+        if self._calibrator is not None and not self._config.rig and cameras != self._cameras:
+            self._camera_changes += 1
+            self._calibrator, self._accepted = None, 0
+        self._cameras = cameras
 
     def _take(self, pair: StampedPair[Any]) -> None:
         """Calibrate one pair, or remember why it could not be."""
@@ -171,6 +188,12 @@ class CalibrationCall:
         if not self._pairs:
             return no_pair_reason(self._source, self._config, before, elapsed_s)
         seen = f"{self._pairs} {'pair' if self._pairs == 1 else 'pairs'} in {elapsed_s:.1f} s"
+        return self._reason_after_pairs(seen) + self._silence()
+
+    def _reason_after_pairs(self, seen: str) -> str:
+        if self._camera_changes:
+            times = "once" if self._camera_changes == 1 else f"{self._camera_changes} times"
+            seen += f", CameraInfo changed {times} meanwhile"
         if self._rig_problem is not None:
             return f"{self._rig_problem} ({seen})"
         if self._accepted:
@@ -179,6 +202,22 @@ class CalibrationCall:
                 f"lower frames; last refusal: {self._last_rejection or 'none'}"
             )
         return f"no frame accepted, {seen}; last refusal: {self._last_rejection}"
+
+    def _silence(self) -> str:
+        """Return why no more pairs came, "" if they did."""
+        if self._last_pair is None:
+            return ""
+        last_s, counts = self._last_pair
+        silent_s = time.monotonic() - last_s
+        if silent_s < _SILENCE_S:
+            return ""
+        return f"; since then {no_pair_reason(self._source, self._config, counts, silent_s)}"
+
+
+def _camera(info: Any) -> tuple[str, ...]:
+    """Return what of a CameraInfo tells one camera from another; as text, in which NaN equals itself."""
+    values = (getattr(info, name, None) for name in _INFO_FIELDS)
+    return tuple(repr(value if isinstance(value, int | str | None) else list(value)) for value in values)
 
 
 def known_rectifier(source: FrameSource, config: NodeConfig) -> StereoRectifier | None:

@@ -31,6 +31,8 @@ class NodeConfig:
         output_path: The result file, None for none.
         timeout_s: How long a call waits for usable frames [s].
         frames: Accepted frames fused per call.
+        monitor_period_s: Time between two frames of the watch [s], 0 for none.
+        on_drift: "warn" or "recalibrate".
         road_frame: Frame of the road.
         camera_frame: Frame of the camera body.
         exports: Names of the files written beside the result file.
@@ -47,6 +49,8 @@ class NodeConfig:
     output_path: Path | None
     timeout_s: float
     frames: int
+    monitor_period_s: float
+    on_drift: str
     road_frame: str
     camera_frame: str
     exports: tuple[str, ...]

@@ -39,12 +39,13 @@ class CalibrationReport:
 
     Attributes:
         state: Word of the state: uncalibrated, calibrating, calibrated, suspect, invalid.
-        reason: Why it is in this state, one sentence; "" where that is obvious.
+        reason: Why it is in this state, one sentence.
         in_force: The calibration the node stands by, None if there is none.
         age_s: Its age [s].
         last_answer: What the last call answered.
         last_success: Whether that was a result, None before the first call.
         frames: Frames so far.
+        watch: What the watch has to say, one sentence.
     """
 
     state: str
@@ -54,6 +55,7 @@ class CalibrationReport:
     last_answer: str = "not called yet"
     last_success: bool | None = None
     frames: FrameStatistics = field(default_factory=FrameStatistics)
+    watch: str = "off"
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,6 +183,7 @@ def _calibration(snapshot: Snapshot) -> _Part:
     if report.reason:
         values["state_reason"] = report.reason
     values |= _estimate(report)
+    values["watch"] = report.watch
     values |= {"last_answer": report.last_answer, **_frames(report.frames)}
     values |= {"road_frame": snapshot.road_frame, "camera_frame": snapshot.camera_frame}
     level, text = _verdict(report)
@@ -194,10 +197,9 @@ def _verdict(report: CalibrationReport) -> tuple[bytes, str]:
     if report.in_force is None:
         if report.state == "calibrating":
             return level, "calibrating"
-        text = report.last_answer if refused else "call ~/calibrate on a straight road with painted lines"
-        return level, f"{report.state}: {report.reason or text}"
+        return level, f"{report.state}: {report.last_answer if refused else report.reason}"
     text = f"{report.state}: {_described(report.in_force)}, {age_text(report.age_s)} old"
-    if report.reason:
+    if level != OK:
         text = f"{report.state}: {report.reason}; {_described(report.in_force)}"
     if level == OK and report.state != "calibrating":
         if refused:

@@ -23,6 +23,7 @@ from .listening import Listening
 
 SIDES = ("left", "right")
 
+_LONGEST_FORMAT = 80  # of what is reported once a second; a message may hold any text
 _QUEUE = 5  # the depth of rmw's profile for sensor data (REP 2003), as is the best effort
 
 
@@ -259,5 +260,5 @@ class StereoInput:
 
 def _format(message: Any) -> tuple[int, int, str]:
     if isinstance(message, CompressedImage):
-        return 0, 0, str(message.format)
-    return int(message.width), int(message.height), str(message.encoding)
+        return 0, 0, str(message.format)[:_LONGEST_FORMAT]
+    return int(message.width), int(message.height), str(message.encoding)[:_LONGEST_FORMAT]

@@ -58,7 +58,10 @@ def test_json_is_one_object_with_all_digits(bag, calibrator, monkeypatch, capsys
     assert err == ""
     assert out.count("\n") == 1
     content = json.loads(out)
-    assert list(content) == ["accepted", "reason", "message", "extrinsics", "std", "lane_yaw_rad", "frames"]
+    contract = ["accepted", "reason", "message", "extrinsics", "std", "lane_yaw_rad", "frames"]
+    assert list(content) == [*contract, "segments", "changes"]
+    assert content["changes"] == []
+    assert [segment["frames"] for segment in content["segments"]] == [3]
     estimate = calibrator.made[0].estimate
     assert content["accepted"] is True
     assert content["reason"] is None
