@@ -33,26 +33,25 @@ from .table import Table
 
 ROOT = Path(__file__).resolve().parents[1]
 
-LENGTHS = (100, 300, 900)
+LENGTHS = (30, 90)
 SIZES = ((640, 480), (1280, 960), (1920, 1440))
-SIZE_FRAMES = 100
+SIZE_FRAMES = 30
 # Different frames of a recording, which is these over and over: rendering is slower than calibrating.
 N_RENDERED = 10
 GOAL_FRAMES, GOAL_S, GOAL_JOBS = 6000, 120, 2  # ten minutes at 10 Hz
 _POLL_S = 0.05
 _MEBIBYTE = 2**20
 
-# Parts of a calibration, by the function of the calibrator that does it.
+# Parts of a calibration, by the function that does it; the calibrator has it by this name.
 PARTS = {
     "marking stripes": "find_stripe_points",
     "lines and pairs of them": "look",
     "further lines": "further_lines",
     "genetic algorithm": "maximise_each",
-    "covariance and curvature": "propagate",
+    "covariance": "propagate",
     "closed form": "compare_stages",
     "refinement": "refine",
-    "asphalt": "align_texture",
-    "rows of both images": "vertical_offset",
+    "asphalt and other witnesses": "ask_road",
 }
 
 

@@ -89,8 +89,9 @@ def _replay(argv: list[str]) -> int:
 def _replay_one(arguments: argparse.Namespace, settings: _Settings) -> Replay:
     """Calibrate one pair, and write its files before the end of its table: a reader of that may go away."""
     a = arguments
-    given = (a.bags, a.left, a.right, a.tolerance_s, settings.rig, settings.selection, a.raw)
-    with open_source(*given) as source:
+    with open_source(
+        a.bags, a.left, a.right, a.tolerance_s, settings.rig, settings.selection, a.raw
+    ) as source:
         replay = _run_with_output(source, settings.config, arguments)
         _write_files(source, replay, arguments, settings.frames)
     return replay

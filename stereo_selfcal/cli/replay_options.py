@@ -15,9 +15,9 @@ _DESCRIPTION = """\
 Find height, pitch and roll of a stereo camera from a recording of a straight road.
 
 BAG is a rosbag2 folder (mcap or sqlite3), a single .mcap or .db3 file, or a ROS 1 .bag, with
-rectified images of both cameras; several are one drive, in the order of time. Or it is a folder
-of image pairs, left/NAME.png and right/NAME.png, with a rig file. Every frame is calibrated; the
-accepted ones are fused.
+rectified images of both cameras (raw ones: --raw); several are one drive, in the order of time.
+Or it is a folder of image pairs, left/NAME.png and right/NAME.png, with a rig file. Every frame
+is calibrated; the accepted ones are fused.
 """
 _EPILOG = """\
 exit status: 0 calibrated; 1 no frame was accepted; 2 bad usage or unreadable input, also when a
@@ -41,8 +41,12 @@ def replay_parser() -> Parser:
     add("--left", metavar="TOPIC", help="image topic of the left camera (default: found by type and name)")
     add("--right", metavar="TOPIC", help="image topic of the right camera; of image pairs: the folder")
     add("--all", dest="all_pairs", action="store_true", help="calibrate every stereo pair of the recording")
-    add("--raw", action="store_true", help="the images are raw: undistort and rectify them by CameraInfo")
     add("--rig", metavar="FILE", type=Path, help="rig file (YAML or JSON) instead of the CameraInfo topics")
+    add(
+        "--raw",
+        action="store_true",
+        help="the images are raw: undistort and rectify them by their CameraInfo",
+    )
     add("--config", metavar="FILE", type=Path, help="settings of the calibrator (YAML)")
     add("--seed", metavar="N", type=int, help="seed of the random numbers (default: that of the settings)")
     add("--output", metavar="FILE", type=Path, help="write the result as a ROS 2 parameter file (YAML)")
