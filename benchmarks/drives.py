@@ -92,8 +92,8 @@ def drive_table(options: Options) -> Iterator[Table]:
             "inside the 95 % interval",
             "poses within 3 std",
         ],
-        f"One frame per {1 / RATE_HZ:g} s; the car pitches by {np.degrees(MOTION[1]):.1f} deg, the noise of a "
-        f"frame is {np.degrees(NOISE[1]):.2f} deg, {OUTLIERS:.0%} are outliers. Last three columns: of the "
+        f"One frame per {1 / RATE_HZ:g} s; the car pitches by {np.degrees(MOTION[1]):.1f} deg, a frame has "
+        f"{np.degrees(NOISE[1]):.2f} deg of noise, {OUTLIERS:.0%} are outliers. Last three columns: of the "
         "drives with as many moves as there were.",
     )
     for kind in KINDS:
