@@ -33,7 +33,7 @@ from .table import Table
 
 ROOT = Path(__file__).resolve().parents[1]
 
-LENGTHS = (100, 400, 1600)
+LENGTHS = (100, 300, 900)
 SIZES = ((640, 480), (1280, 960), (1920, 1440))
 SIZE_FRAMES = 100
 # Different frames of a recording, which is these over and over: rendering is slower than calibrating.

@@ -16,7 +16,7 @@ import numpy as np
 
 from stereo_selfcal import Calibrator, CalibratorConfig, StereoRig
 from stereo_selfcal.bags import StereoBag
-from stereo_selfcal.core import combination, gates, guided, matching, texture
+from stereo_selfcal.core import combination, guided, matching, readings, texture
 
 from .options import Options
 from .recorded import BAG, FRAMES
@@ -49,14 +49,16 @@ THRESHOLDS = (
     Threshold("_MAX_WIDTH_RATIO", matching),
     Threshold("_MAX_CONTRAST_RATIO", matching),
     Threshold("MIN_SIMILARITY", matching),
-    Threshold("_CURVATURE_SIGMAS", gates),
-    Threshold("_MIN_VERTICAL_RADIUS_M", gates),
-    Threshold("_MAX_MISFIT_SIGMAS", gates),
-    Threshold("_MAX_STAGE_SIGMAS", gates),
-    Threshold("_MAX_BLUR_PX", gates),
-    Threshold("_MAX_CLIPPED", gates),
-    Threshold("_MAX_VERTICAL_PX", gates),
-    Threshold("_SHAPE_SIGMAS", gates),
+    Threshold("_CURVATURE_SIGMAS", readings),
+    Threshold("_MIN_VERTICAL_RADIUS_M", readings),
+    Threshold("_MAX_MISFIT_SIGMAS", readings),
+    Threshold("_MAX_STAGE_SIGMAS", readings),
+    Threshold("_MAX_BLUR_PX", readings),
+    Threshold("_MAX_CLIPPED", readings),
+    Threshold("_MAX_VERTICAL_PX", readings),
+    Threshold("_SHAPE_SIGMAS", readings),
+    Threshold("_MAX_RIM", readings),
+    Threshold("_SURELY_SIGMAS", readings),
     Threshold("MAX_DIFFERENCE", combination),
     Threshold("MAX_LINE_HEIGHT_M", combination),
     Threshold("AGREEMENT", texture),

@@ -19,6 +19,8 @@ PACKAGE = "stereo_selfcal"
 TOPICS = {
     "left_image": ("left/image_rect", "Rectified image of the left camera"),
     "right_image": ("right/image_rect", "Rectified image of the right camera"),
+    "left_raw_image": ("left/image_raw", "Raw image of the left camera, for rectified:=false"),
+    "right_raw_image": ("right/image_raw", "Raw image of the right camera, for rectified:=false"),
     "left_camera_info": ("left/camera_info", "CameraInfo of the left camera"),
     "right_camera_info": ("right/camera_info", "CameraInfo of the right camera"),
 }
@@ -47,7 +49,7 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(
             "camera",
             default_value="",
-            description="Namespace of the stereo camera, in front of the four topics",
+            description="Namespace of the stereo camera, in front of the topics",
         ),
         DeclareLaunchArgument("namespace", default_value="", description="Namespace of the node itself"),
         DeclareLaunchArgument(

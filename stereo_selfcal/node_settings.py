@@ -80,12 +80,33 @@ NODE_SETTINGS = (
         fixed=True,
     ),
     NodeSetting(
+        "rectified",
+        True,
+        "true: image_rect of both cameras is read; false: image_raw, which is undistorted and rectified here",
+        fixed=True,
+    ),
+    NodeSetting(
         "output_path",
         "~/.ros/stereo_selfcal.yaml",
         "File the result is written to (~ is the home folder); empty: it is not written",
     ),
     NodeSetting("timeout_s", 10.0, "How long ~/calibrate waits for usable frames", "s", 0.1, 3600.0),
     NodeSetting("frames", 1, "Accepted frames that one call of ~/calibrate fuses", "", 1, 10_000),
+    NodeSetting(
+        "monitor_period_s",
+        2.0,
+        "Time between two frames that the watch over the calibration looks at; 0: no watch",
+        "s",
+        0.0,
+        3600.0,
+    ),
+    NodeSetting(
+        "on_drift",
+        "warn",
+        "What follows from a camera that was moved; warn: the state tells; recalibrate: the mean of the "
+        "watch's frames takes over, also where nothing is calibrated yet",
+        choices=("warn", "recalibrate"),
+    ),
     NodeSetting("road_frame", "road", "Frame of the road, in ~/pose and ~/markers"),
     NodeSetting(
         "camera_frame", "stereo_camera", "Frame of the camera body: x forward, y left, z up, mid-baseline"

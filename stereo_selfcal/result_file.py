@@ -207,23 +207,27 @@ def load_result(path: Path | str) -> SavedResult:
         raise ConfigError(f"{path}: {error}") from error
 
 
-def check_fits(saved: SavedResult, rig: StereoRig) -> None:
-    """Make sure that a saved calibration holds for the cameras that are there now.
+def check_fits(calibrated: StereoRig, rig: StereoRig) -> None:
+    """Make sure that a calibration holds for the cameras that are there now.
 
     Another size, focal length, principal point or baseline is another pair of rectified images: other
     cameras, or the same ones calibrated anew, which may have turned the images by as much as is measured.
+
+    Args:
+        calibrated: The rig it was made with.
+        rig: The rig that is there now.
 
     Raises:
         ConfigError: It does not: one sentence with the values of both and the remedy.
     """
     now = asdict(rig)
-    for name, then in asdict(saved.rig).items():
+    for name, then in asdict(calibrated).items():
         greatest = 0.0 if name in ("width", "height") else _SAME_PX
         if name == "baseline_m":
             greatest = _SAME_BASELINE * then
         if not abs(now[name] - then) <= greatest:
             raise ConfigError(
-                f"the saved calibration is of other cameras: rig.{name} was {then:.10g}, now it is "
+                f"the calibration is of other cameras: rig.{name} was {then:.10g}, now it is "
                 f"{now[name]:.10g} (they may differ by {greatest:.2g}); calibrate anew"
             )
 

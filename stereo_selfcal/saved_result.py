@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .core.config import CalibratorConfig
-from .core.errors import ConfigError, RigError
+from .core.errors import ConfigError, RigError, shown
 from .core.extrinsics import Array, Extrinsics
 from .core.results import CalibrationResult, describe
 from .core.rig import StereoRig
@@ -30,7 +30,6 @@ _GREATEST_WHOLE = 2**31 - 1
 _ROUNDING = 1e-6
 # Earlier stamps are times of a simulation or of a recording without a clock: September 2001.
 _FIRST_CLOCK_S = 1e9
-_LONGEST_SHOWN = 40
 
 _SETTINGS = {name: setting for name, _, setting in CalibratorConfig().settings()}
 # No calibration lies outside the widest box that the search can be given.
@@ -138,7 +137,7 @@ def _sections(parameters: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, 
     schema = _whole(provenance, "schema", 1, _GREATEST_WHOLE)
     if schema > SCHEMA:
         version = provenance.get("version")
-        by = f" ({_shown(version)})" if isinstance(version, str) else ""
+        by = f" ({shown(version)})" if isinstance(version, str) else ""
         raise ConfigError(
             f"written by a newer version{by} of {NODE_NAME}: its schema is {schema}, this version reads "
             f"{SCHEMA}; update {NODE_NAME}, or {_REMEDY}"
@@ -221,9 +220,4 @@ def _whole(section: Mapping[str, Any], name: str, low: int, high: int) -> int:
 
 
 def _wrong(name: str, value: Any, what: str) -> ConfigError:
-    return ConfigError(f"{name} is {_shown(value)}: {what}; {_REMEDY}")
-
-
-def _shown(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
+    return ConfigError(f"{name} is {shown(value)}: {what}; {_REMEDY}")

@@ -1,5 +1,6 @@
 """What the tests over DDS share: the node as a real process, and a camera that publishes rendered frames."""
 
+import array
 import os
 import signal
 import subprocess
@@ -246,7 +247,12 @@ def image_message(pixels, encoding="mono8"):
     }[encoding]()
     rows = np.ascontiguousarray(values).view(np.uint8).reshape(height, -1)
     padded = np.pad(rows, ((0, 0), (0, 4)))  # a driver that aligns its rows
-    return Image(height=height, width=width, encoding=encoding, step=padded.shape[1], data=padded.tobytes())
+    return Image(height=height, width=width, encoding=encoding, step=padded.shape[1], data=bytes_of(padded))
+
+
+def bytes_of(pixels):
+    """Return uint8 pixels as the field of a message; rclpy looks at every single one of other kinds."""
+    return array.array("B", pixels.tobytes())
 
 
 def info_message(side, rig=RIG):

@@ -67,7 +67,7 @@ def other_schema(rng, content):
             (b"uint8[] data", b"int64[] data"),
             (b"string encoding", b"string encodinG"),
             (b"float64[12] p", b"float64[11] p"),
-            (b"float64[9]  k", b"float64[8]  k"),
+            (b"float64[9] k", b"float64[8] k"),
             (b"sensor_msgs/msg/Image", b"sensor_msgs/msg/Imagf"),
             (b"sensor_msgs/msg/CameraInfo", b"sensor_msgs/msg/CameraInfp"),
             (b"std_msgs/msg/Header", b"std_msgs/msg/Heaper"),

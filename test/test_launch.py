@@ -14,7 +14,7 @@ FILE = ROOT / "launch" / "stereo_selfcal.launch.py"
 SETTINGS = {setting.name: setting for setting in all_settings()}
 OTHERS = {
     "params_file", "camera", "namespace", "log_level", "use_sim_time",
-    "left_image", "right_image", "left_camera_info", "right_camera_info",
+    "left_image", "right_image", "left_raw_image", "right_raw_image", "left_camera_info", "right_camera_info",
 }  # fmt: skip
 
 
@@ -106,7 +106,7 @@ def test_topics(launch, given, target):
     remapped = dict(node.remappings)
     assert remapped["left/image_rect"] == target
     assert set(remapped) == {
-        f"{side}/{name}" for side in ("left", "right") for name in ("image_rect", "camera_info")
+        f"{side}/{name}" for side in ("left", "right") for name in ("image_rect", "image_raw", "camera_info")
     }
 
 

@@ -128,8 +128,8 @@ def test_stamp_of_a_simulation_is_no_date(tmp_path):
 def test_rig_that_is_the_same_but_for_rounding_fits(tmp_path):
     write(tmp_path / "out.yaml")
     saved = load_result(tmp_path / "out.yaml")
-    check_fits(saved, RIG)
-    check_fits(saved, StereoRig(640, 480, 516.6009, 516.5991, 319.5009, 239.4991, 0.148114))
+    check_fits(saved.rig, RIG)
+    check_fits(saved.rig, StereoRig(640, 480, 516.6009, 516.5991, 319.5009, 239.4991, 0.148114))
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ def test_rig_that_is_the_same_but_for_rounding_fits(tmp_path):
 def test_other_cameras_are_told_with_both_values(tmp_path, change, words):
     write(tmp_path / "out.yaml")
     with pytest.raises(ConfigError, match=f"of other cameras: {words}.*; calibrate anew"):
-        check_fits(load_result(tmp_path / "out.yaml"), dataclasses.replace(RIG, **change))
+        check_fits(load_result(tmp_path / "out.yaml").rig, dataclasses.replace(RIG, **change))
 
 
 changes = st.tuples(st.integers(0, 1000), st.integers(0, 20), st.binary(max_size=20))

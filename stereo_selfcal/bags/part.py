@@ -11,7 +11,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from .errors import BagError
-from .topics import Topic
+from .topics import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, Topic
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -19,6 +19,11 @@ if TYPE_CHECKING:
 # Storage files that are a recording by themselves, without a folder and its metadata.yaml.
 _STORAGE_SUFFIXES = (".mcap", ".db3")
 _SUFFIXES = (*_STORAGE_SUFFIXES, ".bag")
+
+# What is read, and what it consists of; none of them has changed since there is ROS 2.
+_MESSAGE_TYPES = (IMAGE, COMPRESSED_IMAGE, CAMERA_INFO)
+_PART_TYPES = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time", "sensor_msgs/msg/RegionOfInterest")
+
 _COMPRESSED_SUFFIX = ".zstd"
 
 # What rosbags says, and what helps.
@@ -29,6 +34,7 @@ _REMEDIES = {
     "Storage plugin": "'ros2 bag convert' writes it anew as mcap or sqlite3",
     "Serialization format": "'ros2 bag convert' writes it anew in cdr",
     "not supported; please report": "a newer version of rosbags may read it",
+    "its definition of": "record it with the messages of ROS",
     "files are missing": "put them beside metadata.yaml, or 'ros2 bag reindex' writes that anew",
 }
 _GIVE = "give a rosbag2 folder, an .mcap, a .db3 or a ROS 1 .bag"
@@ -69,6 +75,7 @@ class Part:
             self._reader.open()
             self.connections = list(self._reader.connections)
             self.start_ns, self.end_ns = self._reader.start_time, self._reader.end_time
+            self._check_definitions()
 
     def close(self) -> None:
         """Close the files."""
@@ -100,6 +107,19 @@ class Part:
                     return
                 content = self._reader.deserialize(item[2], item[0].msgtype)
             yield Message(item[1], item[0].topic, content)
+
+    def _check_definitions(self) -> None:
+        """Refuse a recording with other definitions of the types we read: by them, nonsense is read."""
+        ours = get_typestore(Stores.ROS2_JAZZY).fielddefs
+        theirs = self._reader.typestore.fielddefs
+        for msgtype in (*_MESSAGE_TYPES, *_PART_TYPES):
+            if msgtype not in theirs:
+                continue
+            fields = dict(theirs[msgtype][1])
+            for name, kind in ours[msgtype][1]:
+                # ROS 1 has a field more in Header, and D, K, R, P in capitals.
+                if fields.get(name.upper() if len(name) == 1 and name not in fields else name) != kind:
+                    raise BagError(f"its definition of {msgtype} has another field than {name}")
 
     @contextmanager
     def _damage_reported(self) -> Iterator[None]:

@@ -11,40 +11,42 @@ from . import checks
 from .closed_form import compare_stages, solve_plane
 from .combination import (
     MAX_LINE_HEIGHT_M,
-    combine,
+    covariance_by_profile,
     covariance_by_rectification,
-    covariance_by_road,
-    heights_over,
     lies_on,
     same_road,
+    surely_right,
 )
 from .config import CalibratorConfig
-from .corridor import CELL_WIDTH_M
-from .drive import fuse_frames
 from .extraction import Image, find_stripe_points
 from .extrinsics import Extrinsics
 from .fitness import PatternFitness
 from .further import further_lines
-from .gates import Evidence, judge
+from .fusion import fuse_frames
+from .gates import judge
 from .genetic import GeneticResult, maximise_each
 from .geometry import SIDES
 from .guided import find_road, line_on_road, lines_on_road
 from .pattern import LanePattern
 from .patterns import Look, Points, Refused, buried_m, look, unused_lines
+from .readings import Evidence
 from .rectification import vertical_offset
 from .refinement import refine
 from .results import CalibrationResult, Rejection, RejectReason, announce, rejected
 from .rig import StereoRig
-from .road import lane_in_road
-from .texture import align_texture
 from .uncertainty import measure_bends, propagate
+from .witnesses import Seen, ask_road
 
 # A frame that is refused is looked at again, with chains and with the next best pairs of lines; each costs a
 # search, a refinement and an alignment, so there is an end to it.
 _MOST_SECOND_LOOKS = 4
-# The road goes on beyond its lines by a shoulder or another lane: a cell more on either side has the lines
-# inside of the surface they are compared with, not on its rim.
-_BESIDE_M = CELL_WIDTH_M
+# Where one of two lines is none of the road, other pairs get their turn: as many as that took in most worlds.
+_OTHER_LINES_MAY_DO = (
+    RejectReason.LINE_BELOW_ROAD,
+    RejectReason.LINES_NOT_COPLANAR,
+    RejectReason.LINE_NOT_PAINTED,
+)
+_MOST_OTHER_PAIRS = 2
 _CLIPPED_STEP = 4  # every fourth pixel of every fourth row is enough for two digits
 
 
@@ -113,12 +115,14 @@ class Calibrator:
         else:
             depths = buried_m(first.patterns, self.rig)
             further = further_lines(first.patterns[0], first.matches, points, self.rig, self.config)
-            result = self._solve(first.patterns[0].joined(further), images, stamp_s, depths[0])
+            seen = Seen(images, points, first.matches)
+            result = self._solve(first.patterns[0].joined(further), seen, stamp_s, depths[0])
             if further and not result.accepted:
-                result = self._solve(first.patterns[0], images, stamp_s, depths[0])
-            others = [i for i, depth in enumerate(depths) if depth <= MAX_LINE_HEIGHT_M]
-            if result.reason is RejectReason.LINE_BELOW_ROAD and others:
-                result = self._solve(first.patterns[others[0]], images, stamp_s, depths[others[0]])
+                result = self._solve(first.patterns[0], seen, stamp_s, depths[0])
+            others = [i for i, depth in enumerate(depths) if i and depth <= MAX_LINE_HEIGHT_M]
+            for i in others[:_MOST_OTHER_PAIRS]:
+                if result.reason in _OTHER_LINES_MAY_DO:
+                    result = self._solve(first.patterns[i], seen, stamp_s, depths[i])
         if not result.accepted and self.config.texture.check:
             result = self._look_again(result, first, points, images, stamp_s)
         return replace(result, unused_lines=unused_lines(first, result.pattern))
@@ -148,7 +152,7 @@ class Calibrator:
             if road is not None and not lies_on(pattern, self.rig, closed.extrinsics, road):
                 continue
             left -= 1
-            result = self._solve(pattern, images, stamp_s)
+            result = self._solve(pattern, Seen(images), stamp_s)
             if result.accepted and "textured" in result.stages:
                 return result
             road = road or result.stages.get("textured")
@@ -158,12 +162,13 @@ class Calibrator:
             return refused
         candidates = [each.candidates[0] for each in looks]
         for pattern in lines_on_road(shown.extrinsics, candidates, points, images, self.rig, self.config):
-            result = self._solve(pattern, images, stamp_s)
+            result = self._solve(pattern, Seen(images, shown=shown), stamp_s)
             if result.accepted and "textured" in result.stages:
                 return result
         seen = line_on_road(shown.extrinsics, matches, points, images, self.rig, self.config)
+        covariance = shown.covariance + covariance_by_rectification(self.rig, shown.extrinsics)
         vertical = None
-        if seen is not None and shown.precise:
+        if seen is not None and surely_right(covariance):
             vertical = vertical_offset(images, self.rig, shown.extrinsics, seen[1])
         if seen is None or vertical is None:  # rows that cannot be compared may be those of a turned camera
             return refused
@@ -173,7 +178,7 @@ class Calibrator:
         result = CalibrationResult(
             message="",
             extrinsics=shown.extrinsics,
-            covariance=shown.covariance + covariance_by_rectification(self.rig, shown.extrinsics),
+            covariance=covariance,
             lane_yaw_rad=seen[1],
             stamp_s=stamp_s,
             n_frames=1,
@@ -207,11 +212,12 @@ class Calibrator:
     def _solve(
         self,
         pattern: LanePattern,
-        images: tuple[Image, Image],
+        seen: Seen,
         stamp_s: float,
         buried: float | None = None,
     ) -> CalibrationResult:
         """Find the extrinsics for a pattern, judge them, and refine them on the images."""
+        images = seen.images
         fitness = PatternFitness(pattern, self.rig, self.config.fitness)
         genetic = self._search(fitness)
         extrinsics = Extrinsics.from_array(genetic.best)
@@ -247,7 +253,7 @@ class Calibrator:
         result = CalibrationResult(
             message="",
             extrinsics=evidence.of_lines,
-            covariance=best.covariance,
+            covariance=best.covariance + covariance_by_profile(refined),
             lane_yaw_rad=best.lane_yaw_rad,
             lane_curvature_per_m=bends.lateral_per_m,
             n_frames=1,
@@ -255,44 +261,8 @@ class Calibrator:
             notes=notes,
             **known,
         )
-        if self.config.texture.check:
-            result = self._ask_asphalt(result, evidence, images)
+        result = ask_road(result, evidence, seen, self.rig, self.config)
         return replace(result, message=announce(result)) if result.accepted else result
-
-    def _ask_asphalt(
-        self, result: CalibrationResult, evidence: Evidence, images: tuple[Image, Image]
-    ) -> CalibrationResult:
-        """Compare an estimate from lines with the plane of the asphalt between them, and combine both."""
-        if result.pattern is None or result.extrinsics is None or result.covariance is None:
-            raise ValueError("only an accepted result can be compared with the road")
-        _, left_m, right_m = lane_in_road(result.pattern.boundaries, self.rig, result.extrinsics)
-        limits_m = (float(right_m) - _BESIDE_M, float(left_m) + _BESIDE_M)
-        yaw = result.lane_yaw_rad or 0.0
-        fit = align_texture(images, self.rig, result.extrinsics, yaw, limits_m=limits_m)
-        if fit is None or not fit.enough_texture or not fit.even_enough:
-            lacking = "too uneven" if fit is not None and fit.enough_texture else "too little texture"
-            if self.config.texture.required:
-                evidence = replace(evidence, witness=0.0 if fit is None else fit.sufficiency)
-                gates, refusal = judge(evidence, but=result.gates)
-                known = {"pattern": result.pattern, "genetic": result.genetic, "stages": result.stages}
-                return rejected(refusal, result.stamp_s, gates=gates, **known)  # type: ignore[arg-type]
-            return replace(result, notes=(*result.notes, f"not checked against the asphalt: {lacking}"))
-        evidence = replace(
-            evidence,
-            texture=fit,
-            heights_m=heights_over(result.pattern, self.rig, result.extrinsics, fit.extrinsics),
-            vertical=vertical_offset(images, self.rig, fit.extrinsics, yaw, limits_m=limits_m),
-        )
-        gates, refusal = judge(evidence, but=result.gates)
-        stages = {**result.stages, "textured": fit.extrinsics}
-        if refusal:
-            known = {"pattern": result.pattern, "genetic": result.genetic}
-            return rejected(refusal, result.stamp_s, gates=gates, stages=stages, **known)
-        by_road = covariance_by_road(result.pattern, self.rig, result.extrinsics, fit.shape)
-        extrinsics, covariance = combine(result.extrinsics, result.covariance + by_road, fit)
-        stages["combined"] = extrinsics
-        covariance = covariance + covariance_by_rectification(self.rig, extrinsics)
-        return replace(result, stages=stages, extrinsics=extrinsics, covariance=covariance, gates=gates)
 
     def _search(self, fitness: PatternFitness) -> GeneticResult:
         """Run the genetic algorithm over the whole search box, once for each camera's parallelism."""

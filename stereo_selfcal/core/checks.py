@@ -8,6 +8,7 @@ import numpy as np
 
 from .config import CalibratorConfig
 from .matching import Candidate, MatchedLines
+from .pattern import ImageLine
 from .results import Rejection, RejectReason
 from .rig import StereoRig
 
@@ -101,6 +102,28 @@ def lines_not_matched(n_matched: tuple[int, int]) -> Rejection:
         "",
         f"check that left and right are not swapped and the images are rectified, and {_FIND_LINES}",
     )
+
+
+def cameras_swapped(pairs: list[MatchedLines]) -> Rejection:
+    """Refuse images whose lines match with the cameras exchanged, and only then.
+
+    Args:
+        pairs: Pairs of lane boundaries of the exchanged images, best first.
+    """
+    best = pairs[0]
+    disparities = [a.column_at(np.array(a.v_mid)) - b.column_at(np.array(a.v_mid)) for a, b in _both(best)]
+    return Rejection(
+        RejectReason.CAMERAS_SWAPPED,
+        "the left and the right image are exchanged: disparity of the lane lines",
+        -float(np.mean(disparities)),
+        0.0,
+        "px",
+        "exchange the topics, or the order of the cameras in their calibration",
+    )
+
+
+def _both(lines: MatchedLines) -> list[tuple[ImageLine, ImageLine]]:
+    return list(zip(lines.left, lines.right, strict=True))
 
 
 def lines_too_short(config: CalibratorConfig) -> Rejection:

@@ -5,47 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
-from typing import Protocol
 
 import numpy as np
 
 from .changes import find_changes
-from .combination import covariance_by_rectification
 from .extrinsics import Array, Extrinsics
-from .fusion import fuse, shared
+from .fusion import AcceptedFrame, fuse_frames
 from .results import CalibrationResult, announce
 from .rig import StereoRig
 
 # Stamps from 2001 on are of a clock; what is less counts from the start of a simulation.
 FIRST_CLOCK_S = 1e9
-
-
-class AcceptedFrame(Protocol):
-    """What is needed of a frame: a :class:`.CalibrationResult` has it, and what is kept of one."""
-
-    @property
-    def stamp_s(self) -> float:
-        """Time stamp [s]."""
-
-    @property
-    def extrinsics(self) -> Extrinsics | None:
-        """The calibration."""
-
-    @property
-    def covariance(self) -> Array | None:
-        """(3, 3) of it."""
-
-    @property
-    def lane_yaw_rad(self) -> float | None:
-        """Yaw against the lane [rad]."""
-
-    @property
-    def lane_curvature_per_m(self) -> float | None:
-        """Curvature of the lane [1/m]."""
-
-    @property
-    def stages(self) -> dict[str, Extrinsics]:
-        """Estimate of every stage."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,46 +79,6 @@ class Drive:
     segments: tuple[DriveSegment, ...] = ()
     changes: tuple[DriveChange, ...] = ()
     judged: bool = False
-
-
-def fuse_frames(
-    frames: Sequence[AcceptedFrame], rig: StereoRig, motion: Array | None = None
-) -> CalibrationResult:
-    """Fuse accepted frames of one mounting.
-
-    Args:
-        frames: At least one, in the order of time.
-        rig: The rig they come from.
-        motion: (3, 3) covariance of the car's motion, as far as it is known; with it, frames of little noise
-            do not outweigh the others.
-    """
-    if len(frames) == 1 and isinstance(frames[0], CalibrationResult):
-        return frames[0]
-    poses = np.array([frame.extrinsics.as_array() for frame in frames if frame.extrinsics is not None])
-    covariances = np.array([frame.covariance for frame in frames])
-    mean, covariance, used = fuse(poses, covariances if motion is None else covariances + motion)
-    good = [frame for frame, use in zip(frames, used, strict=True) if use]
-    yaws = [frame.lane_yaw_rad for frame in good if frame.lane_yaw_rad is not None]
-    bends = [frame.lane_curvature_per_m for frame in good if frame.lane_curvature_per_m is not None]
-    pose, covariance = Extrinsics.from_array(mean), covariance + shared(covariances[used])
-    if any("textured" in frame.stages for frame in good):
-        # What the calibration of the cameras has left is the same in all frames.
-        covariance = covariance + covariance_by_rectification(rig, pose)
-    fused = CalibrationResult(
-        message="",
-        extrinsics=pose,
-        covariance=covariance,
-        lane_yaw_rad=float(np.mean(yaws)),
-        lane_curvature_per_m=float(np.mean(bends)) if bends else None,
-        stages={
-            name: Extrinsics.from_array(np.mean([frame.stages[name].as_array() for frame in good], axis=0))
-            for name in good[0].stages
-            if all(name in frame.stages for frame in good)
-        },
-        stamp_s=frames[-1].stamp_s,
-        n_frames=len(good),
-    )
-    return replace(fused, message=announce(fused, len(frames) - len(good)))
 
 
 def estimate_drive(frames: Sequence[AcceptedFrame], rig: StereoRig, fused: CalibrationResult) -> Drive:

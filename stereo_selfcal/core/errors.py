@@ -5,6 +5,12 @@ A frame that cannot be calibrated is no exception but a result with a
 call or an unusable file.
 """
 
+from __future__ import annotations
+
+from typing import Any
+
+_LONGEST_SHOWN = 40
+
 
 class SelfcalError(Exception):
     """Base of every exception this package raises on purpose."""
@@ -24,3 +30,9 @@ class ImageError(SelfcalError, ValueError):
 
 class OutputError(SelfcalError):
     """A result cannot be written: no such folder, no permission, no space, ..."""
+
+
+def shown(value: Any) -> str:
+    """Return a value for a message: what comes from outside may have any length, a log line may not."""
+    text = repr(value)
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."

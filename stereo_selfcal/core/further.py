@@ -35,6 +35,7 @@ _MOST_LINES = 4
 # Lines are marked along the row. Farther aside, a line moves by more columns a row than it is wide where its
 # direction is seen, and is marked off by up to half a pixel, which the angles between lines do not bear.
 _MAX_SLOPE = 2.5
+_SIGMAS = 4.0  # a line between the boundaries is beside their plane for sure
 
 
 def further_lines(
@@ -63,6 +64,8 @@ def further_lines(
     for match in sorted((m for side in matches for m in side), key=lambda m: -m.votes):
         if len(found) == _MOST_LINES:
             break
+        if _is_one_of(own, match, plane, rig):
+            continue
         lines = _refit(match, pattern, points, rig, config)
         if lines is None:
             continue
@@ -80,6 +83,71 @@ def further_lines(
         taken.append((aside_m, width_m))
         found.append(FurtherLine(*lines, float(np.hypot(UNEVEN_STD_M, _FALL_STD * beyond_m))))
     return tuple(found)
+
+
+def height_between(
+    pattern: LanePattern,
+    plane: Array,
+    matches: Matches,
+    points: tuple[StripePoints, StripePoints],
+    rig: StereoRig,
+    config: CalibratorConfig,
+) -> tuple[float, float]:
+    """Return how far a line between the boundaries lies beside their plane, and its standard deviation [m].
+
+    A lane has no lines in it but its own: one that lies over the plane says that the boundaries are those of
+    more than one lane, with a crown between them; one below it, that one of them is a kerb or a rail.
+
+    Args:
+        pattern: The boundaries.
+        plane: (3,) through them (:mod:`.corridor`).
+        matches: Lines both cameras see.
+        points: Stripe points of both images.
+        rig: Intrinsics and baseline.
+        config: Settings of the extraction.
+
+    Returns:
+        Of the line that stands out the most; zeros where there is none.
+    """
+    own = [place_of_line(*pair, plane, rig)[1] for pair in zip(pattern.left, pattern.right, strict=True)]
+    widths = [_width_m(line, plane, rig) for line in pattern.left]
+    worst = (0.0, 0.0)
+    for match in (m for side in matches for m in side):
+        # Before it is fitted again, a line may be off by as much as it is wide.
+        _, aside_m = place_of_line(match.left.line, match.right.line, plane, rig)
+        if _is_one_of(own, match, plane, rig) or not min(own) < aside_m < max(own):
+            continue
+        lines = _refit(match, pattern, points, rig, config)
+        if lines is None:
+            continue
+        height_m, aside_m = place_of_line(*lines, plane, rig)
+        if not min(own) + max(widths) < aside_m < max(own) - max(widths):
+            continue
+        _, missed_px = common_point([*pattern.left, *pattern.right, *lines])
+        if missed_px > _MAX_CONCURRENCY_PX:
+            continue
+        std_m = _height_std_m(*lines, plane, rig)
+        if abs(height_m) - _SIGMAS * std_m > abs(worst[0]) - _SIGMAS * worst[1]:
+            worst = height_m, std_m
+    return worst
+
+
+def _is_one_of(places_m: list[float], match: Match, plane: Array, rig: StereoRig) -> bool:
+    """Whether a line lies where one is known already, by less than half its width."""
+    _, aside_m = place_of_line(match.left.line, match.right.line, plane, rig)
+    return any(abs(aside_m - place) < _width_m(match.left.line, plane, rig) / 2.0 for place in places_m)
+
+
+def _height_std_m(left: ImageLine, right: ImageLine, plane: Array, rig: StereoRig) -> float:
+    """Return the standard deviation of the height of a line over a plane [m]."""
+    v = max(left.v_mid, right.v_mid)
+    variance_px = 0.0
+    for line in (left, right):
+        lever = np.array([1.0, v - line.v_mid])
+        variance_px += float(lever @ line.covariance @ lever)
+    ray = np.array([1.0, -(float(left.column_at(np.array(v))) - rig.cx) / rig.fx, -(v - rig.cy) / rig.fy])
+    metres = rig.fx * rig.baseline_m / np.linalg.norm(plane) / max(float(ray @ plane), 1.0)
+    return float(metres * np.sqrt(variance_px))
 
 
 def _refit(

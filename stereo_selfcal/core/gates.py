@@ -7,119 +7,14 @@ What stands before there is an estimate (images, lines, matches) is in :mod:`.ch
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
-from .combination import MAX_DIFFERENCE, MAX_LINE_HEIGHT_M
-from .config import CalibratorConfig
-from .extrinsics import Array, Extrinsics
-from .rectification import VerticalOffset
-from .refinement import BLUR_MAX_PX, RefinedFit
+from . import readings
+from .readings import Evidence, Reading
 from .results import GateReading, Rejection, RejectReason
-from .texture import AGREEMENT, TextureFit
-from .uncertainty import Bends, LineFit
-
-# An estimate this close to a side of the search box, as a fraction of its length, has been
-# stopped by it: the genetic algorithm ends with its whole population within 1e-7.
-_EDGE_FRACTION = 1e-3
-
-# A curvature counts when it is this many standard deviations from straight: one false alarm
-# in 15 000 frames for normal errors.
-_CURVATURE_SIGMAS = 4.0
-
-# The pixels of a line weigh as the slope of the road 8 m ahead does: with this radius, it differs by 0.25 deg
-# there, which is what stripes and asphalt have to agree within.
-_MIN_VERTICAL_RADIUS_M = 1800.0
-
-# Lines of one rectified pair over any flat road agree within their standard deviations, which
-# real roads exceed up to five times (edges are not straight to a hundredth of a pixel); 40 % are to spare. A
-# right camera turned by 0.02 rad about its axis gives 37, a vertical offset of a quarter of a pixel 21.
-_MAX_MISFIT_SIGMAS = 7.0
-
-# How far the refinement may lead away from the lines: by what the asphalt can tell apart, or, in noise, by
-# this many standard deviations of the lines' estimate: edges are rough, as above.
-_MAX_STAGE_SIGMAS = 10.0
-
-# The fit of the stripes ends at its greatest blur: one within 3 % of it may be any.
-_MAX_BLUR_PX = 0.97 * BLUR_MAX_PX
-
-# Clipped grey values say nothing; half of the lower half of an image has to be left.
-_MAX_CLIPPED = 0.5
-
-# A vertical offset moves the lines of either side against each other: half a pixel is 0.7 deg of roll with a
-# rig of 720 px and 0.5 m, nearly what stripes and asphalt have to agree within.
-_MAX_VERTICAL_PX = 0.5
-# Half a pixel 300 px beside the middle of the image.
-_MAX_TURN_RAD = math.radians(0.1)
-# An offset counts when it is surely there.
-_SHAPE_SIGMAS = 3.0
 
 _FIND_LINES = "drive on a straight road with painted lines on both sides of the camera, lens clean"
-_AXES = ("height", "pitch", "roll")
-_UNITS = ("m", "deg", "deg")
-_READABLE = np.array([1.0, math.degrees(1.0), math.degrees(1.0)])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Evidence:
-    """What the stages have found so far; None where one has not run, or found nothing.
-
-    Attributes:
-        config: Settings.
-        genetic: Estimate of the genetic algorithm; None where there is but the asphalt.
-        fitness: Its fitness.
-        misfit_px: Misfit of the lines under it.
-        buried_m: How deep another line both cameras see lies below the plane of these [m].
-        bends: Curvatures of the lines.
-        lines: Fit of a flat road to the lines.
-        refined: Fit of the grey values of the stripes.
-        clipped: Greatest part of clipped pixels in the lower half of an image.
-        witness: Texture of the asphalt over what is needed to believe it; None where it need not be.
-        texture: The asphalt, where it can be believed.
-        heights_m: (L,) heights of the lines over it [m].
-        vertical: Vertical offset between the images.
-    """
-
-    config: CalibratorConfig
-    genetic: Extrinsics | None = None
-    fitness: float = 0.0
-    misfit_px: float = 0.0
-    buried_m: float | None = None
-    bends: Bends | None = None
-    lines: LineFit | None = None
-    refined: RefinedFit | None = None
-    clipped: float | None = None
-    witness: float | None = None
-    texture: TextureFit | None = None
-    heights_m: Array | None = None
-    vertical: VerticalOffset | None = None
-
-    @property
-    def of_lines(self) -> Extrinsics | None:
-        """The estimate from lines that is best so far."""
-        return self.genetic if self.refined is None else self.refined.extrinsics
-
-
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """A measured value beside its limit.
-
-    Attributes:
-        what: What was measured, in words.
-        value: The value.
-        threshold: The limit.
-        unit: Unit of both.
-        passed: Whether the value is good.
-    """
-
-    what: str
-    value: float
-    threshold: float
-    unit: str
-    passed: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +46,7 @@ def judge(
     Returns:
         All readings, and the refusal, if any.
     """
-    readings = list(but)
+    taken = list(but)
     done = {reading.name for reading in but}
     for gate in GATES:
         if gate.name in done:
@@ -159,159 +54,11 @@ def judge(
         read = gate.read(evidence)
         if read is None:
             continue
-        readings.append(GateReading(gate.name, read.value, read.threshold, read.unit, read.passed))
+        taken.append(GateReading(gate.name, read.value, read.threshold, read.unit, read.passed))
         if not read.passed:
             refusal = Rejection(gate.reason, read.what, read.value, read.threshold, read.unit, gate.remedy)
-            return tuple(readings), refusal
-    return tuple(readings), None
-
-
-def _inside(evidence: Evidence) -> Reading | None:
-    estimate = evidence.genetic or (evidence.texture.extrinsics if evidence.texture else None)
-    if estimate is None:
-        return None
-    search = evidence.config.search
-    lower = np.array([search.height_min_m, -search.pitch_max_rad, -search.roll_max_rad])
-    upper = np.array([search.height_max_m, search.pitch_max_rad, search.roll_max_rad])
-    pose = estimate.as_array()
-    nearest = np.where(pose - lower < upper - pose, lower, upper)
-    gap = np.abs(pose - nearest) / (upper - lower)
-    worst = int(np.argmin(gap))
-    value, limit = ((each * _READABLE)[worst] for each in (pose, nearest))
-    what = f"best {_AXES[worst]} is at the edge of the search space"
-    return Reading(what, float(value), float(limit), _UNITS[worst], bool(gap[worst] > _EDGE_FRACTION))
-
-
-def _fitness(evidence: Evidence) -> Reading | None:
-    if evidence.genetic is None:
-        return None
-    limit_px = evidence.config.fitness.max_misfit_px
-    threshold = 1.0 / (limit_px**2 + evidence.config.fitness.k)
-    miss = f"the lines miss every road plane by {evidence.misfit_px:.2f} px, limit {limit_px:g} px"
-    what = f"best fitness ({miss})"
-    return Reading(what, evidence.fitness, threshold, "", evidence.fitness >= threshold)
-
-
-def _radius(what: str, curvature_per_m: float, std_per_m: float, least_m: float) -> Reading:
-    """Return the reading of a radius, which may be less where noise alone may have made it."""
-    curvature = max(abs(curvature_per_m), 1e-9)  # a million kilometres
-    limit = max(1.0 / least_m, _CURVATURE_SIGMAS * std_per_m)
-    return Reading(what, 1.0 / curvature, 1.0 / limit, "m", curvature <= limit)
-
-
-def _straight(evidence: Evidence) -> Reading | None:
-    if evidence.bends is None:
-        return None
-    bends = evidence.bends
-    side = "left" if bends.lateral_per_m > 0 else "right"
-    least_m = evidence.config.extraction.min_radius_m
-    return _radius(
-        f"the lane lines bend to the {side}, radius", bends.lateral_per_m, bends.lateral_std_per_m, least_m
-    )
-
-
-def _flat(evidence: Evidence) -> Reading | None:
-    if evidence.bends is None:
-        return None
-    bends = evidence.bends
-    kind = "dip" if bends.vertical_per_m > 0 else "crest"
-    what = f"the road goes over a {kind}, radius"
-    return _radius(what, bends.vertical_per_m, bends.vertical_std_per_m, _MIN_VERTICAL_RADIUS_M)
-
-
-def _determined(evidence: Evidence) -> Reading | None:
-    """Two lines that coincide leave one of the six parameters open."""
-    if evidence.bends is None:  # before the lines are fitted
-        return None
-    n = 1 if evidence.lines is None else 2
-    return Reading("the lines leave part of the pose undetermined; independent lines", n, 2, "", n == 2)
-
-
-def _consistent(evidence: Evidence) -> Reading | None:
-    if evidence.lines is None:
-        return None
-    sigmas = evidence.lines.misfit_sigmas
-    what = "the lines of the two cameras contradict each other whatever the road, by"
-    return Reading(what, sigmas, _MAX_MISFIT_SIGMAS, "standard deviations", sigmas <= _MAX_MISFIT_SIGMAS)
-
-
-def _difference(what: str, difference: Array, limits: Array) -> Reading:
-    """Return the reading of the worst of height, pitch and roll."""
-    difference = np.abs(difference)
-    worst = int(np.argmax(difference / limits))
-    scale, unit = (1e3, "mm") if worst == 0 else (math.degrees(1.0), "deg")
-    value, limit = float(difference[worst]), float(limits[worst])
-    return Reading(f"{what} in {_AXES[worst]}", value * scale, limit * scale, unit, value <= limit)
-
-
-def _stages(evidence: Evidence) -> Reading | None:
-    if evidence.refined is None or evidence.lines is None or evidence.genetic is None:
-        return None
-    sigmas = np.sqrt(np.diag(evidence.lines.covariance) + np.diag(evidence.refined.covariance))
-    limits = np.maximum(AGREEMENT, _MAX_STAGE_SIGMAS * sigmas)
-    change = evidence.refined.extrinsics.as_array() - evidence.genetic.as_array()
-    return _difference("lines and grey values of the stripes differ", change, limits)
-
-
-def _blur(evidence: Evidence) -> Reading | None:
-    if evidence.refined is None:
-        return None
-    blur_px = float(np.max(evidence.refined.blur_px))
-    return Reading("blur of the stripes' edges", blur_px, _MAX_BLUR_PX, "px", blur_px <= _MAX_BLUR_PX)
-
-
-def _exposure(evidence: Evidence) -> Reading | None:
-    if evidence.clipped is None:
-        return None
-    what = "part of the road that is black or white in an image"
-    return Reading(what, evidence.clipped, _MAX_CLIPPED, "", evidence.clipped <= _MAX_CLIPPED)
-
-
-def _asphalt(evidence: Evidence) -> Reading | None:
-    if evidence.texture is None or evidence.of_lines is None:
-        return None
-    difference = evidence.of_lines.as_array() - evidence.texture.extrinsics.as_array()
-    return _difference("the lines and the asphalt between them differ", difference, MAX_DIFFERENCE)
-
-
-def _line_heights(evidence: Evidence) -> Reading | None:
-    if evidence.heights_m is None:
-        return None
-    value = float(np.abs(evidence.heights_m).max())
-    what = "the lines and the asphalt between them differ in height of a line over the asphalt"
-    return Reading(what, 1e3 * value, 1e3 * MAX_LINE_HEIGHT_M, "mm", value <= MAX_LINE_HEIGHT_M)
-
-
-def _witness(evidence: Evidence) -> Reading | None:
-    if evidence.witness is None:
-        return None
-    what = "texture and evenness of the asphalt over what makes it a witness"
-    return Reading(what, evidence.witness, 1.0, "", evidence.witness >= 1.0)
-
-
-def _rectified(evidence: Evidence) -> Reading | None:
-    if evidence.vertical is None:
-        return None
-    value = abs(evidence.vertical.offset_px)
-    limit = max(_MAX_VERTICAL_PX, _SHAPE_SIGMAS * evidence.vertical.std_px)
-    return Reading("vertical offset between the images", value, limit, "px", value <= limit)
-
-
-def _turned(evidence: Evidence) -> Reading | None:
-    if evidence.vertical is None:
-        return None
-    value = abs(evidence.vertical.roll_rad)
-    limit = max(_MAX_TURN_RAD, _SHAPE_SIGMAS * evidence.vertical.roll_std_rad)
-    what = "turn of one camera against the other about its axis"
-    return Reading(what, math.degrees(value), math.degrees(limit), "deg", value <= limit)
-
-
-def _buried(evidence: Evidence) -> Reading | None:
-    if evidence.buried_m is None or evidence.bends is None:  # what bends is said to bend
-        return None
-    value, limit = evidence.buried_m, MAX_LINE_HEIGHT_M
-    what = "another line lies below the plane of the lines, by"
-    return Reading(what, 1e3 * value, 1e3 * limit, "mm", value <= limit)
+            return tuple(taken), refusal
+    return tuple(taken), None
 
 
 _KERB = "one of them may be a kerb, or slope otherwise: drive on, in the middle of a flat lane"
@@ -321,60 +68,85 @@ GATES: tuple[Gate, ...] = (
         "plausible",
         RejectReason.SEARCH_SPACE_EDGE,
         f"widen search.* if the camera is mounted like that, else {_FIND_LINES}",
-        _inside,
+        readings.inside,
     ),
     Gate(
         "fitness",
         RejectReason.FITNESS_TOO_LOW,
         f"the lines may not be parallel or not lie in one plane: {_FIND_LINES}",
-        _fitness,
+        readings.fitness,
     ),
-    Gate("straight", RejectReason.LINES_NOT_STRAIGHT, "calibrate on a straight road", _straight),
-    Gate("flat", RejectReason.ROAD_NOT_FLAT, "calibrate where the slope does not change", _flat),
+    Gate("straight", RejectReason.LINES_NOT_STRAIGHT, "calibrate on a straight road", readings.straight),
+    Gate("flat", RejectReason.ROAD_NOT_FLAT, "calibrate where the slope does not change", readings.flat),
     Gate(
         "nothing below",
         RejectReason.LINE_BELOW_ROAD,
         f"one of the lines may be a kerb or a rail: {_FIND_LINES}",
-        _buried,
+        readings.buried,
     ),
-    Gate("determined", RejectReason.LINES_NOT_MATCHED, _FIND_LINES, _determined),
+    Gate("determined", RejectReason.LINES_NOT_MATCHED, _FIND_LINES, readings.determined),
     Gate(
         "consistent",
         RejectReason.LINES_INCONSISTENT,
         "check that the images are rectified: a row of one must be the same row of the other",
-        _consistent,
+        readings.consistent,
     ),
     Gate(
         "stages agree",
         RejectReason.STAGES_DISAGREE,
         f"something else lies beside the lines: {_FIND_LINES}",
-        _stages,
+        readings.stages,
     ),
-    Gate("sharp", RejectReason.IMAGE_BLURRED, "focus the lens, clean it, or shorten the exposure", _blur),
+    Gate(
+        "near and far",
+        RejectReason.ROAD_NOT_FLAT,
+        "calibrate where the slope does not change",
+        readings.near_and_far,
+    ),
+    Gate(
+        "sharp",
+        RejectReason.IMAGE_BLURRED,
+        "focus the lens, clean it, or shorten the exposure",
+        readings.blur,
+    ),
     Gate(
         "exposed",
         RejectReason.IMAGE_EXPOSURE,
         "set the exposure so that the road is neither black nor white",
-        _exposure,
+        readings.exposure,
     ),
     Gate(
         "witness",
         RejectReason.ROAD_WITHOUT_TEXTURE,
         "drive on in daylight with the lens clean, or accept what lines alone say with texture.required: 0",
-        _witness,
+        readings.witness,
     ),
     Gate(
         "rectified",
         RejectReason.IMAGES_NOT_RECTIFIED,
         "calibrate the pair again: a row of one image must be the same row of the other",
-        _rectified,
+        readings.rectified,
     ),
     Gate(
         "not turned",
         RejectReason.IMAGES_NOT_RECTIFIED,
         "calibrate the pair again: one camera has turned against the other",
-        _turned,
+        readings.turned,
     ),
-    Gate("asphalt", RejectReason.TEXTURE_DISAGREES, _KERB, _asphalt),
-    Gate("lines in asphalt", RejectReason.TEXTURE_DISAGREES, _KERB, _line_heights),
+    Gate(
+        "coplanar",
+        RejectReason.LINES_NOT_COPLANAR,
+        "the lines are those of more than one lane, or one is a kerb or a rail: drive on, in the middle of a "
+        "flat lane",
+        readings.coplanar,
+    ),
+    Gate("two edges", RejectReason.LINE_NOT_PAINTED, _FIND_LINES, readings.fitted),
+    Gate(
+        "painted",
+        RejectReason.LINE_NOT_PAINTED,
+        f"it may be a kerb or a rail, or lie in a shadow's edge: {_FIND_LINES}",
+        readings.painted,
+    ),
+    Gate("asphalt", RejectReason.TEXTURE_DISAGREES, _KERB, readings.asphalt),
+    Gate("lines in asphalt", RejectReason.TEXTURE_DISAGREES, _KERB, readings.line_heights),
 )

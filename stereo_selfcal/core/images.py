@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from .errors import ImageError
+from .errors import ImageError, shown
 
 Image = npt.NDArray[np.uint8]
 
@@ -113,7 +113,7 @@ def decode_compressed(data: Any, image_format: str) -> Image:
     """
     if image_format.rpartition("compressed")[2].strip().startswith("bayer_"):
         raise ImageError(
-            f"compressed image in format {image_format!r} is a Bayer mosaic: publish it as a raw image"
+            f"compressed image in format {shown(image_format)} is a Bayer mosaic: publish it as a raw image"
         )
     buffer = np.frombuffer(data, dtype=np.uint8)
     # Geometry comes from the sensor's rows and columns, never from an orientation tag.
@@ -124,7 +124,7 @@ def decode_compressed(data: Any, image_format: str) -> Image:
         image = None
     if image is None:
         raise ImageError(
-            f"compressed image in format {image_format!r} with {buffer.size} bytes cannot be decoded: "
+            f"compressed image in format {shown(image_format)} with {buffer.size} bytes cannot be decoded: "
             "JPEG and PNG are supported"
         )
     return np.ascontiguousarray(image, dtype=np.uint8)
@@ -139,7 +139,7 @@ def _pixel_bytes(encoding: str) -> int:
     if encoding in _COLOUR:
         return _COLOUR[encoding][0]
     raise ImageError(
-        f"image encoding {encoding!r} is not supported: publish one of {', '.join(SUPPORTED_ENCODINGS)}"
+        f"image encoding {shown(encoding)} is not supported: publish one of {', '.join(SUPPORTED_ENCODINGS)}"
     )
 
 

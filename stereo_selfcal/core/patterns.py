@@ -26,7 +26,7 @@ from .matching import (
     sample_pattern,
 )
 from .pattern import ImageLine, LanePattern
-from .results import Rejection
+from .results import Rejection, RejectReason
 from .rig import StereoRig
 
 Points = tuple[StripePoints, StripePoints]
@@ -76,7 +76,12 @@ def look(
     refusal = checks.check_lines_found([left, right], config)
     if refusal:
         return Look((left, right), matches, Refused(refusal))
-    return Look((left, right), matches, _patterns(matches, points, rig, config))
+    patterns = _patterns(matches, points, rig, config)
+    if isinstance(patterns, Refused) and patterns.rejection.reason is RejectReason.LINES_NOT_MATCHED:
+        exchanged = pair_lines(match_lines(right, left, images[::-1], rig, config), rig, config)
+        if exchanged:
+            patterns = Refused(checks.cameras_swapped(exchanged))
+    return Look((left, right), matches, patterns)
 
 
 def _patterns(

@@ -32,6 +32,7 @@ _QUANTISATION = 1.0 / 12.0 / 6.0  # variance of a whole grey value, less by the 
 _TUKEY_SIGMAS = 4.685
 _REWEIGHTINGS = 8
 _SIGMA_OVER_MAD = 1.4826
+_RIDGE = 1e-9  # keeps the equations regular where all cells lie below each other
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +84,7 @@ def vertical_offset(
     half = half_disparity(corridor, plane, rig)
     usable = usable_samples(images, corridor, half, rig, None)
     first = max(0, int(corridor.v.min()) - 2 * _MOST_PX)
-    left, right = (_with_slopes(image[first:]) for image in images)
+    left, right = (with_slopes(image[first:]) for image in images)
     v = corridor.v - np.float32(first)
     offset = _search(left, right, corridor, half, v, usable)
     columns = corridor.cell_rays[:, 1] * -rig.fx
@@ -93,8 +94,8 @@ def vertical_offset(
         tilt = np.float32(0.5) * (np.float32(offset) + np.float32(roll) * (corridor.u - np.float32(rig.cx)))
         of_left = sample(left, corridor.u + half, v - tilt)
         of_right = sample(right, corridor.u - half, v + tilt)
-        cells, variance = _displacements(of_left, of_right, usable, corridor)
-        solution = _combine(cells, variance, columns)
+        cells, variance = measure_cells(of_left, of_right, usable, corridor)
+        solution = combine_cells(cells, variance, columns)
         if solution is None:
             return None
         offset, roll = offset + solution.offset_px, roll + solution.roll_rad
@@ -104,7 +105,7 @@ def vertical_offset(
     return VerticalOffset(offset, solution.std_px, roll, solution.roll_std_rad, solution.n_cells)
 
 
-def _with_slopes(image: Image) -> Floats:
+def with_slopes(image: Image) -> Floats:
     """Return grey value, derivative along the row and along the column of the blurred image, (H, W, 3)."""
     smooth = cv2.GaussianBlur(image.astype(np.float32), _KERNEL, _BLUR_PX)
     along = [cv2.Sobel(smooth, cv2.CV_32F, dx, dy, ksize=1, scale=0.5) for dx, dy in ((1, 0), (0, 1))]
@@ -139,12 +140,17 @@ def _segment_products(a: Floats, b: Floats, weights: Floats, corridor: Corridor)
     return products
 
 
-def _displacements(left: Floats, right: Floats, usable: Floats, corridor: Corridor) -> tuple[Array, Array]:
-    """Return the vertical displacement of the cells [px] and its variance; infinite without texture."""
-    scale = np.sqrt(
-        _products(left[0], left[0], usable, corridor).sum()
-        / max(_products(right[0], right[0], usable, corridor).sum(), 1e-6)
-    )
+def measure_cells(left: Floats, right: Floats, usable: Floats, corridor: Corridor) -> tuple[Array, Array]:
+    """Return the vertical displacement of the cells [px] and its variance; infinite without texture.
+
+    Args:
+        left: (3, N) grey value and both derivatives of the left image at the samples (:func:`with_slopes`).
+        right: The same of the right image.
+        usable: (N,) 1 for samples that count, 0 for others.
+        corridor: The samples, in segments and cells; the means of the segments are removed.
+    """
+    contrasts = [_squares(image[0], usable, corridor).sum() for image in (left, right)]
+    scale = np.sqrt(contrasts[0] / max(contrasts[1], 1e-6))
     right = right * np.float32(np.clip(scale, 0.25, 4.0))
     difference = left[0] - right[0]
     slopes = (left[1:] + right[1:]) / 2  # of both images, by column and by row
@@ -152,13 +158,18 @@ def _displacements(left: Floats, right: Floats, usable: Floats, corridor: Corrid
     # Gradients of one image by those of the other: noise alone leaves nothing.
     common = np.array([[_products(a, b, usable, corridor) for b in right[1:]] for a in left[1:]])
     common = (common + common.swapaxes(0, 1)) / 2
-    alone = [np.clip(_products(image[2], image[2], usable, corridor), 0.0, None) for image in (left, right)]
     count = np.maximum(corridor.cell_sums(corridor.segment_sums(usable)), 1.0)
-    seen = common[1, 1] > _CELL_SIGMAS * np.sqrt(alone[0] * alone[1] * _CORRELATED_SAMPLES / count)
-    seen &= common[0, 0] > 0.0
-    by_row = np.where(seen, common[1, 1] - common[0, 1] ** 2 / np.where(seen, common[0, 0], 1.0), 0.0)
+    by_noise = [
+        _CELL_SIGMAS
+        * np.sqrt(np.prod([_squares(image[k], usable, corridor) for image in (left, right)], axis=0))
+        for k in (1, 2)
+    ] * np.sqrt(_CORRELATED_SAMPLES / count)
+    seen = common[1, 1] > by_noise[1]
+    # An edge along the row has nothing across it, which a wrong disparity could move.
+    slanted = common[0, 0] > by_noise[0]
+    along = np.where(slanted, common[0, 1] / np.where(slanted, common[0, 0], 1.0), 0.0)
+    by_row = np.where(seen, common[1, 1] - along * common[0, 1], 0.0)
     seen &= by_row > _LEAST_INFORMATION * common[1, 1]
-    along = common[0, 1] / np.where(seen, common[0, 0], 1.0)
     rest = gradient[1] - along * gradient[0]
     safe = np.where(seen, by_row, 1.0)
     noise = np.maximum(_products(difference, difference, usable, corridor) / count, _QUANTISATION)
@@ -166,8 +177,19 @@ def _displacements(left: Floats, right: Floats, usable: Floats, corridor: Corrid
     return np.where(seen, rest / safe, 0.0), np.where(seen, noise / safe, np.inf)
 
 
-def _combine(cells: Array, variance: Array, columns: Array) -> VerticalOffset | None:
-    """Fit an offset and a turn to the displacements of the cells; their scatter is the uncertainty."""
+def _squares(samples: Floats, usable: Floats, corridor: Corridor) -> Array:
+    """Return the sums of squares of samples over the cells, means of the segments removed, (C,)."""
+    return np.clip(_products(samples, samples, usable, corridor), 0.0, None)
+
+
+def combine_cells(cells: Array, variance: Array, columns: Array) -> VerticalOffset | None:
+    """Fit an offset and a turn to the displacements of the cells; their scatter is the uncertainty.
+
+    Args:
+        cells: (C,) vertical displacements [px].
+        variance: (C,) of them; infinite where a cell shows nothing.
+        columns: (C,) place of the cells beside the principal point [px].
+    """
     seen = np.isfinite(variance)
     if np.count_nonzero(seen) < _LEAST_CELLS:
         return None
@@ -179,14 +201,15 @@ def _combine(cells: Array, variance: Array, columns: Array) -> VerticalOffset | 
     weights, scale = np.ones(len(target)), 1.0
     for i in range(2 * _REWEIGHTINGS):
         normal = rows.T @ (weights[:, None] * rows)
-        solution = np.linalg.pinv(normal, hermitian=True) @ (rows.T @ (weights * target))
+        normal += np.diag(_RIDGE * np.diag(normal))
+        solution = np.linalg.solve(normal, rows.T @ (weights * target))
         residual = np.abs(target - rows @ solution)
         scale = max(_SIGMA_OVER_MAD * float(np.median(residual)), 1e-9)
         if i < _REWEIGHTINGS:
             weights = 1.0 / np.maximum(residual, 0.1 * scale)
         else:
             weights = np.clip(1.0 - (residual / (_TUKEY_SIGMAS * scale)) ** 2, 0.0, None) ** 2
-    covariance = np.linalg.pinv(normal, hermitian=True) * scale**2 * len(target) / (len(target) - 2)
+    covariance = np.linalg.inv(normal) * scale**2 * len(target) / (len(target) - 2)
     std = np.sqrt(np.diag(covariance))
     used = int(np.count_nonzero(weights))
     return VerticalOffset(float(solution[0]), float(std[0]), float(solution[1]), float(std[1]), used)

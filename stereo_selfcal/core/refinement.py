@@ -21,6 +21,7 @@ from .blocks import BLOCK_ROWS, RAMP_PX, Blocks, measure_blocks
 from .extraction import Image, edge_response
 from .extrinsics import Array, Extrinsics
 from .pattern import LanePattern, row_towards
+from .profile import EdgeResiduals, Profile, measure_profile
 from .rig import StereoRig
 from .road import N_POSE, bent_columns, lane_in_road, predict_edges
 
@@ -109,6 +110,7 @@ class RefinedFit:
         covariance: (3, 3) of them: inverse information, times the scale of the residuals.
         lane_yaw_rad: Yaw of the camera against the lane [rad].
         curvature_per_m: Curvature of the lane, > 0: to the left [1/m]; 0 where it was taken as straight.
+        profile: Whether the road is flat: heights of the stripes over the plane of the fit, along the road.
         positions_m: (L,) middle of the stripes at x = 0, left positive [m].
         widths_m: (L,) width of the stripes [m].
         heights_m: (L,) height of the stripes over the plane of the boundaries [m], which are in it.
@@ -122,6 +124,7 @@ class RefinedFit:
     covariance: Array
     lane_yaw_rad: float
     curvature_per_m: float
+    profile: Profile | None
     positions_m: Array
     widths_m: Array
     heights_m: Array
@@ -157,9 +160,10 @@ def refine(
     yaw, *left_edges = lane_in_road(pattern, rig, start)
     n_stripes = len(left_edges)
     widths = _start_widths(images, pattern, rig, start)
-    middles = np.array(left_edges) - widths / 2.0
     heights = np.zeros(n_stripes)
-    road = np.array([*start.as_array(), yaw, curvature_per_m or 0.0, *middles, *widths, *heights])
+    road = np.array(
+        [*start.as_array(), yaw, curvature_per_m or 0.0, *(left_edges - widths / 2.0), *widths, *heights]
+    )
     steps = np.array([*_POSE_STEPS, *[_STRIPE_STEP] * (3 * n_stripes)])
     varied = _varied(pattern, curvature_per_m is not None)
     blur = np.full(2, _BLUR_START_PX)
@@ -183,8 +187,8 @@ def refine(
         by_road[varied] = at_blocks[1 : len(changes) + 1] - at_blocks[len(changes) + 1 :]
         by_road /= (2.0 * steps).reshape(-1, 1, 1, 1, 1)
         window = (one.half_width, one.added_blur)
-        profile = _vignetting_profile(columns, rig)
-        steepness = vignetting[:, None, None] * profile
+        darkening = _vignetting_profile(columns, rig)
+        steepness = vignetting[:, None, None] * darkening
         blocks = measure_blocks(images, columns, slopes, rows, blur, window, noise, steepness)
         noise = blocks.variance
         known = _Known(varied, heights, pattern.height_stds_m)
@@ -198,16 +202,19 @@ def refine(
         if one.added_blur == 0.0:
             blur = np.clip(blur + step[len(road) :], _BLUR_MIN_PX, BLUR_MAX_PX)
             if one is not _PASSES[-1]:
-                loss = vignetting + _measure_vignetting(blocks, profile)
+                loss = vignetting + _measure_vignetting(blocks, darkening)
                 vignetting = np.clip(loss, 0.0, _MAX_VIGNETTING)
         middles, widths, heights = np.split(road[N_POSE:], 3)
         if not np.all(np.isfinite(road)) or road[0] <= 0.0 or np.any(widths <= 0.0):
             return None
+    pose = Extrinsics.from_array(road[:3])
+    residuals = _residuals(blocks, by_road, step, columns, slopes, all_rows)
     return RefinedFit(
-        extrinsics=Extrinsics.from_array(road[:3]),
+        extrinsics=pose,
         covariance=(covariance[:3, :3] + covariance[:3, :3].T) / 2.0,
         lane_yaw_rad=float(road[3]),
         curvature_per_m=float(road[_CURVATURE]),
+        profile=measure_profile(residuals, rig, pose),
         positions_m=middles,
         widths_m=widths,
         heights_m=heights,
@@ -216,6 +223,20 @@ def refine(
         scale=scale,
         n_blocks=used,
     )
+
+
+def _residuals(
+    blocks: Blocks,
+    by_road: Array,
+    step: Array,
+    columns: Array,
+    slopes: Array,
+    rows: npt.NDArray[np.intp],
+) -> EdgeResiduals:
+    """Return what is left of the edges' displacements after a step; of blocks that do not count as well."""
+    explained = np.moveaxis(np.tensordot(step[: len(by_road)], by_road, axes=1), 2, -1)
+    left = blocks.displacement[..., :2] - explained
+    return EdgeResiduals(left, blocks, columns.mean(axis=-1), slopes, rows.mean(axis=1))
 
 
 def _varied(pattern: LanePattern, bent: bool) -> npt.NDArray[np.bool_]:

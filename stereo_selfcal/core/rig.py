@@ -6,20 +6,10 @@ import math
 import numbers
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import Any, Protocol
+from typing import Any
 
+from .camera_info import CameraModel, pair_geometry, projections_differ
 from .errors import RigError
-
-# Two rectified cameras share one projection matrix but for the baseline term. Calibration
-# tools print P with about six digits, so a difference of a hundredth of a pixel is a real one.
-_RECTIFIED_TOLERANCE_PX = 0.01
-
-
-class CameraInfoLike(Protocol):
-    """What is read of sensor_msgs/CameraInfo (ROS 1 spells ``k`` and ``p`` as ``K`` and ``P``)."""
-
-    width: int
-    height: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,48 +78,29 @@ class StereoRig:
             right: The same of the right camera.
 
         Raises:
-            RigError: A camera is uncalibrated (K[0] = 0), the sizes differ, the pair is
-                not rectified to one projection matrix, or the baseline is zero or negative.
+            CameraInfoError: A camera is uncalibrated (K[0] = 0), the sizes differ, the pair is
+                not rectified to one projection matrix, or the baseline is zero, negative or no vehicle's.
+                Where only cx differs, :class:`~stereo_selfcal.core.undistort.StereoRectifier` helps.
         """
-        projections = []
-        for side, info in (("left", left), ("right", right)):
-            k = _matrix(info, "k", 9, side)
-            p = _matrix(info, "p", 12, side)
-            if k[0] == 0.0:
-                raise RigError(
-                    f"{side} CameraInfo is uncalibrated (K[0] = 0): calibrate the camera "
-                    "or give the rig by parameters"
-                )
-            if p[0] == 0.0:
-                raise RigError(
-                    f"{side} CameraInfo has no projection matrix (P[0] = 0): calibrate the "
-                    "pair as a stereo pair or give the rig by parameters"
-                )
-            projections.append(p)
-        size = (int(left.width), int(left.height))
-        if size != (int(right.width), int(right.height)):
-            raise RigError(
-                f"left CameraInfo is {size[0]} x {size[1]}, right is {right.width} x "
-                f"{right.height}: both cameras must have one size"
-            )
-        p_left, p_right = projections
-        for name, i in (("fx", 0), ("cx", 2), ("fy", 5), ("cy", 6)):
-            if not abs(p_left[i] - p_right[i]) <= _RECTIFIED_TOLERANCE_PX:
-                raise RigError(
-                    f"P of the cameras differ in {name}: {p_left[i]} left, {p_right[i]} right: "
-                    "rectify both images to one projection matrix"
-                )
-        baseline_m = (p_left[3] - p_right[3]) / p_right[0]
-        if baseline_m == 0.0:
-            raise RigError(
-                "CameraInfo gives a baseline of zero (P[3] is 0 in both cameras): P[3] of the "
-                "right camera must be -fx * baseline, or give the rig by parameters"
-            )
-        if baseline_m < 0.0:
-            raise RigError(
-                f"CameraInfo gives a negative baseline ({baseline_m:.4f} m): left and right are swapped"
-            )
-        return cls(*size, p_left[0], p_left[5], p_left[2], p_left[6], baseline_m)
+        cameras = CameraModel.read(left, "left"), CameraModel.read(right, "right")
+        pair = pair_geometry(*cameras)
+        if pair.shift_px:
+            raise projections_differ(*cameras, "cx", 2)
+        return cls.of_camera(cameras[0], pair.baseline_m)
+
+    @classmethod
+    def of_camera(cls, camera: CameraModel, baseline_m: float) -> StereoRig:
+        """Build the rig of two cameras with the projection matrix of this one.
+
+        Args:
+            camera: The left camera.
+            baseline_m: Distance of the cameras [m].
+
+        Raises:
+            RigError: A value cannot be right.
+        """
+        p = camera.p
+        return cls(camera.width, camera.height, p[0], p[5], p[2], p[6], baseline_m)
 
     @classmethod
     def from_sensor(
@@ -181,16 +152,3 @@ class StereoRig:
     def to_mapping(self) -> dict[str, float]:
         """Return the rig as a mapping, the inverse of :meth:`from_mapping`."""
         return asdict(self)
-
-
-def _matrix(info: Any, name: str, size: int, side: str) -> list[float]:
-    """Return matrix ``name`` of a CameraInfo as ``size`` floats, from either spelling."""
-    values = getattr(info, name, None)
-    if values is None:
-        values = getattr(info, name.upper(), None)
-    if values is None or len(values) != size:
-        raise RigError(f"{side} CameraInfo has no matrix {name.upper()} of {size} values")
-    numbers = [float(value) for value in values]
-    if not all(math.isfinite(number) for number in numbers):
-        raise RigError(f"{side} CameraInfo has NaN or infinity in {name.upper()}")
-    return numbers

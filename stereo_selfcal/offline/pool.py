@@ -7,7 +7,7 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -25,8 +25,8 @@ from ..core.results import CalibrationResult
 from ..core.rig import StereoRig
 from .frame import FrameHead, calibrate_frame
 
-# A worker is ready after about a second, in which as many frames are done here: short recordings do not pay
-# for processes.
+# A worker is ready after about a second, in which as many frames are done here. Recordings of at most twice
+# as many do not pay for processes.
 _ALONE_FRAMES = 12
 # Frames that wait for a free worker, each: none of them idles, and few frames are in memory.
 _AHEAD = 3
@@ -43,7 +43,7 @@ def default_jobs() -> int:
 
 def calibrate_in_order(
     frames: Iterator[StereoFrame], calibrator: Calibrator, jobs: int, expected: int | None = None
-) -> Iterator[tuple[FrameHead, CalibrationResult]]:
+) -> Generator[tuple[FrameHead, CalibrationResult], None, None]:
     """Yield the result of every frame, in their order, without the points behind it.
 
     Reading goes on here while the workers calibrate. An error of reading is raised when the frames
@@ -58,34 +58,39 @@ def calibrate_in_order(
     Raises:
         WorkerError: A worker died.
     """
-    alone = None if jobs == 1 or (expected is not None and expected <= 2 * _ALONE_FRAMES) else _ALONE_FRAMES
-    for frame in islice(frames, alone):
-        yield FrameHead.of(frame), calibrate_frame(calibrator, frame).slim()
-    if alone is not None:
-        yield from _by_workers(frames, calibrator, jobs)
+    if jobs == 1 or (expected is not None and expected <= 2 * _ALONE_FRAMES):
+        for frame in frames:
+            yield FrameHead.of(frame), calibrate_frame(calibrator, frame).slim()
+        return
+    with _workers(jobs, calibrator.rig, calibrator.config) as workers:
+        with _for_workers():
+            for _ in range(jobs):
+                workers.submit(_get_ready)
+        for frame in islice(frames, _ALONE_FRAMES):
+            yield FrameHead.of(frame), calibrate_frame(calibrator, frame).slim()
+        yield from _by_workers(frames, workers, jobs)
 
 
 def _by_workers(
-    frames: Iterator[StereoFrame], calibrator: Calibrator, jobs: int
+    frames: Iterator[StereoFrame], workers: ProcessPoolExecutor, jobs: int
 ) -> Iterator[tuple[FrameHead, CalibrationResult]]:
     waiting: deque[tuple[FrameHead, Future[CalibrationResult]]] = deque()
     failure: SelfcalError | None = None
-    with _workers(jobs, calibrator.rig, calibrator.config) as workers:
-        while True:
-            try:
-                frame = next(frames, None)
-            except SelfcalError as error:
-                frame, failure = None, error
-            if frame is None:
-                break
-            head = FrameHead.of(frame)
-            with _death_reported(head), _for_workers():
-                waiting.append((head, workers.submit(_calibrate, frame)))
-            del frame
-            while len(waiting) > _AHEAD * jobs or (waiting and waiting[0][1].done()):
-                yield _next(waiting)
-        while waiting:
+    while True:
+        try:
+            frame = next(frames, None)
+        except SelfcalError as error:
+            frame, failure = None, error
+        if frame is None:
+            break
+        head = FrameHead.of(frame)
+        with _death_reported(head), _for_workers():
+            waiting.append((head, workers.submit(_calibrate, frame)))
+        del frame
+        while len(waiting) > _AHEAD * jobs or (waiting and waiting[0][1].done()):
             yield _next(waiting)
+    while waiting:
+        yield _next(waiting)
     if failure is not None:
         raise failure
 
@@ -154,6 +159,10 @@ def _end_with_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(1)
+
+
+def _get_ready() -> None:
+    """Do nothing: a process is started when there is something to do."""
 
 
 def _calibrate(frame: StereoFrame) -> CalibrationResult:

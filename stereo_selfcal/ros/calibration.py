@@ -9,12 +9,17 @@ from typing import Any, NamedTuple, Protocol
 from ..core.calibrator import Calibrator
 from ..core.errors import ImageError, RigError
 from ..core.images import Image, message_to_grey
-from ..core.pairing import PairCounts, StampedPair, stamp_to_s
+from ..core.pairing import PairCounts, StampedPair, stamp_to_s, suggest_tolerance_s
 from ..core.results import CalibrationResult
 from ..core.rig import StereoRig
+from ..core.undistort import StereoRectifier
 from .config import NodeConfig
 
 _CLOCK_STEP_S = 1e-3  # a call that ends at once (shutdown) must not divide by zero
+# A camera with one image per second has not stopped; one that is silent for longer is said to have.
+_SILENCE_S = 1.5
+# What of a CameraInfo says which camera it is; the header changes with every message.
+_INFO_FIELDS = ("width", "height", "distortion_model", "d", "k", "r", "p")
 
 
 class Topics(NamedTuple):
@@ -33,10 +38,12 @@ class InputState:
     Attributes:
         counts: Images, pairs, drops.
         nearest_s: Least difference of a left and a right stamp since the call began [s].
+        mismatches: Sentences about publishers that nothing can be received from.
     """
 
     counts: PairCounts
     nearest_s: float | None
+    mismatches: tuple[str, ...] = ()
 
 
 class FrameSource(Protocol):
@@ -97,10 +104,14 @@ class CalibrationCall:
         self._source = source
         self._config = config
         self._calibrator: Calibrator | None = None
+        self._rectifier: StereoRectifier | None = None
         self._rig_problem: str | None = None
         self._pairs = 0
         self._accepted = 0
         self._last_rejection = ""
+        self._cameras: tuple[tuple[str, ...], ...] = ()
+        self._camera_changes = 0
+        self._last_pair: tuple[float, PairCounts] | None = None
 
     def run(self) -> Outcome:
         """Return the result, or the reason why there is none after the timeout."""
@@ -110,29 +121,41 @@ class CalibrationCall:
             remaining_s = max(0.0, self._config.timeout_s - (time.monotonic() - start_s))
             pair = self._source.next_pair(remaining_s)
             if pair is not None:
+                self._last_pair = time.monotonic(), self._source.state.counts
+                self._notice_other_cameras()
                 self._take(pair)
                 if self._calibrator is not None and self._accepted == self._config.frames:
                     estimate = self._calibrator.estimate
+                    message = estimate.message + self._doubts()
                     if estimate.accepted:
-                        return Outcome(estimate.message, estimate, self._calibrator.rig, pair.stamp_ns)
-                    return Outcome(estimate.message)
+                        return Outcome(message, estimate, self._calibrator.rig, pair.stamp_ns)
+                    return Outcome(message)
             if pair is None or remaining_s == 0.0:
                 break
         if self._source.stopped:
             return Outcome("interrupted: the node shuts down")
-        return Outcome(self._reason(before, max(time.monotonic() - start_s, _CLOCK_STEP_S)))
+        elapsed_s = max(time.monotonic() - start_s, _CLOCK_STEP_S)
+        return Outcome(self._reason(before, elapsed_s) + self._doubts())
+
+    def _notice_other_cameras(self) -> None:
+        """Begin anew when CameraInfo has changed: frames of two rigs must not be fused."""
+        cameras = tuple(_camera(info) for info in self._source.camera_infos)
+        if self._calibrator is not None and not self._config.rig and cameras != self._cameras:
+            self._camera_changes += 1
+            self._calibrator, self._accepted = None, 0
+        self._cameras = cameras
 
     def _take(self, pair: StampedPair[Any]) -> None:
         """Calibrate one pair, or remember why it could not be."""
         self._pairs += 1
-        if self._calibrator is None:
+        if self._calibrator is None or self._rectifier is None:
             try:
-                rig = self._rig()
+                self._rectifier = self._find_rectifier()
             except RigError as error:
                 self._rig_problem = str(error)
                 return
             self._rig_problem = None
-            self._calibrator = Calibrator(rig, self._config.calibrator)
+            self._calibrator = Calibrator(self._rectifier.rig, self._config.calibrator)
         topics = self._source.topics
         try:
             left = _grey(pair.left, topics.left)
@@ -140,29 +163,37 @@ class CalibrationCall:
         except ImageError as error:
             self._last_rejection = str(error)
             return
+        left, right = self._rectifier.apply(left, right)
         result = self._calibrator.add(left, right, stamp_to_s(pair.stamp_ns))
         if result.accepted:
             self._accepted += 1
         else:
             self._last_rejection = result.message
 
-    def _rig(self) -> StereoRig:
-        rig = self._config.rig_from_parameters()
-        if rig is not None:
-            return rig
-        left, right = self._source.camera_infos
-        if left is not None and right is not None:
-            return StereoRig.from_camera_info(left, right)
-        topics = self._source.topics
+    def _find_rectifier(self) -> StereoRectifier:
+        rectifier = known_rectifier(self._source, self._config)
+        if rectifier is not None:
+            return rectifier
+        topics, (left, right) = self._source.topics, self._source.camera_infos
         missing = [t for t, info in ((topics.left_info, left), (topics.right_info, right)) if info is None]
         named = " and ".join(f"{topic} ({_publishers(self._source, topic)})" for topic in missing)
         raise RigError(f"no CameraInfo on {named}: publish it or set the parameters rig.*")
+
+    def _doubts(self) -> str:
+        """Return what is strange about the CameraInfo, to be added to a message."""
+        return "" if self._rectifier is None else "".join(f"; {d.message}" for d in self._rectifier.doubts)
 
     def _reason(self, before: PairCounts, elapsed_s: float) -> str:
         """Return why the call ends without a result."""
         if not self._pairs:
             return no_pair_reason(self._source, self._config, before, elapsed_s)
         seen = f"{self._pairs} {'pair' if self._pairs == 1 else 'pairs'} in {elapsed_s:.1f} s"
+        return self._reason_after_pairs(seen) + self._silence()
+
+    def _reason_after_pairs(self, seen: str) -> str:
+        if self._camera_changes:
+            times = "once" if self._camera_changes == 1 else f"{self._camera_changes} times"
+            seen += f", CameraInfo changed {times} meanwhile"
         if self._rig_problem is not None:
             return f"{self._rig_problem} ({seen})"
         if self._accepted:
@@ -171,6 +202,37 @@ class CalibrationCall:
                 f"lower frames; last refusal: {self._last_rejection or 'none'}"
             )
         return f"no frame accepted, {seen}; last refusal: {self._last_rejection}"
+
+    def _silence(self) -> str:
+        """Return why no more pairs came, "" if they did."""
+        if self._last_pair is None:
+            return ""
+        last_s, counts = self._last_pair
+        silent_s = time.monotonic() - last_s
+        if silent_s < _SILENCE_S:
+            return ""
+        return f"; since then {no_pair_reason(self._source, self._config, counts, silent_s)}"
+
+
+def _camera(info: Any) -> tuple[str, ...]:
+    """Return what of a CameraInfo tells one camera from another; as text, in which NaN equals itself."""
+    values = (getattr(info, name, None) for name in _INFO_FIELDS)
+    return tuple(repr(value if isinstance(value, int | str | None) else list(value)) for value in values)
+
+
+def known_rectifier(source: FrameSource, config: NodeConfig) -> StereoRectifier | None:
+    """Return the cameras of the parameters or of CameraInfo, None before both have come.
+
+    Raises:
+        RigError: They cannot be right.
+    """
+    rig = config.rig_from_parameters()
+    if rig is not None:
+        return StereoRectifier(rig)
+    left, right = source.camera_infos
+    if left is None or right is None:
+        return None
+    return StereoRectifier.from_camera_info(left, right, config.rectified)
 
 
 def no_pair_reason(source: FrameSource, config: NodeConfig, before: PairCounts, elapsed_s: float) -> str:
@@ -191,17 +253,28 @@ def no_pair_reason(source: FrameSource, config: NodeConfig, before: PairCounts, 
     silent = [topic for topic, count in ((topics.left, added.left), (topics.right, added.right)) if not count]
     if silent:
         named = " and ".join(f"{topic} ({_publishers(source, topic)})" for topic in silent)
-        return f"{text}nothing arrives on {named}: start the camera, remap the topic or check its QoS"
+        why = "; ".join(state.mismatches) or "start the camera, remap the topic or check its QoS"
+        return f"{text}nothing arrives on {named}: {why}"
     if state.nearest_s is None:
         return f"{text}left and right never waited for each other: raise queue_size from {config.queue_size}"
     nearest = f"{text}the nearest stamps differ by {state.nearest_s * 1e3:.3f} ms"
+    rate_hz = max(added.left, added.right) / elapsed_s
+    suggested_s = suggest_tolerance_s(state.nearest_s, rate_hz)
+    tolerance_s = config.approximate_sync_tolerance_seconds if config.approximate_sync else 0.0
+    if state.nearest_s > tolerance_s and suggested_s is None:
+        return (
+            f"{nearest}, more than half a frame at {rate_hz:.1f} Hz: no tolerance helps, the clocks of the "
+            "cameras have to be set alike"
+        )
     if not config.approximate_sync:
-        return f"{nearest}: set approximate_sync, with approximate_sync_tolerance_seconds of at least that"
-    tolerance_s = config.approximate_sync_tolerance_seconds
+        return (
+            f"{nearest}: set approximate_sync, and approximate_sync_tolerance_seconds to {suggested_s:g} "
+            f"(half a frame is {500 / rate_hz:.1f} ms), or synchronise the cameras"
+        )
     if state.nearest_s > tolerance_s:
         return (
-            f"{nearest}, approximate_sync_tolerance_seconds allows {tolerance_s * 1e3:.3f} ms: raise it or "
-            "synchronise the cameras"
+            f"{nearest}, approximate_sync_tolerance_seconds allows {tolerance_s * 1e3:.3f} ms: raise it to "
+            f"{suggested_s:g} (half a frame is {500 / rate_hz:.1f} ms), or synchronise the cameras"
         )
     return f"{nearest}, which is tolerated, but none was formed: raise queue_size from {config.queue_size}"
 

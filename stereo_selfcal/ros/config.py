@@ -27,9 +27,12 @@ class NodeConfig:
         approximate_sync_tolerance_seconds: By how much [s].
         queue_size: Images of each side that wait for a partner, and pairs for the calibrator.
         image_transport: "raw" or "compressed".
+        rectified: Whether the images are; False: they are undistorted and rectified here.
         output_path: The result file, None for none.
         timeout_s: How long a call waits for usable frames [s].
         frames: Accepted frames fused per call.
+        monitor_period_s: Time between two frames of the watch [s], 0 for none.
+        on_drift: "warn" or "recalibrate".
         road_frame: Frame of the road.
         camera_frame: Frame of the camera body.
         exports: Names of the files written beside the result file.
@@ -42,9 +45,12 @@ class NodeConfig:
     approximate_sync_tolerance_seconds: float
     queue_size: int
     image_transport: str
+    rectified: bool
     output_path: Path | None
     timeout_s: float
     frames: int
+    monitor_period_s: float
+    on_drift: str
     road_frame: str
     camera_frame: str
     exports: tuple[str, ...]
@@ -68,6 +74,12 @@ class NodeConfig:
         for name in ("road_frame", "camera_frame"):
             if not values[name].strip():
                 raise ConfigError(f"{name} is empty: the name of a frame is needed")
+        given = sorted(name for name in SETTINGS if name.startswith(RIG_PREFIX) and values[name])
+        if given and not values["rectified"]:
+            raise ConfigError(
+                f"{given[0]} is set, but rectified is false: rig.* describes rectified cameras; leave it 0, "
+                "as K, D, R and P of raw ones come from CameraInfo"
+            )
         if values["publish_tf"]:
             _check_tf_frames(values["road_frame"], values["camera_frame"])
         rig = {

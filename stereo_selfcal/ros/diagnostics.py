@@ -39,12 +39,13 @@ class CalibrationReport:
 
     Attributes:
         state: Word of the state: uncalibrated, calibrating, calibrated, suspect, invalid.
-        reason: Why it is in this state, one sentence; "" where that is obvious.
+        reason: Why it is in this state, one sentence.
         in_force: The calibration the node stands by, None if there is none.
         age_s: Its age [s].
         last_answer: What the last call answered.
         last_success: Whether that was a result, None before the first call.
         frames: Frames so far.
+        watch: What the watch has to say, one sentence.
     """
 
     state: str
@@ -54,6 +55,7 @@ class CalibrationReport:
     last_answer: str = "not called yet"
     last_success: bool | None = None
     frames: FrameStatistics = field(default_factory=FrameStatistics)
+    watch: str = "off"
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +67,7 @@ class ImagesReport:
         added: The same within the last ``elapsed_s``.
         elapsed_s: Time over which rates are measured [s].
         listening: False while images are not wanted, so that none arrive.
+        age_s: Time since the rates were measured [s].
         no_pair: Why there was no pair within that time, "" if there was one.
         nearest_s: Least difference of a left and a right stamp [s], None before the first.
         topics: Names of the topics.
@@ -79,6 +82,7 @@ class ImagesReport:
     added: PairCounts
     elapsed_s: float
     listening: bool = True
+    age_s: float = 0.0
     no_pair: str = ""
     nearest_s: float | None = None
     topics: Topics | None = None
@@ -179,6 +183,7 @@ def _calibration(snapshot: Snapshot) -> _Part:
     if report.reason:
         values["state_reason"] = report.reason
     values |= _estimate(report)
+    values["watch"] = report.watch
     values |= {"last_answer": report.last_answer, **_frames(report.frames)}
     values |= {"road_frame": snapshot.road_frame, "camera_frame": snapshot.camera_frame}
     level, text = _verdict(report)
@@ -192,10 +197,9 @@ def _verdict(report: CalibrationReport) -> tuple[bytes, str]:
     if report.in_force is None:
         if report.state == "calibrating":
             return level, "calibrating"
-        text = report.last_answer if refused else "call ~/calibrate on a straight road with painted lines"
-        return level, f"{report.state}: {report.reason or text}"
+        return level, f"{report.state}: {report.last_answer if refused else report.reason}"
     text = f"{report.state}: {_described(report.in_force)}, {age_text(report.age_s)} old"
-    if report.reason:
+    if level != OK:
         text = f"{report.state}: {report.reason}; {_described(report.in_force)}"
     if level == OK and report.state != "calibrating":
         if refused:
@@ -265,6 +269,7 @@ def _images(report: ImagesReport) -> _Part:
     values |= {f"dropped_{reason}": str(count) for reason, count in report.drops.items()}
     nearest = "not measured" if report.nearest_s is None else f"{report.nearest_s * 1e3:.3f} ms"
     values["nearest_stamp_difference"] = nearest
+    values["rates_measured"] = "now" if report.listening else f"{age_text(report.age_s)} ago"
     values |= {f"{side}_format": text for side, text in report.formats.items()}
     if report.topics is not None:
         values |= {"left_topic": report.topics.left, "right_topic": report.topics.right}
@@ -274,11 +279,12 @@ def _images(report: ImagesReport) -> _Part:
     faults = (*report.incompatible_qos, *report.unusable)
     if faults:
         return ERROR, "; ".join(faults), values
-    if not report.listening:
-        return OK, "not listening: images are read when they are wanted", values
+    ago = "" if report.listening else f"; looked at {age_text(report.age_s)} ago, as nobody wants images"
     if not added.pairs:
-        return WARN, report.no_pair or f"no pairs: left {rates[0]} Hz, right {rates[1]} Hz", values
-    return OK, f"{rates[2]} pairs per second (left {rates[0]} Hz, right {rates[1]} Hz)", values
+        if not report.listening and not report.no_pair:
+            return OK, "not listening: images are read when they are wanted", values
+        return WARN, (report.no_pair or f"no pairs: left {rates[0]} Hz, right {rates[1]} Hz") + ago, values
+    return OK, f"{rates[2]} pairs per second (left {rates[0]} Hz, right {rates[1]} Hz){ago}", values
 
 
 def _camera_info(report: CameraInfoReport) -> _Part:

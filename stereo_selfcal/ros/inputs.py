@@ -5,29 +5,47 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, QoSReliabilityPolicy
+from rclpy.qos import QoSCompatibility, QoSProfile, QoSReliabilityPolicy, qos_check_compatible
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
-from ..core.pairing import StampedPair, StampPairer, message_stamp_ns
+from ..core.pairing import PairCounts, StampedPair, StampPairer, message_stamp_ns
 from .calibration import InputState, Topics
 from .config import NodeConfig
+from .listening import Listening
 
 SIDES = ("left", "right")
 
+_LONGEST_FORMAT = 80  # of what is reported once a second; a message may hold any text
 _QUEUE = 5  # the depth of rmw's profile for sensor data (REP 2003), as is the best effort
 
 
+@dataclass(frozen=True, slots=True)
+class Look:
+    """Since when the node listens: the first image that arrived then, or as long as none has, the beginning.
+
+    Attributes:
+        counts: Images and pairs up to then.
+        since_s: Steady time [s].
+    """
+
+    counts: PairCounts
+    since_s: float
+
+
 class StereoInput:
-    """Subscribes to the stereo camera; the callbacks only pair and enqueue.
+    """Subscribes to the stereo camera while images are wanted; the callbacks only pair and enqueue.
 
     Subscriptions are best effort, which matches every publisher; ``qos_overrides.*`` parameters
-    change that. Pairs are kept only between :meth:`begin` and :meth:`end`.
+    change that. Pairs are kept only between :meth:`begin` and :meth:`end`. A CameraInfo is listened to
+    also as long as none has come: it may be sent once only.
 
     Args:
         node: The node.
@@ -39,40 +57,30 @@ class StereoInput:
         self._pairer: StampPairer[Any] = StampPairer()
         self._arrived = threading.Condition()
         self._pending: deque[StampedPair[Any]] = deque()
-        self._wanted = False
         self._stopped = False
         self._infos: dict[str, Any] = {}
+        self._formats: dict[str, tuple[int, int, str]] = {}
+        self._listening = Listening()
+        self._look: Look | None = None
+        self._switching = threading.Lock()
+        self._subscribed: dict[str, Subscription] = {}
+        self._profiles: dict[str, QoSProfile] = {}
         self.configure(config)
-        # One group for all: stamps must reach the pairer in order of arrival.
-        group = MutuallyExclusiveCallbackGroup()
-        self._images, self._info_topics = [], []
-        for side in SIDES:
-            topic = f"{side}/image_rect"
-            kind = Image
-            if config.image_transport == "compressed":
-                # As image_transport has it: the suffix goes behind the remapped name.
-                topic, kind = f"{node.resolve_topic_name(topic)}/compressed", CompressedImage
-            self._images.append(self._subscribe(kind, topic, self._image_callback(side), group))
-            self._info_topics.append(
-                self._subscribe(CameraInfo, f"{side}/camera_info", self._info_callback(side), group)
-            )
-
-    def _subscribe(self, kind: type, topic: str, callback: Any, group: Any) -> Subscription:
-        # One profile each: rclpy writes the overrides of a topic into the profile it is given.
-        profile = QoSProfile(depth=_QUEUE, reliability=QoSReliabilityPolicy.BEST_EFFORT)
-        return self._node.create_subscription(
-            kind,
-            topic,
-            callback,
-            profile,
-            callback_group=group,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
+        compressed = config.image_transport == "compressed"
+        self._kind: type = CompressedImage if compressed else Image
+        leaf = "image_rect" if config.rectified else "image_raw"
+        # Names as they were before remapping, as that must not happen twice.
+        self._names = [f"{side}/{leaf}" for side in SIDES]
+        if compressed:  # as image_transport has it: the suffix goes behind the remapped name
+            self._names = [f"{node.resolve_topic_name(name)}/compressed" for name in self._names]
+        self._names += [f"{side}/camera_info" for side in SIDES]
+        self._topics = Topics(*map(node.resolve_topic_name, self._names))
+        self.tick()
 
     @property
     def topics(self) -> Topics:
         """Full names of the topics: images left and right, CameraInfo left and right."""
-        return Topics(*(subscription.topic_name for subscription in (*self._images, *self._info_topics)))
+        return self._topics
 
     def publishers(self, topic: str) -> int:
         """Return how many publishers a topic has."""
@@ -82,7 +90,23 @@ class StereoInput:
     def state(self) -> InputState:
         """Counts so far."""
         with self._arrived:
-            return InputState(self._pairer.counts, self._pairer.nearest_s)
+            state = InputState(self._pairer.counts, self._pairer.nearest_s)
+        look = self._look
+        if look is None:
+            return state
+        added = state.counts.since(look.counts)
+        return state if added.left and added.right else replace(state, mismatches=self.mismatches())
+
+    @property
+    def look(self) -> Look | None:
+        """Since when the node listens, None while it does not."""
+        return self._look
+
+    @property
+    def formats(self) -> dict[str, tuple[int, int, str]]:
+        """Width, height and encoding of the last image of each side; of compressed ones 0, 0, the format."""
+        with self._arrived:
+            return dict(self._formats)
 
     @property
     def stopped(self) -> bool:
@@ -94,6 +118,24 @@ class StereoInput:
         """The last CameraInfo of the left and of the right camera, None where none came."""
         with self._arrived:
             return self._infos.get("left"), self._infos.get("right")
+
+    def mismatches(self) -> tuple[str, ...]:
+        """Return sentences about publishers that nothing can be received from, by their type or QoS."""
+        found = []
+        for topic, kind in self._kinds():
+            for publisher in self._node.get_publishers_info_by_topic(topic):
+                name = f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
+                wanted = f"sensor_msgs/msg/{kind.__name__}"
+                compatible, reason = qos_check_compatible(publisher.qos_profile, self._profiles[topic])
+                if publisher.topic_type != wanted:
+                    found.append(f"{name} publishes {publisher.topic_type} on {topic}, {wanted} is read")
+                elif compatible == QoSCompatibility.ERROR:
+                    why = " ".join(reason.replace("ERROR:", "").split()).rstrip(";")
+                    found.append(
+                        f"{name} publishes {topic} with a QoS that does not match ({why}): set "
+                        f"qos_overrides.{topic}.subscription.*"
+                    )
+        return tuple(found)
 
     def configure(self, config: NodeConfig) -> None:
         """Take over changed parameters."""
@@ -110,17 +152,33 @@ class StereoInput:
             self._pairer.flush()
             self._pairer.forget_nearest()
             self._pending.clear()
-            self._wanted = True
+            self._listening.want()
+        self.tick()
 
     def end(self) -> None:
         """Keep no more pairs."""
         with self._arrived:
-            self._wanted = False
+            self._listening.release(time.monotonic())
             self._pending.clear()
+
+    def tick(self) -> None:
+        """Subscribe or unsubscribe when it is time to; to be called once a second."""
+        with self._switching:
+            if self._stopped:
+                return
+            publishers = tuple(self.publishers(topic) for topic in self._topics[:2])
+            with self._arrived:
+                now_s = time.monotonic()
+                on = self._listening.due(now_s, publishers)
+                if on and self._look is None:
+                    self._look = Look(self._pairer.counts, now_s)
+                elif not on:
+                    self._look = None
+            self._switch(on)
 
     def stop(self) -> None:
         """Wake whoever waits for a pair: the node shuts down."""
-        with self._arrived:
+        with self._switching, self._arrived:
             self._stopped = True
             self._arrived.notify_all()
 
@@ -140,12 +198,53 @@ class StereoInput:
                     break
             return self._pending.popleft() if self._pending and not self._stopped else None
 
+    def _kinds(self) -> list[tuple[str, type]]:
+        """Return all topics with the type that is read there."""
+        return list(zip(self._topics, (self._kind, self._kind, CameraInfo, CameraInfo), strict=True))
+
+    def _switch(self, on: bool) -> None:
+        """Make the subscriptions that are needed now, and drop the others."""
+        with self._arrived:
+            missing = [self._infos.get(side) is None for side in SIDES]
+        wanted = dict(zip(self._topics, (on, on, on or missing[0], on or missing[1]), strict=True))
+        callbacks = [*map(self._image_callback, SIDES), *map(self._info_callback, SIDES)]
+        # One group for all: stamps must reach the pairer in order of arrival. And one for each time, as a
+        # group of rclpy remembers for ever what it once had.
+        group = MutuallyExclusiveCallbackGroup()
+        for name, (topic, kind), callback in zip(self._names, self._kinds(), callbacks, strict=True):
+            if wanted[topic] and topic not in self._subscribed:
+                self._subscribed[topic] = self._subscribe(kind, name, topic, callback, group)
+            elif not wanted[topic] and topic in self._subscribed:
+                self._node.destroy_subscription(self._subscribed.pop(topic))
+
+    def _subscribe(self, kind: type, name: str, topic: str, callback: Any, group: Any) -> Subscription:
+        overriding = None
+        if topic not in self._profiles:
+            # One profile each: rclpy writes the overrides of a topic into the profile it is given.
+            profile = QoSProfile(depth=_QUEUE, reliability=QoSReliabilityPolicy.BEST_EFFORT)
+            self._profiles[topic] = profile
+            overriding = QoSOverridingOptions.with_default_policies()
+        return self._node.create_subscription(
+            kind,
+            name,
+            callback,
+            self._profiles[topic],
+            callback_group=group,
+            # Handlers of events cannot be destroyed while an executor waits; mismatches() says more.
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+            qos_overriding_options=overriding,
+        )
+
     def _image_callback(self, side: str) -> Any:
         def received(message: Any) -> None:
             with self._arrived:
                 add = self._pairer.add_left if side == "left" else self._pairer.add_right
                 pairs = add(message_stamp_ns(message), message)
-                if self._wanted and pairs:
+                self._formats[side] = _format(message)
+                now_s = time.monotonic()
+                if self._listening.arrived(now_s, bool(pairs)) and self._look is not None:
+                    self._look = Look(self._pairer.counts, now_s)
+                if self._listening.wanted and pairs:
                     self._pending.extend(pairs)
                     self._arrived.notify_all()
 
@@ -157,3 +256,9 @@ class StereoInput:
                 self._infos[side] = message
 
         return received
+
+
+def _format(message: Any) -> tuple[int, int, str]:
+    if isinstance(message, CompressedImage):
+        return 0, 0, str(message.format)[:_LONGEST_FORMAT]
+    return int(message.width), int(message.height), str(message.encoding)[:_LONGEST_FORMAT]

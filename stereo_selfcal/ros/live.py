@@ -12,7 +12,7 @@ from typing import Any
 from ..core.errors import ImageError, RigError
 from ..core.images import Image, message_to_grey
 from ..core.rig import StereoRig
-from .calibration import FrameSource, no_pair_reason
+from .calibration import FrameSource, known_rectifier, no_pair_reason
 from .config import NodeConfig
 from .inputs import StereoInput
 
@@ -23,10 +23,10 @@ _CLOCK_STEP_S = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveFrame:
-    """A frame as it came.
+    """A frame that was not calibrated.
 
     Attributes:
-        left: (H, W) uint8 image of the left camera.
+        left: (H, W) uint8 image of the left camera, rectified as soon as the rig is known.
         right: The same of the right camera.
         rig: Their rig, None as long as it is not known.
         problem: Why it is not, "" otherwise.
@@ -53,11 +53,8 @@ def known_rig(source: FrameSource, config: NodeConfig) -> StereoRig | None:
     Raises:
         RigError: It cannot be right.
     """
-    rig = config.rig_from_parameters()
-    left, right = source.camera_infos
-    if rig is not None or left is None or right is None:
-        return rig
-    return StereoRig.from_camera_info(left, right)
+    rectifier = known_rectifier(source, config)
+    return None if rectifier is None else rectifier.rig
 
 
 def missing_info(source: FrameSource) -> str:
@@ -129,10 +126,10 @@ class LiveFrames:
                 images.append(message_to_grey(message))
             except ImageError as error:
                 return NoFrame(f"{topic}: {error}")
-        rig, problem = None, ""
         try:
-            rig = known_rig(self._source, self._config())
-            problem = missing_info(self._source) if rig is None else ""
+            rectifier = known_rectifier(self._source, self._config())
         except RigError as error:
-            problem = str(error)
-        return LiveFrame(images[0], images[1], rig, problem, stamp_ns)
+            return LiveFrame(images[0], images[1], None, str(error), stamp_ns)
+        if rectifier is None:
+            return LiveFrame(images[0], images[1], None, missing_info(self._source), stamp_ns)
+        return LiveFrame(*rectifier.apply(images[0], images[1]), rectifier.rig, "", stamp_ns)

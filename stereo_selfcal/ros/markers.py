@@ -79,6 +79,11 @@ def markers_message(
     return MarkerArray(markers=markers)
 
 
+def no_markers_message() -> MarkerArray:
+    """Return what deletes all markers."""
+    return MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
+
+
 def _lane(lanes: tuple[Array, ...], number: int) -> Marker:
     """Return the marker of one lane line, or what deletes it."""
     marker = Marker(ns="lane_lines", id=number, type=Marker.LINE_STRIP, color=_colour(VERMILION))

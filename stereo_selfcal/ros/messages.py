@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -42,6 +42,18 @@ def extrinsics_message(node: str, stamp_ns: int, parameters: Mapping[str, float]
         Parameter(name, Parameter.Type.DOUBLE, value).to_parameter_msg() for name, value in parameters.items()
     ]
     return ParameterEvent(stamp=time_message(stamp_ns), node=node, changed_parameters=changed)
+
+
+def deleted_message(node: str, stamp_ns: int, names: Iterable[str]) -> ParameterEvent:
+    """Return the parameter event that takes a result back.
+
+    Args:
+        node: Full name of the node that held the parameters.
+        stamp_ns: When it is taken back [ns].
+        names: Full names of the parameters; they are in ``deleted_parameters``.
+    """
+    deleted = [Parameter(name, Parameter.Type.NOT_SET).to_parameter_msg() for name in names]
+    return ParameterEvent(stamp=time_message(stamp_ns), node=node, deleted_parameters=deleted)
 
 
 def quaternion_message(extrinsics: Extrinsics) -> Quaternion:

@@ -22,6 +22,7 @@ _THREADS = 4
 # acknowledgement of its last answer may have been on its way; with the pause in none of 571.
 _CALM_S = 0.2
 _EXIT_BAD_USAGE = 2
+_LOG_PERIOD_S = 5.0
 
 
 class _Executor(MultiThreadedExecutor):  # type: ignore[misc]
@@ -47,7 +48,10 @@ def _spin(executor: MultiThreadedExecutor) -> None:
         except Exception:  # noqa: BLE001 - one bad request (a parameter of unknown type) must not end the node
             if executor.context.ok():
                 for node in executor.get_nodes():
-                    node.get_logger().error(f"a callback failed:\n{traceback.format_exc()}")
+                    node.get_logger().error(
+                        f"a callback failed:\n{traceback.format_exc()}",
+                        throttle_duration_sec=_LOG_PERIOD_S,  # whoever asks wrongly may do so at any rate
+                    )
 
 
 def _run(arguments: list[str]) -> None:

@@ -13,17 +13,19 @@ from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from visualization_msgs.msg import MarkerArray
 
-from ..core.errors import ConfigError
+from ..core.errors import ConfigError, OutputError
 from ..core.extrinsics import Array
 from ..core.results import CalibrationResult
-from ..result_file import result_parameters
+from ..node_settings import RESULT_PREFIX
+from ..result_file import RESULT_NAMES, result_parameters
 from .config import NodeConfig
-from .markers import markers_message
-from .messages import extrinsics_message, pose_message, transform_message
+from .markers import markers_message, no_markers_message
+from .messages import deleted_message, extrinsics_message, pose_message, transform_message
 from .parameters import NodeParameters
 
 # The default callback group runs only short work; longer than this means it hangs.
 _PUBLISH_TIMEOUT_S = 10.0
+_SHUTDOWN = "the node shuts down: nothing is published any more"
 _LATCHED = QoSProfile(
     depth=1, reliability=QoSReliabilityPolicy.RELIABLE, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL
 )
@@ -50,7 +52,7 @@ class Publication:
 class _Order:
     """A publication on its way from another thread to the default callback group."""
 
-    publication: Publication
+    publication: Publication | None
     done: threading.Event = field(default_factory=threading.Event)
     error: Exception | None = None
 
@@ -75,6 +77,7 @@ class Outputs:
         self._transform = _transform_broadcaster(node) if parameters.config.publish_tf else None
         # Published from the default callback group, in which the parameter services run.
         self._order: _Order | None = None
+        self._stopped = False
         self._guard = node.create_guard_condition(self._on_guard)
 
     def publish(self, publication: Publication) -> None:
@@ -83,11 +86,24 @@ class Outputs:
         One thread at a time, and none of that group.
 
         Raises:
-            OutputError: The result is a rejection, or holds NaN or infinity.
+            OutputError: The result is a rejection, or holds NaN or infinity; or the node shuts down.
             TimeoutError: The callback group hangs.
         """
+        self._do(publication)
+
+    def withdraw(self) -> None:
+        """Take back what was published; from which thread and with which errors, see :meth:`publish`.
+
+        The parameters have no value any more, ``~/extrinsics`` says that they were deleted, and the markers
+        go. ``~/pose`` and ``/tf_static`` have no way to say so.
+        """
+        self._do(None)
+
+    def _do(self, publication: Publication | None) -> None:
         order = _Order(publication)
         self._order = order
+        if self._stopped:  # after the order is given, so that one of both sees the other
+            raise OutputError(_SHUTDOWN)
         self._guard.trigger()
         if not order.done.wait(_PUBLISH_TIMEOUT_S):
             raise TimeoutError(f"the result was not published within {_PUBLISH_TIMEOUT_S} s")
@@ -116,12 +132,31 @@ class Outputs:
         if self._transform is not None:
             self._transform.sendTransform(transform)
 
+    def stop(self) -> None:
+        """End the waiting of whoever publishes: the node shuts down, and nobody will do it."""
+        self._stopped = True
+        order, self._order = self._order, None
+        if order is not None:
+            order.error = OutputError(_SHUTDOWN)
+            order.done.set()
+
+    def withdraw_now(self) -> None:
+        """Take back; to be called as :meth:`publish_now`."""
+        self._parameters.withdraw_result()
+        stamp_ns = int(self._node.get_clock().now().nanoseconds)
+        names = [RESULT_PREFIX + name for name in RESULT_NAMES]
+        self._extrinsics.publish(deleted_message(self._node.get_fully_qualified_name(), stamp_ns, names))
+        self._markers.publish(no_markers_message())
+
     def _on_guard(self) -> None:
         order, self._order = self._order, None
         if order is None:
             return
         try:
-            self.publish_now(order.publication)
+            if order.publication is None:
+                self.withdraw_now()
+            else:
+                self.publish_now(order.publication)
         except Exception as error:  # noqa: BLE001 - raised again in the thread that waits
             order.error = error
         finally:

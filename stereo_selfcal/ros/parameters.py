@@ -42,15 +42,7 @@ class NodeParameters:
         self._publishing = False
         for setting in SETTINGS.values():
             _declare(node, setting)
-        for name in RESULT_NAMES:
-            # Dynamic, as a typed parameter without a value could not be read at all. Not read-only,
-            # as that would bind the node itself; _check keeps others off. A result file among the
-            # node's own parameter files is no result of this run: overrides are ignored.
-            descriptor = ParameterDescriptor(
-                description=f"Result: {_RESULT_DESCRIPTION[name]}; without value until calibrated",
-                dynamic_typing=True,
-            )
-            node.declare_parameter(RESULT_PREFIX + name, None, descriptor, ignore_override=True)
+        self._declare_result()
         self._config = NodeConfig.from_values(self._values())
         node.add_pre_set_parameters_callback(_whole_numbers_as_floats)
         node.add_on_set_parameters_callback(self._check)
@@ -76,6 +68,27 @@ class NodeParameters:
             self._publishing = False
         if not outcome.successful:
             raise ConfigError(f"the result parameters were not set: {outcome.reason}")
+
+    def withdraw_result(self) -> None:
+        """Take the values from the result parameters; from the same callback group as above."""
+        unset = [Parameter(RESULT_PREFIX + name, Parameter.Type.NOT_SET) for name in RESULT_NAMES]
+        self._publishing = True
+        try:
+            self._node.set_parameters_atomically(unset)  # rclpy undeclares what is set to nothing
+            self._declare_result()
+        finally:
+            self._publishing = False
+
+    def _declare_result(self) -> None:
+        for name in RESULT_NAMES:
+            # Dynamic, as a typed parameter without a value could not be read at all. Not read-only,
+            # as that would bind the node itself; _check keeps others off. A result file among the
+            # node's own parameter files is no result of this run: overrides are ignored.
+            descriptor = ParameterDescriptor(
+                description=f"Result: {_RESULT_DESCRIPTION[name]}; without value until calibrated",
+                dynamic_typing=True,
+            )
+            self._node.declare_parameter(RESULT_PREFIX + name, None, descriptor, ignore_override=True)
 
     def _values(self) -> dict[str, Any]:
         return {name: self._node.get_parameter(name).value for name in SETTINGS}

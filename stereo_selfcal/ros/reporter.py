@@ -5,22 +5,38 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from ..core.errors import RigError
+from ..core.images import SUPPORTED_ENCODINGS
 from ..core.pairing import PairCounts
-from .calibration import no_pair_reason
+from .calibration import InputState, known_rectifier, no_pair_reason
 from .config import NodeConfig
 from .diagnostics import CalibrationReport, CameraInfoReport, ImagesReport, Snapshot, diagnostics_message
-from .inputs import StereoInput
-from .live import known_rig, missing_info
+from .inputs import SIDES, Look, StereoInput
+from .live import missing_info
 
 PERIOD_S = 1.0
 # Rates are means over so many periods: a camera with one image per second does not seem to stop.
 _WINDOW = 3
+# Shorter ones measure no rate; without a pair yet, a slow camera may have had no time for one.
+_LEAST_S = 0.5
+_LEAST_WITHOUT_PAIR_S = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Measured:
+    """What arrived within a time, why no pair was among it, when that was, and what cannot be received."""
+
+    added: PairCounts
+    elapsed_s: float
+    no_pair: str
+    at_s: float
+    mismatches: tuple[str, ...] = ()
 
 
 class DiagnosticsReporter:
@@ -45,7 +61,8 @@ class DiagnosticsReporter:
         self._config = config
         self._calibration = calibration
         self._seen: deque[tuple[PairCounts, float]] = deque(maxlen=_WINDOW)
-        self._seen.append((source.state.counts, time.monotonic()))
+        self._look: Look | None = None
+        self._measured: _Measured | None = None
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 1)
         # On the steady clock: a simulation that stands still must not silence the diagnostics.
         node.create_timer(PERIOD_S, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -63,33 +80,74 @@ class DiagnosticsReporter:
         )
 
     def _images(self, config: NodeConfig) -> ImagesReport:
-        state, now_s = self._source.state, time.monotonic()
-        before, before_s = self._seen[0]
-        self._seen.append((state.counts, now_s))
-        added, elapsed_s = state.counts.since(before), max(now_s - before_s, 1e-3)
-        topics = self._source.topics
+        state, now_s, look = self._source.state, time.monotonic(), self._source.look
+        if look is not None:
+            self._measure(look, config, state, now_s)
+        topics, formats = self._source.topics, self._source.formats
+        measured = self._measured or _Measured(PairCounts(), 0.0, "", now_s)
         return ImagesReport(
             counts=state.counts,
-            added=added,
-            elapsed_s=elapsed_s,
-            no_pair="" if added.pairs else no_pair_reason(self._source, config, before, elapsed_s),
+            added=measured.added,
+            elapsed_s=measured.elapsed_s,
+            listening=look is not None,
+            age_s=now_s - measured.at_s,
+            no_pair=measured.no_pair,
             nearest_s=state.nearest_s,
             topics=topics,
             publishers=(self._source.publishers(topics.left), self._source.publishers(topics.right)),
+            formats={side: _format_text(*formats[side]) for side in SIDES if side in formats},
+            incompatible_qos=measured.mismatches,
+            unusable=tuple(
+                f"{topic}: image encoding {formats[side][2]!r} is not supported: publish one of "
+                f"{', '.join(SUPPORTED_ENCODINGS)}"
+                for side, topic in zip(SIDES, topics[:2], strict=True)
+                if side in formats and formats[side][0] and formats[side][2] not in SUPPORTED_ENCODINGS
+            ),
         )
+
+    def _measure(self, look: Look, config: NodeConfig, state: InputState, now_s: float) -> None:
+        """Measure rates since the last reports, as far as the node has listened since then."""
+        if look is not self._look:
+            self._look = look
+            self._seen.clear()
+            self._seen.append((look.counts, look.since_s))
+        before, before_s = self._seen[0]
+        counts = state.counts
+        added, elapsed_s = counts.since(before), now_s - before_s
+        if elapsed_s < (_LEAST_S if added.pairs else _LEAST_WITHOUT_PAIR_S):
+            if self._measured is not None and self._measured.added.pairs:
+                return
+            elapsed_s = max(elapsed_s, 1e-3)
+        self._seen.append((counts, now_s))
+        no_pair = "" if added.pairs else no_pair_reason(self._source, config, before, elapsed_s)
+        self._measured = _Measured(added, elapsed_s, no_pair, now_s, state.mismatches)
 
     def _camera_info(self, config: NodeConfig) -> CameraInfoReport:
         source = "parameters rig.*" if config.rig else "CameraInfo"
         try:
-            rig = known_rig(self._source, config)
+            rectifier = known_rectifier(self._source, config)
         except RigError as error:
-            return CameraInfoReport(source, faults=(str(error),))
-        return CameraInfoReport(source, rig, missing="" if rig else missing_info(self._source))
+            reason = getattr(error, "reason", None)
+            return CameraInfoReport(source, faults=(f"{reason}: {error}" if reason else str(error),))
+        if rectifier is None:
+            return CameraInfoReport(source, missing=missing_info(self._source))
+        sizes = {side: (width, height) for side, (width, height, _) in self._source.formats.items() if width}
+        return CameraInfoReport(
+            source,
+            rectifier.rig,
+            faults=tuple(map(str, rectifier.size_faults(sizes.get("left"), sizes.get("right")))),
+            doubts=tuple(map(str, rectifier.doubts)),
+        )
 
     def _on_timer(self) -> None:
+        self._source.tick()
         message = diagnostics_message(self._node.get_clock().now().to_msg(), self.snapshot())
         try:
             self._publisher.publish(message)
         except RuntimeError:  # rcl's errors
             if self._node.context.ok():  # Ctrl-C may come at any moment; then there is nobody to tell
                 raise
+
+
+def _format_text(width: int, height: int, encoding: str) -> str:
+    return f"{width} x {height} {encoding}" if width else encoding

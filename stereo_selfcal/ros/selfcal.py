@@ -1,4 +1,4 @@
-"""What the node does: listens to a stereo camera, calibrates on request, publishes and saves the result."""
+"""What the node does: listens to a stereo camera, calibrates on request, watches over what it found."""
 
 from __future__ import annotations
 
@@ -6,32 +6,35 @@ import threading
 import time
 import traceback
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
+from rclpy.qos import qos_profile_parameters
 from std_srvs.srv import Trigger
 
-from ..core.errors import OutputError
+from ..core.errors import ConfigError, RigError
 from ..core.extrinsics import Array
 from ..core.pattern import LanePattern
 from ..core.results import CalibrationResult
 from ..core.rig import StereoRig
-from ..node_settings import NODE_SETTINGS
-from ..result_file import NODE_NAME, write_result
-from .calibration import Outcome
+from ..core.states import Event, State
+from ..result_file import NODE_NAME, check_fits, restore
 from .config import NodeConfig
 from .diagnostics import CalibrationReport
 from .inputs import StereoInput
-from .live import LiveFrames
+from .live import LiveFrames, known_rig
 from .markers import lanes_on_road
+from .monitor import Monitor
 from .outputs import Outputs, Publication
 from .parameters import NodeParameters
 from .record import FrameRecord, FrameReport, InForce, ReportingCall
 from .reporter import DiagnosticsReporter
+from .standing import Standing
+from .store import as_in_force, save
 from .views import Views
 
+_RECALIBRATE = "recalibrate"
 _BUSY = "busy: a calibration is running; call again when it has answered"
 
 
@@ -42,6 +45,7 @@ class SelfcalNode:
 
     Images are paired in their own callback group. A call of ``~/calibrate`` waits and computes in
     its own thread of the executor, so images, parameter services and diagnostics go on meanwhile.
+    The watch computes in a thread of its own as well.
 
     Args:
         **kwargs: Passed to rclpy's Node.
@@ -61,36 +65,77 @@ class SelfcalNode:
             self._calibrating = threading.Lock()
             self._record = FrameRecord()
             self._last_lines: tuple[LanePattern, StereoRig] | None = None
-            self._in_force: InForce | None = None
+            self._standing = Standing()
+            self._publishing = threading.Lock()  # calls and the watch
             self._last_answer = "not called yet"
             self._last_success: bool | None = None
             self._views = Views(
-                self.node, self._live.one, lambda: self._in_force, lambda: self._parameters.config
+                self.node, self._live.one, lambda: self._standing.in_force, lambda: self._parameters.config
             )
             self._reporter = DiagnosticsReporter(
                 self.node, self._input, lambda: self._parameters.config, self._calibration_report
             )
             self.node.create_service(
-                Trigger, "~/calibrate", self._on_calibrate, callback_group=ReentrantCallbackGroup()
+                Trigger,
+                "~/calibrate",
+                self._on_calibrate,
+                # As the parameter services have it, a queue of 1000: with the 10 of other services, ten of
+                # twenty calls at once got no answer.
+                qos_profile=qos_profile_parameters,
+                callback_group=ReentrantCallbackGroup(),
             )
+            self._monitor = Monitor(
+                self._live.one,
+                lambda: self._parameters.config,
+                self._check_cameras,
+                self._on_watched,
+                self.node.get_logger(),
+            )
+            self._restore(self._parameters.config)
             topics = self._input.topics
             self.node.get_logger().info(f"listening to {topics.left} and {topics.right}; call ~/calibrate")
             failed.pop_all()
         self._views.start()
+        self._monitor.start()
 
     def stop(self) -> None:
-        """End a running call and the pictures: the node shuts down."""
+        """End a running call, the watch and the pictures: the node shuts down."""
         self._input.stop()
+        self._monitor.cancel()
+        self._outputs.stop()  # whom the watch may be waiting for
+        self._monitor.stop()
         self._views.stop()
 
     def _on_parameters(self, config: NodeConfig) -> None:
         self._input.configure(config)
+
+    def _restore(self, config: NodeConfig) -> None:
+        """Stand by the calibration of the last run; before the node is spun."""
+        if config.output_path is None:
+            return
+        restored = restore(config.output_path)
+        if restored.problem:
+            self.node.get_logger().error(restored.problem)
+            self._standing.reject(restored.problem)
+        if restored.saved is None:
+            return
+        now_s = self.node.get_clock().now().nanoseconds / 1e9
+        in_force = as_in_force(restored.saved, config.output_path, now_s)
+        problem = _other_cameras(in_force.rig, _rig_of(config))
+        if problem:
+            self.node.get_logger().warning(f"{config.output_path} is not used: {problem}")
+            self._standing.reject(problem)
+            return
+        self._outputs.publish_now(Publication(in_force.result, config, restored.saved.stamp_ns))
+        self._standing.load(in_force)
+        self.node.get_logger().info(f"{in_force.saved}: {in_force.result.message}")
 
     def _on_calibrate(self, _request: Any, response: Any) -> Any:
         if not self._calibrating.acquire(blocking=False):
             response.success, response.message = False, _BUSY
             return response
         try:
+            self._standing.begin()
             response.success, response.message = self._calibrate(self._parameters.config)
         except Exception as error:  # noqa: BLE001 - whatever it is, the caller gets an answer and the node lives
             if self.node.context.ok():  # after a shutdown everything fails, which is no news
@@ -98,6 +143,7 @@ class SelfcalNode:
             response.success = False
             response.message = f"internal error, see the node's log: {type(error).__name__}: {error}"
         finally:
+            self._standing.fail()  # means nothing where it was accepted
             self._last_success, self._last_answer = response.success, response.message
             self._calibrating.release()
         # Two lines on purpose: rclpy refuses to log with another severity from the same line.
@@ -115,18 +161,76 @@ class SelfcalNode:
         result, rig = outcome.result, outcome.rig
         if result is None or rig is None:
             return False, outcome.message
-        self._outputs.publish(Publication(result, config, outcome.stamp_ns, self._lanes(result)))
-        # In effect from here on, saved or not.
-        since_s = time.monotonic()
-        self._in_force = InForce(result, rig, since_s, saved="not yet")
-        saved, save_failed = self._try_to_save(outcome, config)
-        self._in_force = InForce(result, rig, since_s, saved, save_failed)
+        saved = self._put_in_force(result, rig, outcome.stamp_ns, config)
         return True, f"{outcome.message}; {saved}"
+
+    def _put_in_force(
+        self,
+        result: CalibrationResult,
+        rig: StereoRig,
+        stamp_ns: int,
+        config: NodeConfig,
+        settled: bool = False,
+    ) -> str:
+        """Publish and save a result; return what came of saving it."""
+        with self._publishing:
+            self._outputs.publish(Publication(result, config, stamp_ns, self._lanes(result)))
+            # In effect from here on, saved or not.
+            in_force = InForce(result, rig, time.monotonic(), saved="not yet")
+            self._standing.accept(in_force, settled)
+            topics = self._input.topics
+            saved, failed = save(in_force, config, f"{topics.left} {topics.right}")
+            self._standing.saved(saved, failed)
+            return saved
+
+    def _check_cameras(self) -> bool:
+        """Take a calibration back that other cameras were calibrated with; return whether to watch."""
+        config, in_force = self._parameters.config, self._standing.in_force
+        if self._standing.state is State.CALIBRATING:
+            return False
+        if in_force is None:
+            return config.on_drift == _RECALIBRATE
+        problem = _other_cameras(in_force.rig, self._known_rig(config))
+        if problem:
+            self.node.get_logger().warning(f"the calibration is taken back: {problem}")
+            with self._publishing:
+                self._standing.withdraw(problem)
+                self._outputs.withdraw()
+        return not problem
+
+    def _known_rig(self, config: NodeConfig) -> StereoRig | None:
+        try:
+            return known_rig(self._input, config)
+        except RigError:  # /diagnostics says so
+            return None
 
     def _on_frame(self, report: FrameReport) -> None:
         """Remember a frame that was calibrated; called by the thread of the call."""
         self._record.add(report)
         self._views.show(report)
+        self._remember_lines(report)
+
+    def _on_watched(self, report: FrameReport) -> None:
+        """Give a frame to the watch; called by its thread."""
+        self._record.add(report)
+        event = self._standing.watched(report.result, report.rig)
+        if event is Event.CONFIRMED:
+            self.node.get_logger().info(f"{self._standing.state}: {self._standing.reason}")
+        elif event is Event.REFUTED:
+            self.node.get_logger().error(f"{self._standing.state}: {self._standing.reason}")
+        elif event is not None:
+            self.node.get_logger().warning(f"{self._standing.state}: {self._standing.reason}")
+        config = self._parameters.config
+        if config.on_drift != _RECALIBRATE or not self._standing.wants_another:
+            return
+        better = self._standing.proposal(report.rig)
+        if better is None:
+            return
+        self._remember_lines(report)
+        saved = self._put_in_force(better, report.rig, report.stamp_ns, config, settled=True)
+        self.node.get_logger().info(f"recalibrated by the watch: {better.message}; {saved}")
+
+    def _remember_lines(self, report: FrameReport) -> None:
         if report.result.accepted and report.result.pattern is not None:
             self._last_lines = report.result.pattern, report.rig
 
@@ -137,10 +241,11 @@ class SelfcalNode:
         return lanes_on_road(*self._last_lines, result.extrinsics)
 
     def _calibration_report(self) -> CalibrationReport:
-        in_force = self._in_force
-        state = "uncalibrated" if in_force is None else "calibrated"
+        in_force, config = self._standing.in_force, self._parameters.config
         return CalibrationReport(
-            state="calibrating" if self._calibrating.locked() else state,
+            state=str(self._standing.state),
+            reason=self._standing.reason,
+            watch=self._standing.explain() if config.monitor_period_s else "off: monitor_period_s is 0",
             in_force=in_force,
             age_s=0.0 if in_force is None else time.monotonic() - in_force.since_s,
             last_answer=self._last_answer,
@@ -148,31 +253,21 @@ class SelfcalNode:
             frames=self._record.statistics,
         )
 
-    def _try_to_save(self, outcome: Outcome, config: NodeConfig) -> tuple[str, bool]:
-        """Save the result; return what came of it, and whether it failed."""
-        if config.output_path is None:
-            return "not saved, as output_path is empty", False
-        try:
-            self._save(outcome, config, config.output_path)
-        except OutputError as error:
-            return f"in effect, but not saved: {error}", True
-        return f"saved to {config.output_path}", False
 
-    def _save(self, outcome: Outcome, config: NodeConfig, path: Path) -> None:
-        assert outcome.result is not None and outcome.rig is not None
-        if path == _default_output_path():
-            # ROS makes its folder when it first logs, which may be later. Others are the user's.
-            try:
-                path.parent.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise OutputError(
-                    f"{path.parent} cannot be made: {error.strerror}; set output_path"
-                ) from error
-        topics = self._input.topics
-        source = f"{topics.left} {topics.right}"
-        write_result(path, outcome.result, outcome.rig, source=source, seed=config.calibrator.seed)
+def _rig_of(config: NodeConfig) -> StereoRig | None:
+    """Return the rig of the parameters; None where it comes from CameraInfo, or cannot be right."""
+    try:
+        return config.rig_from_parameters()
+    except RigError:  # told when it is needed
+        return None
 
 
-def _default_output_path() -> Path:
-    default = next(setting.default for setting in NODE_SETTINGS if setting.name == "output_path")
-    return Path(str(default)).expanduser()
+def _other_cameras(calibrated: StereoRig, rig: StereoRig | None) -> str:
+    """Return why a calibration is not of these cameras, "" if it is or they are not known."""
+    if rig is None:
+        return ""
+    try:
+        check_fits(calibrated, rig)
+    except ConfigError as error:
+        return str(error)
+    return ""

@@ -248,6 +248,18 @@ def other_profile(tmp_path):
     return path
 
 
+def other_definition(old, new):
+    def make(tmp_path):
+        path = make_bag(tmp_path / "bag", cameras(), kind="mcap") / "bag.mcap"
+        content, old_bytes, new_bytes = path.read_bytes(), old.encode(), new.encode()
+        assert len(old_bytes) == len(new_bytes)
+        assert old_bytes in content
+        path.write_bytes(content.replace(old_bytes, new_bytes))
+        return path
+
+    return make
+
+
 def without_images(tmp_path):
     return make_bag(tmp_path / "bag", cameras(image=""))
 
@@ -277,6 +289,12 @@ def without_images(tmp_path):
         (packed_file, "unpack it: zstd -d bag.mcap.zstd"),
         (packed_files_without_metadata, "no metadata.yaml.*unpack it: zstd -d bag.mcap.zstd"),
         (other_profile, "MCAP file of another system"),
+        (
+            other_definition("string encoding", "string encodinG"),
+            "of sensor_msgs/msg/Image has another field",
+        ),
+        (other_definition("uint32 height", "string height"), "has another field than height"),
+        (other_definition("float64[9] k", "float64[8] k"), "CameraInfo has another field than k"),
         (without_images, "no images"),
     ],
 )

@@ -294,8 +294,10 @@ def test_refuses_a_single_short_dash(rendered):
 
 def test_refuses_swapped_and_equal_images(rendered):
     scene, left, right = rendered(2, 0.01)
-    for pair in ((right, left), (left, left)):
-        assert_refused(calibrate(*pair, scene.rig), RejectReason.LINES_NOT_MATCHED, "not swapped")
+    swapped = calibrate(right, left, scene.rig)
+    assert_refused(swapped, RejectReason.CAMERAS_SWAPPED, "exchange the topics")
+    assert swapped.rejection.value < -5
+    assert_refused(calibrate(left, left, scene.rig), RejectReason.LINES_NOT_MATCHED, "not swapped")
 
 
 def test_refuses_lines_on_a_road_rolled_too_far(rendered):

@@ -8,6 +8,7 @@ import pytest
 
 from stereo_selfcal import Calibrator, CalibratorConfig, RejectReason
 from stereo_selfcal.core import calibrator as calibrator_module
+from stereo_selfcal.core import witnesses
 from stereo_selfcal.core.texture import AGREEMENT
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import random_scene
@@ -70,13 +71,13 @@ def raised(monkeypatch, height_m):
 
 def test_lines_on_another_plane_than_the_asphalt_are_refused(monkeypatch):
     scene, images = coarse_asphalt(12.0)
-    align = calibrator_module.align_texture
+    align = witnesses.align_texture
 
     def lower(*arguments, **settings):
         fit = align(*arguments, **settings)
         return replace(fit, extrinsics=replace(fit.extrinsics, height_m=fit.extrinsics.height_m + 0.07))
 
-    monkeypatch.setattr(calibrator_module, "align_texture", lower)
+    monkeypatch.setattr(witnesses, "align_texture", lower)
     monkeypatch.setattr(calibrator_module, "line_on_road", lambda *_: None)
     assert Calibrator(scene.rig, LINES_ALONE).add(*images).accepted
     result = Calibrator(scene.rig).add(*images)

@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 
 from stereo_selfcal import CalibratorConfig, Extrinsics, RejectReason
-from stereo_selfcal.core.gates import GATES, Evidence, judge
+from stereo_selfcal.core.gates import GATES, judge
+from stereo_selfcal.core.paint import Rim
+from stereo_selfcal.core.profile import Profile
+from stereo_selfcal.core.readings import Evidence
 from stereo_selfcal.core.rectification import VerticalOffset
 from stereo_selfcal.core.refinement import RefinedFit
 from stereo_selfcal.core.texture import TextureFit, TextureQuality
@@ -19,14 +22,16 @@ NOTHING = np.empty(0)
 POSE = Extrinsics(1.5, 0.02, -0.01)
 STRAIGHT = Bends(0.0, 1e-6, 0.0, 1e-6)
 LINES = LineFit(np.eye(3) * 1e-8, 0.0, 2.0)
+FLAT = Profile(NOTHING, NOTHING, np.zeros(2), np.array([1e-3, 1e-4]))
 REFINED = RefinedFit(
-    POSE, np.eye(3) * 1e-8, 0.0, 0.0, NOTHING, NOTHING, NOTHING, np.full(2, 0.5), 2.0, 1.0, 50
+    POSE, np.eye(3) * 1e-8, 0.0, 0.0, FLAT, NOTHING, NOTHING, NOTHING, np.full(2, 0.5), 2.0, 1.0, 50
 )
 ASPHALT = TextureFit(
     POSE,
     np.eye(3) * 1e-8,
     TextureQuality(50.0, 0.9, 0.9, 0.9, 0.1, (1e-3, 1e-4, 1e-4)),
     RoadShape(0.0, 1e-3, 0.0, 1e-3, 0.0, 0.0, 0.0),
+    NOTHING,
     NOTHING,
     NOTHING,
     NOTHING,
@@ -45,6 +50,9 @@ GOOD = Evidence(
     texture=ASPHALT,
     heights_m=np.zeros(2),
     vertical=VerticalOffset(0.1, 0.02, 0.0, 0.0, 40),
+    rims=(Rim(0.01, 0.002), Rim(-0.02, 0.002)),
+    fitted=True,
+    between_m=(0.005, 0.002),
 )
 MM, DEG = 1e3, math.degrees(1.0)
 
@@ -85,7 +93,8 @@ def test_names_are_unique_and_every_gate_has_a_remedy():
 
 def test_gates_without_evidence_are_not_read_and_those_of_before_not_again():
     early = replace(GOOD, bends=None, lines=None, refined=None, clipped=None, texture=None, heights_m=None)
-    first, _ = judge(replace(early, vertical=None, buried_m=None, witness=None))
+    early = replace(early, vertical=None, buried_m=None, witness=None)
+    first, _ = judge(replace(early, rims=(), fitted=None, between_m=None))
     assert [reading.name for reading in first] == ["plausible", "fitness"]
     # The fitness is bad by now, and was good when it was read.
     both, rejection = judge(replace(GOOD, fitness=0.0), but=first)
@@ -275,3 +284,42 @@ def test_lines_lie_in_the_asphalt(sign):
     rejection = refusal(heights_m=np.array([sign * 0.0301, 0.0]))
     words = "height of a line over the asphalt", "kerb"
     assert_refuses(rejection, RejectReason.TEXTURE_DISAGREES, 30.1, 30.0, *words)
+
+
+@pytest.mark.parametrize(
+    ("change", "what", "value", "threshold"),
+    [((0.031, 0.0), "height", 31.0, 30.0), ((0.0, math.radians(-0.26)), "pitch", 0.26, 0.25)],
+)
+def test_near_and_far_parts_of_the_road_are_one_plane(change, what, value, threshold):
+    def with_profile(change, std=(1e-3, 1e-4)):
+        return replace(REFINED, profile=Profile(NOTHING, NOTHING, np.array(change), np.array(std)))
+
+    rejection = refusal(refined=with_profile(change))
+    assert_refuses(rejection, RejectReason.ROAD_NOT_FLAT, value, threshold, what)
+    assert refusal(refined=with_profile(0.95 * np.array(change))) is None
+    # What noise may have done does not count.
+    assert refusal(refined=with_profile(change, (0.0078, math.radians(0.066)))) is None
+
+
+def test_between_a_stripe_and_its_lane_there_is_nothing():
+    assert_refuses(
+        refusal(rims=(Rim(0.0, 0.001), Rim(-0.07, 0.001))),
+        RejectReason.LINE_NOT_PAINTED,
+        0.07,
+        0.06,
+        "kerb",
+    )
+    assert refusal(rims=(Rim(0.0, 0.001), Rim(0.055, 0.001))) is None
+    assert refusal(rims=(Rim(0.07, 0.024),)) is None
+
+
+def test_lines_alone_show_both_edges():
+    assert_refuses(refusal(fitted=False), RejectReason.LINE_NOT_PAINTED, 0, 2, "both edges")
+
+
+@pytest.mark.parametrize("height_m", [0.031, -0.031])
+def test_lines_between_the_boundaries_lie_in_their_plane(height_m):
+    rejection = refusal(between_m=(height_m, 0.001))
+    assert_refuses(rejection, RejectReason.LINES_NOT_COPLANAR, 31.0, 30.0, "mm")
+    assert refusal(between_m=(0.95 * height_m, 0.001)) is None
+    assert refusal(between_m=(height_m, 0.008)) is None

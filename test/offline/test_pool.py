@@ -1,5 +1,6 @@
 """Frames calibrated by several processes: in order, the same to the last bit, and no child is left."""
 
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -66,7 +67,7 @@ def test_the_outcome_is_the_same_with_any_number_of_jobs(soon):
 
 
 def test_few_frames_start_no_process(monkeypatch):
-    monkeypatch.setattr(pool, "_by_workers", None)
+    monkeypatch.setattr(pool, "_workers", None)
     assert len(calibrate_recording(Road(3), jobs=2).rows) == 3
 
 
@@ -88,6 +89,18 @@ def test_a_bug_in_a_worker_is_raised_here(soon, monkeypatch):
     monkeypatch.setattr(pool, "_calibrate", worker_tasks.fail)
     with pytest.raises(ZeroDivisionError, match="a bug"):
         calibrate_recording(Road(40), jobs=2)
+
+
+def test_workers_end_when_nobody_wants_the_rest(soon):
+    """A reader of standard output has gone away, say."""
+
+    def on_row(row):
+        if row.stamp_s > 0.5:
+            raise BrokenPipeError
+
+    with pytest.raises(BrokenPipeError):
+        calibrate_recording(Road(2000), on_row=on_row, jobs=2)
+    assert not multiprocessing.active_children()
 
 
 def test_few_frames_are_in_memory(soon):

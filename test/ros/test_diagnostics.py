@@ -28,6 +28,7 @@ from stereo_selfcal.ros.diagnostics import (
     diagnostics_message,
 )
 from stereo_selfcal.ros.record import FrameStatistics, InForce
+from stereo_selfcal.ros.standing import Standing
 
 RIG = StereoRig(640, 480, 516.6, 516.6, 319.5, 239.5, 0.1481)
 RESULT = CalibrationResult(
@@ -98,12 +99,16 @@ def test_all_is_well():
 def test_level_of_a_state(state, level):
     assert calibration(state)[0] == level
     assert calibration(state, in_force=None)[0] == level
-    text = calibration(state, reason="the pitch has moved by 0.4 deg")[1]
-    assert text.startswith(f"{state}: the pitch has moved by 0.4 deg")
+    _, text, values = calibration(state, reason="the pitch has moved by 0.4 deg", watch="drift, proven")
+    assert text.startswith(f"{state}: the pitch has moved by 0.4 deg") == (level != OK)
+    assert values["state_reason"] == "the pitch has moved by 0.4 deg"
+    assert values["watch"] == "drift, proven"
 
 
 def test_never_calibrated_says_what_to_do():
-    level, text, values = calibration("uncalibrated", in_force=None, last_success=None)
+    level, text, values = calibration(
+        "uncalibrated", in_force=None, last_success=None, reason=Standing().reason
+    )
     assert (level, text) == (WARN, "uncalibrated: call ~/calibrate on a straight road with painted lines")
     assert values["height"] == values["age"] == "none"
 

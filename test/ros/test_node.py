@@ -11,6 +11,7 @@ pytest.importorskip("rclpy")
 
 import ros_graph
 from rclpy.executors import MultiThreadedExecutor
+from rclpy.parameter import Parameter
 from ros_graph import Graph, wait_for
 
 from stereo_selfcal import CalibrationResult, Extrinsics
@@ -51,7 +52,8 @@ def script(graph, monkeypatch):
             return outcome
 
     monkeypatch.setattr(selfcal_module, "ReportingCall", ScriptedCall)
-    selfcal = SelfcalNode()
+    unsaved = Parameter("output_path", Parameter.Type.STRING, "")  # and nothing is restored
+    selfcal = SelfcalNode(parameter_overrides=[unsaved])
     executor = MultiThreadedExecutor(4)
     executor.add_node(selfcal.node)
     thread = threading.Thread(target=executor.spin, daemon=True)

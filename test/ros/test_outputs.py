@@ -2,6 +2,7 @@
 
 import math
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,6 +17,7 @@ from rclpy.parameter import Parameter
 from visualization_msgs.msg import Marker
 
 from stereo_selfcal import CalibrationResult, ConfigError, Extrinsics
+from stereo_selfcal.core.errors import OutputError
 from stereo_selfcal.ros.markers import lanes_on_road, markers_message
 from stereo_selfcal.ros.messages import image_message, transform_message
 from stereo_selfcal.ros.outputs import Publication
@@ -97,7 +99,8 @@ def start():
     started = []
 
     def start(**parameters):
-        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        values = {"output_path": "", **parameters}  # without a path nothing is restored
+        overrides = [Parameter(name, value=value) for name, value in values.items()]
         started.append(SelfcalNode(parameter_overrides=overrides))
         return started[-1]
 
@@ -150,6 +153,19 @@ def test_result_that_is_not_finite_goes_nowhere(start, tf2):
     with pytest.raises(Exception, match="not finite"):
         publish(selfcal, broken)
     assert Broadcaster.made[0].sent == []
+
+
+def test_shutdown_ends_the_waiting_for_a_publication(start):
+    """Nobody spins the node any more then."""
+    selfcal = start()
+    publication = Publication(RESULT, selfcal._parameters.config, STAMP_NS)
+    with ThreadPoolExecutor(1) as pool:
+        waiting = pool.submit(selfcal._outputs.publish, publication)
+        ros_graph.wait_until(lambda: selfcal._outputs._order is not None, "the publication")
+        selfcal.stop()
+        for attempt in (waiting, pool.submit(selfcal._outputs.publish, publication)):
+            with pytest.raises(OutputError, match="the node shuts down"):
+                attempt.result()
 
 
 def test_missing_tf2_is_said_at_the_start(start, monkeypatch):

@@ -1,0 +1,135 @@
+"""Processes on a ROS graph for the benchmarks of the node: cameras, clients, and the node in variants.
+
+``python -m benchmarks.graph WHAT ...`` in the environment with ROS; each prints its findings as JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+
+import numpy as np
+import rclpy
+from rcl_interfaces.srv import GetParameters
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, QoSReliabilityPolicy
+from sensor_msgs.msg import CameraInfo, Image
+from std_srvs.srv import Trigger
+
+from stereo_selfcal import StereoRig
+from stereo_selfcal.ros import inputs, node
+from stereo_selfcal.ros.listening import Listening
+from stereo_selfcal.synth.renderer import render
+from stereo_selfcal.synth.scenes import PAPER_RIG, random_scene
+
+NODE = "/stereo_selfcal"
+SIDES = ("left", "right")
+RIG = StereoRig(1280, 720, 1033.2, 1033.2, 639.5, 359.5, PAPER_RIG.baseline_m)
+_SENSOR_DATA = QoSProfile(depth=5, reliability=QoSReliabilityPolicy.BEST_EFFORT)
+_PATIENCE_S = 60.0
+
+
+def road() -> dict[str, np.ndarray]:
+    """Return a rendered pair of 1280 x 720 pixels."""
+    scene = random_scene(np.random.default_rng(0), 0.01, RIG)
+    return dict(zip(SIDES, render(scene, np.random.default_rng(0)), strict=True))
+
+
+def camera(hz: float) -> None:
+    """Publish a stereo camera until killed; images and CameraInfo at the same rate."""
+    ros = Node("camera")
+    pairs = {}
+    for side, pixels in road().items():
+        image = Image(height=RIG.height, width=RIG.width, encoding="mono8", step=RIG.width)
+        image.data.frombytes(pixels.tobytes())
+        shift = -RIG.fx * RIG.baseline_m if side == "right" else 0.0
+        info = CameraInfo(
+            width=RIG.width,
+            height=RIG.height,
+            distortion_model="plumb_bob",
+            d=[0.0] * 5,
+            k=[RIG.fx, 0.0, RIG.cx, 0.0, RIG.fy, RIG.cy, 0.0, 0.0, 1.0],
+            r=np.eye(3).ravel(),
+            p=[RIG.fx, 0.0, RIG.cx, shift, 0.0, RIG.fy, RIG.cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+        )
+        pairs[ros.create_publisher(Image, f"/{side}/image_rect", _SENSOR_DATA)] = image
+        pairs[ros.create_publisher(CameraInfo, f"/{side}/camera_info", _SENSOR_DATA)] = info
+    next_s = time.monotonic()
+    while True:
+        stamp = ros.get_clock().now().to_msg()
+        for publisher, message in pairs.items():
+            message.header.stamp = stamp
+            publisher.publish(message)
+        next_s = max(next_s + 1.0 / hz, time.monotonic() - 1.0)
+        time.sleep(max(0.0, next_s - time.monotonic()))
+
+
+def ask(seconds: float) -> None:
+    """Call get_parameters fifty times a second and print how long each answer took [ms]."""
+    ros = Node("asker")
+    client = ros.create_client(GetParameters, f"{NODE}/get_parameters")
+    request = GetParameters.Request(names=["extrinsics.height_m", "timeout_s"])
+    times, end_s = [], time.monotonic() + seconds
+    client.wait_for_service(_PATIENCE_S)
+    while time.monotonic() < end_s:
+        start_s = time.perf_counter()
+        future = client.call_async(request)
+        rclpy.spin_until_future_complete(ros, future, timeout_sec=_PATIENCE_S)
+        times.append(1e3 * (time.perf_counter() - start_s) if future.done() else float("inf"))
+        time.sleep(0.02)
+    sys.stdout.write(json.dumps(times) + "\n")
+
+
+def calibrate(seconds: float) -> None:
+    """Call ~/calibrate again and again; print how often it was accepted and refused, and the last answer."""
+    ros = Node("caller")
+    client = ros.create_client(Trigger, f"{NODE}/calibrate")
+    client.wait_for_service(_PATIENCE_S)
+    counts, message, end_s = [0, 0], "", time.monotonic() + seconds
+    while time.monotonic() < end_s:
+        future = client.call_async(Trigger.Request())
+        rclpy.spin_until_future_complete(ros, future, timeout_sec=_PATIENCE_S)
+        counts[not future.result().success] += 1
+        message = future.result().message
+    sys.stdout.write(json.dumps([*counts, message]) + "\n")
+
+
+def variant(kind: str) -> None:
+    """Run the node as it is (``lazy``), or as it could be.
+
+    ``always``: subscribed all the time. ``bytes``: the same, but images are not deserialised, and no use is
+    made of them.
+    """
+    if kind != "lazy":
+        Listening.due = lambda self, now_s, publishers: True  # type: ignore[method-assign]
+    if kind == "bytes":
+        subscribe: Callable = inputs.StereoInput._subscribe
+
+        def as_bytes(self, message_type, name, topic, callback, group):  # noqa: ANN001, ANN202
+            if message_type is CameraInfo:
+                return subscribe(self, message_type, name, topic, callback, group)
+            self._profiles[topic] = _SENSOR_DATA
+            return self._node.create_subscription(
+                message_type, name, lambda data: None, _SENSOR_DATA, callback_group=group, raw=True
+            )
+
+        inputs.StereoInput._subscribe = as_bytes
+    sys.exit(node.main(["--ros-args", "-p", "output_path:=''"]))
+
+
+def main(arguments: list[str]) -> None:
+    """Run one of the processes: camera HZ, ask S, calibrate S, node VARIANT."""
+    what, argument = arguments
+    if what == "node":
+        variant(argument)
+        return
+    rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+    with suppress(KeyboardInterrupt):
+        {"camera": camera, "ask": ask, "calibrate": calibrate}[what](float(argument))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

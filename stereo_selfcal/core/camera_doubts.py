@@ -1,0 +1,100 @@
+"""What is strange about a CameraInfo, though it can be worked with: somebody should look."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .camera_info import EQUIDISTANT, CameraModel, InfoReason
+
+# Baselines of cars' stereo cameras; what lies outside may still be one (a lorry, a toy).
+_USUAL_BASELINE_M = (0.03, 2.0)
+
+# How far rectification may zoom: the cameras of KITTI 0.73, of EuRoC 0.95. A factor of two is what a
+# CameraInfo has of which K was scaled to another resolution and P was not. Wide lenses are zoomed more.
+_MOST_ZOOM = 2.0
+_MOST_ZOOM_FISHEYE = 4.0
+# A principal point this near to the rim [of the image's side] belongs to another resolution, or to a crop.
+_RIM = 0.15
+_SAME_PX = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that is strange about a CameraInfo: its kind, and a sentence with the remedy."""
+
+    reason: InfoReason
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.reason}: {self.message}"
+
+
+def doubts_about(left: CameraModel, right: CameraModel, baseline_m: float, rectified: bool) -> list[Finding]:
+    """Return what is strange about two cameras, though they can be worked with.
+
+    A D that is not zero is none of it: the CameraInfo of a rectified image is that of the raw camera.
+
+    Args:
+        left: The left camera.
+        right: The right camera.
+        baseline_m: Their baseline [m].
+        rectified: Whether the images are meant to be rectified.
+    """
+    found = []
+    least_m, most_m = _USUAL_BASELINE_M
+    if not least_m <= baseline_m <= most_m:
+        text = f"the baseline is {baseline_m:.4g} m, usual are {least_m:g} ... {most_m:g} m: check P[3]"
+        found.append(Finding(InfoReason.BASELINE_UNUSUAL, text))
+    for camera in (left, right):
+        found += _doubts_about_one(camera, rectified)
+    return found
+
+
+def check_image_size(model: CameraModel, size: tuple[int, int]) -> Finding | None:
+    """Compare the size of an image with what its CameraInfo says.
+
+    Args:
+        model: The camera.
+        size: Width and height of an image of it [px].
+    """
+    if size == (model.width, model.height):
+        return None
+    return Finding(
+        InfoReason.IMAGE_SIZE,
+        f"the {model.side} image is {size[0]} x {size[1]}, its CameraInfo is for {model.width} x "
+        f"{model.height} (region of interest and binning applied): publish the CameraInfo of these images",
+    )
+
+
+def _doubts_about_one(camera: CameraModel, rectified: bool) -> list[Finding]:
+    found = []
+    side, k, p = camera.side, camera.k, camera.p
+    most = _MOST_ZOOM_FISHEYE if camera.model == EQUIDISTANT else _MOST_ZOOM
+    for name, raw, projected in (("fx", k[0], p[0]), ("fy", k[4], p[5])):
+        if raw > 0 and projected > 0 and not 1 / most < projected / raw < most:
+            text = (
+                f"{name} of the {side} CameraInfo is {raw:.5g} in K and {projected:.5g} in P, usual is a "
+                f"ratio below {most:g}: they may belong to different resolutions"
+            )
+            found.append(Finding(InfoReason.FOCAL_LENGTHS_DISAGREE, text))
+            break
+    for name, column, row in (("K", k[2], k[5]), ("P", p[2], p[6])):
+        off = max(abs((column + 0.5) / camera.width - 0.5), abs((row + 0.5) / camera.height - 0.5))
+        if off > 0.5 - _RIM and not camera.cropped:
+            text = (
+                f"principal point ({column:.5g}, {row:.5g}) of {name} of the {side} CameraInfo lies at the "
+                f"rim of the {camera.width} x {camera.height} image: it may belong to another resolution"
+            )
+            found.append(Finding(InfoReason.PRINCIPAL_POINT, text))
+            break
+    same = all(abs(k[3 * i + j] - p[4 * i + j]) <= _SAME_PX for i in range(3) for j in range(3))
+    unturned = len(camera.r) == 9 and bool(np.allclose(camera.r, np.eye(3).ravel(), atol=_SAME_PX))
+    if rectified and same and unturned and any(camera.d):
+        text = (
+            f"the {side} CameraInfo is that of a camera nobody rectifies (P is K, R is the identity, D is "
+            "not zero): if the images are not rectified, set rectified: false or calibrate them as a pair"
+        )
+        found.append(Finding(InfoReason.SEEMS_UNRECTIFIED, text))
+    return found

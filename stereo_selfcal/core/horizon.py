@@ -1,0 +1,134 @@
+"""Rows of both images compared along the horizon: a camera that has turned or sunk shows there.
+
+Two lines on a road without texture cannot tell a turned camera from another height. What lies at the horizon
+(the edge of the land, trees, houses) is far away, so that its disparity is next to nothing and its rows can
+be compared whatever the road is.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from .corridor import Corridor, Floats, plane_of
+from .extraction import Image
+from .extrinsics import Array, Extrinsics
+from .geometry import horizon_row
+from .rectification import VerticalOffset, combine_cells, measure_cells, with_slopes
+from .rig import StereoRig
+from .sampling import half_disparity, sample
+
+# Half the height of the band over the width of the image: a horizon tilted by 7 deg stays in it. Where
+# the horizon is close to the border of the image, less will do: a tilt of 2 deg.
+_HALF_BAND, _LEAST_HALF_BAND = 0.0625, 0.018
+_ROWS = 81  # of the band: every one of an image 640 px wide
+_CELLS = 24  # side by side: four times what is needed for the offset and the turn
+_CELL_COLUMNS = 4  # in each, farther apart than the blur reaches
+# Searched to either side, over the width of the image: a turn by 2 deg moves rows at its border so far.
+_MOST = 1.0 / 64.0
+_SHIFT_STEP = 2  # rows: the blur leaves correlation that far
+# Turns tried to start with, to twenty times what a pair may have and still pass for rectified.
+_TURNS_RAD = np.radians(np.linspace(-2.0, 2.0, 41))
+_PASSES = 2
+_ALIGN = 256  # as in :mod:`.corridor`
+
+
+def horizon_offset(
+    images: tuple[Image, Image], rig: StereoRig, extrinsics: Extrinsics
+) -> VerticalOffset | None:
+    """Measure the vertical offset between both images along the horizon.
+
+    Args:
+        images: Left and right image, (H, W) uint8.
+        rig: Intrinsics and baseline.
+        extrinsics: Where the horizon is, good to a few rows in the middle of the image.
+
+    Returns:
+        The offset, or None where the horizon is not in view or shows too little.
+    """
+    band = _lay_out(rig, extrinsics)
+    if band is None:
+        return None
+    most = round(_MOST * rig.width)
+    first = max(0, int(band.v.min()) - 2 * most)
+    last = int(band.v.max()) + 2 * most
+    left, right = (with_slopes(image[first:last]) for image in images)
+    v = band.v - np.float32(first)
+    usable = (np.arange(len(band.u)) < band.n_samples).astype(np.float32)
+    columns = band.cell_rays[:, 1] * -rig.fx
+    # The road below the horizon is nearer.
+    half = np.maximum(half_disparity(band, plane_of(extrinsics, rig), rig), np.float32(0.0))
+    offset, turn = _search(left, right, band, (half, v), columns, most)
+    solution = None
+    for _ in range(_PASSES):
+        tilt = np.float32(0.5) * (np.float32(offset) + np.float32(turn) * (band.u - np.float32(rig.cx)))
+        of_left = sample(left, band.u + half, v - tilt, cv2.INTER_LINEAR)
+        of_right = sample(right, band.u - half, v + tilt, cv2.INTER_LINEAR)
+        solution = combine_cells(*measure_cells(of_left, of_right, usable, band), columns)
+        if solution is None:
+            return None
+        offset, turn = offset + solution.offset_px, turn + solution.roll_rad
+        if not abs(offset) <= 2.0 * most:
+            return None
+    assert solution is not None
+    return VerticalOffset(offset, solution.std_px, turn, solution.roll_std_rad, solution.n_cells)
+
+
+def _lay_out(rig: StereoRig, extrinsics: Extrinsics) -> Corridor | None:
+    """Lay out the band: a segment is a piece of a column, so that its mean takes no horizontal edge away.
+
+    The band is level: a wrong roll must not lead it away from the horizon.
+    """
+    middle = round(float(horizon_row(rig, extrinsics, rig.cx)))
+    room = min(middle, rig.height - 1 - middle) - round(_MOST * rig.width)
+    half = min(round(_HALF_BAND * rig.width), room)
+    if half < _LEAST_HALF_BAND * rig.width:
+        return None
+    n = _CELLS * _CELL_COLUMNS
+    u = (np.arange(n) + 0.5) * (rig.width / n)
+    rows = np.linspace(middle - half, middle + half, _ROWS)
+    total = n * _ROWS
+    padded = -(-total // _ALIGN) * _ALIGN
+    cell_starts = np.arange(_CELLS) * _CELL_COLUMNS
+    rays = np.column_stack([np.ones(n), -(u - rig.cx) / rig.fx, np.full(n, -(middle - rig.cy) / rig.fy)])
+    return Corridor(
+        u=np.pad(np.repeat(u, _ROWS), (0, padded - total), mode="edge").astype(np.float32),
+        v=np.pad(np.tile(rows, n), (0, padded - total), mode="edge").astype(np.float32),
+        starts=np.arange(n) * _ROWS,
+        lengths=np.full(n, _ROWS),
+        segment_rays=rays,
+        cell_starts=cell_starts,
+        cell_lengths=np.full(_CELLS, _CELL_COLUMNS),
+        cell_rays=rays.reshape(_CELLS, _CELL_COLUMNS, 3).mean(axis=1),
+        cell_xy=np.zeros((_CELLS, 2)),  # nowhere on the road
+        cell_area=np.zeros(_CELLS),
+    )
+
+
+def _search(
+    left: Floats, right: Floats, band: Corridor, place: tuple[Floats, Floats], columns: Array, most: int
+) -> tuple[float, float]:
+    """Return offset [px] and turn [rad] under which the cells of both images correlate best."""
+    half, v = place
+    fixed, moving = (np.ascontiguousarray(image[..., 0]) for image in (left, right))
+    shape = (_CELLS, _CELL_COLUMNS, _ROWS)
+
+    def centred(image: Floats, u: Floats, rows: Floats) -> Floats:
+        values = sample(image, u, rows, cv2.INTER_LINEAR)[: band.n_samples].reshape(shape)
+        return np.asarray(values - values.mean(axis=-1, keepdims=True), np.float32)
+
+    reference = centred(fixed, band.u + half, v)
+    shifts = np.arange(-most, most + 1, _SHIFT_STEP)
+    curves = np.empty((len(shifts), _CELLS))
+    for i, shift in enumerate(shifts):
+        moved = centred(moving, band.u - half, v + np.float32(shift))
+        # Weighed by the contrast of the left image: an empty sky correlates by chance.
+        both = np.einsum("csr,csr->c", reference, moved)
+        curves[i] = both / np.sqrt(np.maximum(np.einsum("csr,csr->c", moved, moved), 1.0))
+    # (offset, turn, cell)
+    at = np.rint((shifts[:, None, None] + _TURNS_RAD[:, None] * columns + most) / _SHIFT_STEP).astype(np.intp)
+    within = (at >= 0) & (at < len(shifts))
+    at = np.clip(at, 0, len(shifts) - 1)
+    total = np.where(within, curves[at, np.arange(_CELLS)], 0.0).sum(axis=-1)
+    best = np.unravel_index(int(np.argmax(total)), total.shape)
+    return float(shifts[best[0]]), float(_TURNS_RAD[best[1]])

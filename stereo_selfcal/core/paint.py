@@ -1,0 +1,110 @@
+"""Whether a stripe is paint on the asphalt of the lane: there, the asphalt goes on up to the paint.
+
+The bright top of a kerb is as straight, as parallel and as bright as a painted line, and two lines alone do
+not tell that one of them lies too high. But a kerb shows its face to the lane, a guard rail its lower half:
+between the stripe and the asphalt there is a strip of another grey.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from .corridor import plane_of
+from .extraction import Image
+from .extrinsics import Array
+from .pattern import ImageLine, LanePattern
+from .refinement import RefinedFit
+from .rig import StereoRig
+
+# Beside the stripe, on the side of the lane [m]: where a kerb of 6 cm and more shows its face to a camera as
+# high above it as it is aside. The lane begins beyond a face of 15 cm: next to that a shadow is least likely
+# to begin, but a second line may lie there, which takes less than half of what is wider.
+_NEAR_M, _LANES_M = (0.02, 0.08), ((0.20, 0.40), (0.15, 0.90))
+_NEAR_SAMPLES, _LANE_SAMPLES = 4, 9  # across each
+_BLUR_PX = 2.0  # what a lens and the width of a pixel smear: nearer to the edge nothing is read
+_LEAST_PX = 3.0  # the near strip must be as wide: else it is all smear
+_LEAST_ROWS, _MOST_ROWS = 12, 48
+_CONTRAST_PERCENTILE = 75.0  # of the rows: at least a quarter of a dashed line is painted
+_SIGMA_OVER_MAD = 1.4826
+
+
+@dataclass(frozen=True, slots=True)
+class Rim:
+    """What lies between a stripe and its lane, mean of both cameras.
+
+    Attributes:
+        step: Grey of the strip beside the stripe less that of the lane, over the contrast of the paint.
+        std: Its standard deviation by the scatter of the rows.
+    """
+
+    step: float
+    std: float
+
+
+def measure_rims(
+    images: tuple[Image, Image], pattern: LanePattern, refined: RefinedFit, rig: StereoRig
+) -> tuple[Rim, ...]:
+    """Measure what lies between the boundaries of a lane and its asphalt, in both cameras.
+
+    Args:
+        images: Left and right image, (H, W) uint8.
+        pattern: The lines.
+        refined: Width of the stripes, and the plane.
+        rig: Intrinsics and baseline.
+
+    Returns:
+        One for each boundary of which enough is wide enough.
+    """
+    plane = plane_of(refined.extrinsics, rig)
+    rims = []
+    for index, lines in enumerate(zip(pattern.left, pattern.right, strict=True)):
+        width_m = float(refined.widths_m[index])
+        seen = [
+            rim
+            for image, line in zip(images, lines, strict=True)
+            if (rim := _rim(image, line, width_m, index == 0, plane, rig)) is not None
+        ]
+        if seen:
+            step = float(np.mean([rim.step for rim in seen]))
+            rims.append(Rim(step, float(np.sqrt(np.mean([rim.std**2 for rim in seen]) / len(seen)))))
+    return tuple(rims)
+
+
+def _rim(
+    image: Image, line: ImageLine, width_m: float, lane_is_right: bool, plane: Array, rig: StereoRig
+) -> Rim | None:
+    first, last = int(np.ceil(line.rows.min())), int(line.rows.max())
+    rows = np.arange(first, last + 1, max(1, (last - first) // _MOST_ROWS)).astype(np.float64)
+    edge = line.column_at(rows)
+    disparity = plane[0] - plane[1] * (edge - rig.cx) / rig.fx - plane[2] * (rows - rig.cy) / rig.fy
+    px_per_m = disparity / rig.baseline_m
+    side = 1.0 if lane_is_right else -1.0
+    if lane_is_right:
+        edge = edge + width_m * px_per_m
+    seen = (_NEAR_M[1] - _NEAR_M[0]) * px_per_m >= _LEAST_PX
+    farthest = edge + side * (_LANES_M[1][1] * px_per_m + _BLUR_PX)
+    seen &= (farthest > 0) & (farthest < image.shape[1] - 1)
+    if np.count_nonzero(seen) < _LEAST_ROWS:
+        return None
+    rows, edge, px_per_m = rows[seen, None], edge[seen, None], px_per_m[seen, None]
+
+    def read(reach_m: Array, beyond_px: float) -> Array:
+        u = (edge + side * (reach_m * px_per_m + beyond_px)).astype(np.float32)
+        v = np.broadcast_to(rows, u.shape).astype(np.float32)
+        values = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(values, np.float64)
+
+    near = read(np.linspace(*_NEAR_M, _NEAR_SAMPLES), _BLUR_PX).mean(axis=1)
+    lanes = [np.median(read(np.linspace(*reach, _LANE_SAMPLES), _BLUR_PX), axis=1) for reach in _LANES_M]
+    lane = min(lanes, key=lambda each: abs(float(np.median(near - each))))
+    steps = near - lane
+    paint = read(np.linspace(-0.7 * width_m, -0.3 * width_m, _NEAR_SAMPLES), 0.0).mean(axis=1)
+    contrast = float(np.percentile(paint - lane, _CONTRAST_PERCENTILE))
+    if contrast <= 0.0:
+        return None
+    step = float(np.median(steps))
+    scatter = _SIGMA_OVER_MAD * float(np.median(np.abs(steps - step)))
+    return Rim(step / contrast, scatter / contrast / float(np.sqrt(len(steps))))

@@ -1,0 +1,120 @@
+"""Profile of the road along the lines: whether near and far parts of it lie in one plane.
+
+The refinement drops rows that do not fit its plane, one by one, as it should: a car, a worn stripe. Where the
+road ahead has another slope, all stripes miss the plane together, in both cameras, each by as much as it is
+inclined in the image: that is no chance. From what the edges are off, row by row, this gives the heights of
+the road along it, and the plane that a longer look would see.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .blocks import Blocks
+from .extrinsics import Array, Extrinsics
+from .geometry import horizon_row
+from .rig import StereoRig
+
+# The road that is meant: from where a camera behind a windscreen begins to see it, to where a pixel of
+# disparity is a tenth of the height of the camera (the paper's rig).
+NEAR_M, FAR_M = 5.0, 20.0
+# Heights at these distances [m], linear between them: a change of slope shows within a few metres.
+_NODES_M = np.array([3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0])
+_N_STEPS = 61  # of the plane through them
+# Before anything is seen: a road falls or rises by this at a node [m], and bends by this [1/m], the sharpest
+# bend for which lines pass for straight.
+_HEIGHT_STD_M, _BEND_STD_PER_M = 0.3, 1e-3
+# Edges of paint are straight to a tenth of a pixel: no block weighs more than that.
+_EDGE_STD_PX = 0.1
+_MOST_PX = 5.0  # the window of the refinement sees no farther
+_TUKEY_SIGMAS, _REWEIGHTINGS = 4.685, 5
+_SIGMA_OVER_MAD = 1.4826
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EdgeResiduals:
+    """What the edges are off after the fit, (2 cameras, L stripes, ...).
+
+    Attributes:
+        displacement: (2, L, N, 2 edges) measured minus predicted column [px].
+        blocks: Information and whether the block shows both edges.
+        columns: (2, L, 2, N) predicted columns [px].
+        slopes: (2, L, 2) columns the edges move a row.
+        rows: (N,) rows [px].
+    """
+
+    displacement: Array
+    blocks: Blocks
+    columns: Array
+    slopes: Array
+    rows: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Profile:
+    """Heights of the road along it, over the plane of the fit.
+
+    Attributes:
+        at_m: (K,) distances [m].
+        heights_m: (K,) heights there [m].
+        change: (2,) height [m] and pitch [rad] of the plane 5 to 20 m ahead, less those of the fit.
+        std: (2,) their standard deviations.
+    """
+
+    at_m: Array
+    heights_m: Array
+    change: Array
+    std: Array
+
+
+def measure_profile(edges: EdgeResiduals, rig: StereoRig, pose: Extrinsics) -> Profile | None:
+    """Measure heights of the road from what the edges of the stripes are off.
+
+    A point higher by z at the distance x is seen fy z / x rows higher, so that an edge of slope m is off by
+    m fy z / x; where the lane bends by k, by -k fx x / 2.
+
+    Args:
+        edges: What the edges are off.
+        rig: Intrinsics and baseline.
+        pose: The fit.
+
+    Returns:
+        The profile, or None where too little is seen of it.
+    """
+    columns = np.moveaxis(edges.columns, 2, -1)  # (2, L, N, 2)
+    below = edges.rows[:, None] - horizon_row(rig, pose, columns)
+    x = rig.fy * pose.height_m / np.maximum(below, 1.0)
+    usable = edges.blocks.usable[..., None] & (x < _NODES_M[-1]) & (np.abs(edges.displacement) < _MOST_PX)
+    slopes = np.broadcast_to(edges.slopes[:, :, None], columns.shape)
+    information = np.diagonal(edges.blocks.information, axis1=-2, axis2=-1)[..., :2]
+    off, slope, at = edges.displacement[usable], slopes[usable], x[usable]
+    if len(off) < 2 * len(_NODES_M):
+        return None
+    variance = edges.blocks.variance / np.maximum(information[usable], 1e-9) + _EDGE_STD_PX**2
+    hats = np.stack([np.interp(at, _NODES_M, one) for one in np.eye(len(_NODES_M))], axis=1)
+    design = np.column_stack([(slope * rig.fy / at)[:, None] * hats, -rig.fx * at / 2.0])
+    prior = 1.0 / np.append(np.full(len(_NODES_M), _HEIGHT_STD_M), _BEND_STD_PER_M) ** 2
+    weights = np.ones(len(off))
+    for _ in range(_REWEIGHTINGS):
+        weighted = design * (weights / variance)[:, None]
+        inverse = np.linalg.inv(weighted.T @ design + np.diag(prior))
+        solution = inverse @ (weighted.T @ off)
+        relative = np.abs(off - design @ solution) / np.sqrt(variance)
+        scale = max(1.0, _SIGMA_OVER_MAD * float(np.median(relative)))
+        weights = np.clip(1.0 - (relative / scale / _TUKEY_SIGMAS) ** 2, 0.0, None) ** 2
+    covariance = inverse * scale**2
+    # The plane through the heights from near to far, by least squares.
+    steps = np.linspace(NEAR_M, FAR_M, _N_STEPS)
+    by_heights = np.stack([np.interp(steps, _NODES_M, one) for one in np.eye(len(_NODES_M))], axis=1)
+    line = np.linalg.pinv(np.column_stack([np.ones(_N_STEPS), steps])) @ by_heights
+    # A road that lies higher under the camera makes it lower; one that rises ahead pitches it down.
+    change = np.array([-1.0, 1.0])[:, None] * line
+    n = len(_NODES_M)
+    return Profile(
+        _NODES_M,
+        solution[:n],
+        change @ solution[:n],
+        np.sqrt(np.diag(change @ covariance[:n, :n] @ change.T)),
+    )

@@ -1,0 +1,130 @@
+"""What else the images say of an estimate from two lines: the asphalt, or what lines alone have beside them.
+
+Residuals and covariance do not show the gross errors: a kerb is as straight as a line, and a turned camera
+fits as well as another height.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from .combination import (
+    combine,
+    covariance_by_paint,
+    covariance_by_rectification,
+    covariance_by_road,
+    heights_over_asphalt,
+)
+from .config import CalibratorConfig
+from .corridor import CELL_WIDTH_M, plane_of
+from .extraction import Image
+from .further import height_between
+from .gates import judge
+from .horizon import horizon_offset
+from .matching import Matches
+from .paint import measure_rims
+from .patterns import Points
+from .readings import Evidence
+from .rectification import vertical_offset
+from .results import CalibrationResult, rejected
+from .rig import StereoRig
+from .road import lane_in_road
+from .texture import TextureFit, align_texture
+
+# The road goes on beyond its lines by a shoulder or another lane: a cell more on either side has the lines
+# inside of the surface they are compared with, not on its rim.
+_BESIDE_M = CELL_WIDTH_M
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """What was found in a frame before its lines are fitted.
+
+    Attributes:
+        images: Left and right image, (H, W) uint8.
+        points: Stripe points of both, None where they were not looked at for the lines.
+        matches: Lines both cameras see.
+        shown: The asphalt that has shown where the lines are, None where they were found without it.
+    """
+
+    images: tuple[Image, Image]
+    points: Points | None = None
+    matches: Matches = ([], [])
+    shown: TextureFit | None = None
+
+
+def ask_road(
+    result: CalibrationResult, evidence: Evidence, seen: Seen, rig: StereoRig, config: CalibratorConfig
+) -> CalibrationResult:
+    """Ask the asphalt whether the lines lie in it, and where it does not know, all there is besides.
+
+    Args:
+        result: An accepted estimate from lines.
+        evidence: What the stages have found.
+        seen: The frame.
+        rig: Intrinsics and baseline.
+        config: Settings.
+
+    Where between the lines it is no witness, the asphalt that has shown where they are still is one.
+
+    Returns:
+        Lines and asphalt combined; the estimate with a note, where the asphalt has no say; or a refusal.
+    """
+    if result.pattern is None or result.extrinsics is None or result.covariance is None:
+        raise ValueError("only an accepted result can be compared with the road")
+    if not config.texture.check:
+        return _ask_rest(result, evidence, seen, rig, config)
+    _, left_m, right_m = lane_in_road(result.pattern.boundaries, rig, result.extrinsics)
+    limits_m = (float(right_m) - _BESIDE_M, float(left_m) + _BESIDE_M)
+    yaw = result.lane_yaw_rad or 0.0
+    fit = align_texture(seen.images, rig, result.extrinsics, yaw, limits_m=limits_m)
+    if seen.shown is not None and (fit is None or fit.sufficiency < 1.0):
+        fit = seen.shown
+    if fit is None or not fit.enough_texture or not fit.even_enough:
+        lacking = "too uneven" if fit is not None and fit.enough_texture else "too little texture"
+        if config.texture.required:
+            evidence = replace(evidence, witness=0.0 if fit is None else fit.sufficiency)
+        note = f"not checked against the asphalt: {lacking}"
+        return _ask_rest(replace(result, notes=(*result.notes, note)), evidence, seen, rig, config)
+    evidence = replace(
+        evidence,
+        texture=fit,
+        heights_m=heights_over_asphalt(result.pattern, rig, result.extrinsics, fit),
+        vertical=vertical_offset(seen.images, rig, fit.extrinsics, yaw, limits_m=limits_m),
+    )
+    result = _judged(replace(result, stages={**result.stages, "textured": fit.extrinsics}), evidence)
+    if not result.accepted:
+        return result
+    assert result.pattern is not None and result.extrinsics is not None and result.covariance is not None
+    known_road = (result.pattern, rig, result.extrinsics, fit.shape)
+    by_road = covariance_by_road(*known_road) + covariance_by_paint(*known_road)
+    extrinsics, covariance = combine(result.extrinsics, result.covariance + by_road, fit)
+    covariance = covariance + covariance_by_rectification(rig, extrinsics)
+    stages = {**result.stages, "combined": extrinsics}
+    return replace(result, stages=stages, extrinsics=extrinsics, covariance=covariance)
+
+
+def _ask_rest(
+    result: CalibrationResult, evidence: Evidence, seen: Seen, rig: StereoRig, config: CalibratorConfig
+) -> CalibrationResult:
+    """Judge an estimate that rests on the lines alone by what else the images show."""
+    assert result.pattern is not None and result.extrinsics is not None
+    evidence = replace(evidence, fitted=evidence.refined is not None)
+    if evidence.refined is not None:
+        rims = measure_rims(seen.images, result.pattern, evidence.refined, rig)
+        evidence = replace(evidence, rims=rims)
+    if seen.points is not None:
+        plane = plane_of(result.extrinsics, rig)
+        between = height_between(result.pattern, plane, seen.matches, seen.points, rig, config)
+        evidence = replace(evidence, between_m=between)
+    vertical = horizon_offset(seen.images, rig, result.extrinsics)
+    return _judged(result, replace(evidence, vertical=vertical))
+
+
+def _judged(result: CalibrationResult, evidence: Evidence) -> CalibrationResult:
+    """Return an accepted result with all gates read, or its refusal."""
+    gates, refusal = judge(evidence, but=result.gates)
+    if refusal is None:
+        return replace(result, gates=gates)
+    known = {"pattern": result.pattern, "genetic": result.genetic, "stages": result.stages}
+    return rejected(refusal, result.stamp_s, gates=gates, **known)

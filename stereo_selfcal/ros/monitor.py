@@ -1,0 +1,93 @@
+"""The continuous watch: one frame every ``monitor_period_s``, through the same calibrator as all others."""
+
+from __future__ import annotations
+
+import threading
+import time
+import traceback
+from collections.abc import Callable
+from typing import Any
+
+from ..core.calibrator import Calibrator
+from ..core.pairing import stamp_to_s
+from .config import NodeConfig
+from .live import LiveFrame, NoFrame
+from .record import FrameReport
+
+# How soon a changed period is noticed, and cameras that are others than before.
+_TICK_S = 0.5
+
+
+class Monitor:
+    """Calibrates a frame now and then, in a thread of its own.
+
+    Args:
+        take: Returns a current frame, why there is none, or None while a call has them all; its
+            argument is how long it may wait [s].
+        config: Returns the parameters.
+        check: Called a few times a second, in this thread; returns whether frames are wanted.
+        report: Told every frame that was calibrated, in this thread.
+        logger: Of the node, for what should never happen.
+    """
+
+    def __init__(
+        self,
+        take: Callable[[float], LiveFrame | NoFrame | None],
+        config: Callable[[], NodeConfig],
+        check: Callable[[], bool],
+        report: Callable[[FrameReport], None],
+        logger: Any,
+    ) -> None:
+        self._take = take
+        self._config = config
+        self._check = check
+        self._report = report
+        self._logger = logger
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="monitor", daemon=True)
+
+    def start(self) -> None:
+        """Watch until :meth:`stop`."""
+        self._thread.start()
+
+    def cancel(self) -> None:
+        """End the watch with the frame it is at; what fails from now on is no news."""
+        self._stopped.set()
+
+    def stop(self) -> None:
+        """End the watch and wait for it."""
+        self.cancel()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def step(self) -> None:
+        """Calibrate one frame, if there is one and its rig is known."""
+        config = self._config()
+        frame = self._take(config.monitor_period_s)
+        if not isinstance(frame, LiveFrame) or frame.rig is None:
+            return
+        start_s = time.monotonic()
+        # A new one for each frame: it would gather all it has accepted.
+        result = Calibrator(frame.rig, config.calibrator).add(
+            frame.left, frame.right, stamp_to_s(frame.stamp_ns)
+        )
+        elapsed_s = time.monotonic() - start_s
+        self._report(FrameReport(frame.left, frame.right, frame.rig, result, frame.stamp_ns, elapsed_s))
+
+    def _run(self) -> None:
+        last_s, delay_s = -float("inf"), 0.0
+        while not self._stopped.wait(delay_s):
+            delay_s = _TICK_S
+            try:
+                wanted, period_s = self._check(), self._config().monitor_period_s
+                if not wanted or not period_s:
+                    continue
+                if time.monotonic() >= last_s + period_s:
+                    last_s = time.monotonic()
+                    self.step()
+                delay_s = max(0.0, min(last_s + period_s - time.monotonic(), _TICK_S))
+            except Exception:  # noqa: BLE001 - a frame that fails must not end the watch
+                if not self._stopped.is_set():
+                    self._logger.error(
+                        f"the watch failed on a frame:\n{traceback.format_exc()}", throttle_duration_sec=60.0
+                    )

@@ -1,0 +1,88 @@
+"""Where a calibration is kept between two runs of the node: the result file, and what is exported beside."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from ..core.errors import OutputError
+from ..exports import write_exports
+from ..node_settings import NODE_SETTINGS
+from ..result_file import SavedResult, write_result
+from .config import NodeConfig
+from .record import InForce
+
+# Of a stamp of another clock (a simulation, a recording) the age is not known.
+_LONGEST_AGE_S = 50 * 365.25 * 86400.0
+
+
+def as_in_force(saved: SavedResult, path: Path, now_s: float) -> InForce:
+    """Return a calibration of an earlier run as the one in force.
+
+    Args:
+        saved: The calibration.
+        path: Where it comes from.
+        now_s: Time of the clock that stamps images [s].
+    """
+    age_s = now_s - saved.stamp_s
+    if not 0.0 <= age_s <= _LONGEST_AGE_S:
+        age_s = 0.0
+    return InForce(saved.as_result(), saved.rig, time.monotonic() - age_s, f"restored from {path}")
+
+
+def save(in_force: InForce, config: NodeConfig, source: str) -> tuple[str, bool]:
+    """Save a calibration, and export it as far as that is wanted.
+
+    Args:
+        in_force: The calibration.
+        config: Parameters: where, and what.
+        source: Where the images came from.
+
+    Returns:
+        What came of it, in words, and whether it failed.
+    """
+    path = config.output_path
+    if path is None:
+        return "not saved, as output_path is empty", False
+
+    def write() -> None:
+        if path == _default_output_path():
+            _make_folder(path.parent)
+        write_result(
+            path, in_force.result, in_force.rig, source=source, seed=config.calibrator.seed, keep_others=True
+        )
+
+    problem = _tried(write)
+    if problem:
+        return f"in effect, but not saved: {problem}", True
+    if not config.exports:
+        return f"saved to {path}", False
+    extrinsics = in_force.result.extrinsics
+    assert extrinsics is not None  # it was written
+    frames = config.road_frame, config.camera_frame
+    problem = _tried(lambda: write_exports(path, config.exports, extrinsics, in_force.rig, *frames))
+    if problem:
+        return f"saved to {path}, but not exported: {problem}", True
+    return f"saved to {path} and exported as {', '.join(config.exports)}", False
+
+
+def _tried(write: Callable[[], object]) -> str:
+    try:
+        write()
+    except OutputError as error:
+        return str(error)
+    return ""
+
+
+def _make_folder(folder: Path) -> None:
+    """Make the folder of ROS, which ROS makes when it first logs, perhaps later. Others are the user's."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder} cannot be made: {error.strerror}; set output_path") from error
+
+
+def _default_output_path() -> Path:
+    default = next(setting.default for setting in NODE_SETTINGS if setting.name == "output_path")
+    return Path(str(default)).expanduser()

@@ -1,0 +1,294 @@
+"""Raw and shifted images become those of one rig: against a projection of its own, and against the result."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+from stereo_selfcal import CalibratorConfig, RigError, StereoRig, calibrate
+from stereo_selfcal.core.camera_info import CameraInfoError, CameraModel, InfoReason
+from stereo_selfcal.core.undistort import StereoRectifier, rectification_maps, shifted
+from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene
+
+RIG = PAPER_RIG
+COEFFICIENTS = {
+    "plumb_bob": (-0.28, 0.07, 0.0008, -0.0005, 0.01),
+    "rational_polynomial": (-0.2, 0.03, 0.0006, -0.0004, 0.002, 0.05, -0.01, 0.001),
+    "equidistant": (-0.03, 0.006, -0.002, 0.0005),
+}
+MODELS = list(COEFFICIENTS)
+
+
+def rotation(*angles_deg):
+    return cv2.Rodrigues(np.radians(angles_deg))[0]
+
+
+def raw_info(side="left", model="plumb_bob", rig=RIG, **changes):
+    """Return the CameraInfo of a camera that is turned and distorts."""
+    turned = {"left": rotation(0.4, -0.7, 0.3), "right": rotation(-0.3, 0.5, -0.6)}[side]
+    f = 1.05 if side == "left" else 0.97
+    k = [rig.fx * f, 0, rig.cx + 9, 0, rig.fy * f * 1.01, rig.cy - 7, 0, 0, 1]
+    shift = -rig.fx * rig.baseline_m if side == "right" else 0.0
+    p = [rig.fx, 0, rig.cx, shift, 0, rig.fy, rig.cy, 0, 0, 0, 1, 0]
+    values = {
+        "width": rig.width,
+        "height": rig.height,
+        "distortion_model": model,
+        "k": k,
+        "d": list(COEFFICIENTS.get(model, ())),
+        "r": turned.ravel().tolist(),
+        "p": p,
+    }
+    return SimpleNamespace(**{**values, **changes})
+
+
+def distorted(model, d, x, y):
+    """Return the normalised image point of a ray (x, y, 1) by the formulas of the models' papers."""
+    r2 = x * x + y * y
+    if model == "equidistant":
+        r = np.sqrt(r2)
+        theta = np.arctan(r)
+        bent = theta * (1 + d[0] * theta**2 + d[1] * theta**4 + d[2] * theta**6 + d[3] * theta**8)
+        factor = np.where(r > 1e-12, bent / np.maximum(r, 1e-12), 1.0)
+        return x * factor, y * factor
+    d = (*d, *[0.0] * (8 - len(d)))
+    factor = (1 + d[0] * r2 + d[1] * r2**2 + d[4] * r2**3) / (1 + d[5] * r2 + d[6] * r2**2 + d[7] * r2**3)
+    return (
+        x * factor + 2 * d[2] * x * y + d[3] * (r2 + 2 * x * x),
+        y * factor + d[2] * (r2 + 2 * y * y) + 2 * d[3] * x * y,
+    )
+
+
+def raw_pixel(info, columns, rows, p=None):
+    """Return where the raw camera sees what the rectified one sees at these pixels."""
+    p = info.p if p is None else p
+    rays = np.stack([(columns - p[2]) / p[0], (rows - p[6]) / p[5], np.ones_like(columns)])
+    x, y, z = np.tensordot(np.array(info.r).reshape(3, 3).T, rays, 1)
+    x, y = distorted(info.distortion_model, info.d, x / z, y / z)
+    return info.k[0] * x + info.k[2], info.k[4] * y + info.k[5]
+
+
+def raw_image(info, rectified, scale=1):
+    """Return the image the raw camera takes of what the rectified one sees, by inversion of raw_pixel."""
+    rows, columns = np.mgrid[0 : info.height, 0 : info.width].astype(float)
+    u, v = columns.copy(), rows.copy()
+    for _ in range(40):  # a fixed point: the mapping is near the identity
+        at_u, at_v = raw_pixel(info, u, v)
+        u, v = u + columns - at_u, v + rows - at_v
+    assert max(np.abs(at_u - columns).max(), np.abs(at_v - rows).max()) < 1e-6
+    return cv2.remap(rectified, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
+
+
+def pair_of(model, **changes):
+    return raw_info("left", model, **changes), raw_info("right", model, **changes)
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_maps_are_those_of_the_formulas(model, side):
+    info = raw_info(side, model)
+    maps = rectification_maps(CameraModel.read(info, side), tuple(info.p))
+    rows, columns = np.mgrid[0 : RIG.height, 0 : RIG.width].astype(float)
+    for found, expected in zip(maps, raw_pixel(info, columns, rows), strict=True):
+        assert np.abs(found - expected).max() < 1e-3  # of single precision
+    assert max(np.abs(maps[0] - columns).max(), np.abs(maps[1] - rows).max()) > 20
+
+
+def test_maps_are_made_once_for_each_camera_info():
+    rectification_maps.cache_clear()
+    grey = np.full((RIG.height, RIG.width), 90, np.uint8)
+    for _ in range(3):
+        StereoRectifier.from_camera_info(*pair_of("plumb_bob"), rectified=False).apply(grey, grey)
+    assert (rectification_maps.cache_info().misses, rectification_maps.cache_info().hits) == (2, 4)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_raw_images_calibrate_as_the_rectified_ones(model):
+    scene = named_scene("straight_road")
+    frame = scene.frame(0)
+    infos = pair_of(model)
+    raw = [raw_image(info, image) for info, image in zip(infos, (frame.left, frame.right), strict=True)]
+    rectifier = StereoRectifier.from_camera_info(*infos, rectified=False)
+    assert rectifier.rig.to_mapping() == pytest.approx(RIG.to_mapping(), rel=1e-12)
+    assert not calibrate(*raw, RIG).accepted
+    found = calibrate(*rectifier.apply(*raw), rectifier.rig)
+    expected = calibrate(frame.left, frame.right, RIG)
+    assert found.accepted, found.message
+    change = np.abs(found.extrinsics.as_array() - expected.extrinsics.as_array())
+    # Twice interpolated: within some standard deviations of the pixels' noise at a low contrast.
+    assert (change < [4e-3, 4e-4, 2e-3]).all(), change
+
+
+@pytest.mark.parametrize("shift_px", [-30.0, 12.25, 0.5])
+def test_another_cx_of_the_right_camera(shift_px):
+    """The right image lies ``shift_px`` farther left; by the CameraInfo it is put back."""
+    frame = named_scene("straight_road").frame(0)
+    moved = shifted(frame.right, -shift_px)
+    infos = [raw_info(side, "", d=[]) for side in ("left", "right")]
+    infos[1].p[2] -= shift_px
+    with pytest.raises(RigError, match="differ in cx"):
+        StereoRig.from_camera_info(*infos)
+    rectifier = StereoRectifier.from_camera_info(*infos)
+    found = calibrate(*rectifier.apply(frame.left, moved), rectifier.rig)
+    expected = calibrate(frame.left, frame.right, RIG)
+    assert found.accepted, found.message
+    change = np.abs(found.extrinsics.as_array() - expected.extrinsics.as_array())
+    assert (change < [2e-3, 2e-4, 1e-3]).all(), change
+
+
+def test_another_cx_of_a_raw_camera_is_mended_by_the_maps():
+    left, right = pair_of("plumb_bob")
+    right.p[2] += 20.0
+    cameras = StereoRectifier.from_camera_info(left, right, rectified=False).cameras
+    maps = rectification_maps(cameras[1], cameras[0].p)
+    rows, columns = np.mgrid[0 : RIG.height, 0 : RIG.width].astype(float)
+    np.testing.assert_allclose(maps[0], raw_pixel(right, columns, rows, left.p)[0], atol=1e-3)
+
+
+def test_rectified_images_of_one_cx_are_not_touched():
+    images = np.zeros((RIG.height, RIG.width), np.uint8), np.ones((RIG.height, RIG.width), np.uint8)
+    infos = pair_of("plumb_bob")
+    infos[1].p[2] += 0.009  # what calibration files leave of rounding
+    rectifier = StereoRectifier.from_camera_info(*infos)
+    assert all(a is b for a, b in zip(rectifier.apply(*images), images, strict=True))
+    assert StereoRectifier(RIG).apply(*images)[1] is images[1]
+
+
+def test_images_of_another_size_are_left_to_the_calibrator():
+    small = np.zeros((240, 320), np.uint8)
+    for rectified in (True, False):
+        rectifier = StereoRectifier.from_camera_info(*pair_of("plumb_bob"), rectified=rectified)
+        assert rectifier.apply(small, small)[0] is small
+        assert rectifier.size_faults((640, 480), None) == []
+        (fault,) = rectifier.size_faults((640, 480), (320, 240))
+        assert fault.reason is InfoReason.IMAGE_SIZE and "the right image is 320 x 240" in fault.message
+
+
+@pytest.mark.parametrize("shift_px", [3, -3, 0])
+def test_shift_by_whole_pixels_is_a_copy(shift_px):
+    image = np.random.default_rng(0).integers(0, 256, (5, 40), dtype=np.uint8)
+    out = shifted(image, shift_px)
+    inner = slice(3, -3)
+    np.testing.assert_array_equal(out[:, inner], np.roll(image, shift_px, axis=1)[:, inner])
+    assert (out[:, 0] == image[:, 0]).all() or shift_px < 0
+
+
+@pytest.mark.parametrize("shift_px", [0.25, -0.5, 7.9, -12.3])
+def test_shift_by_parts_of_a_pixel_is_exact_for_parabolas(shift_px):
+    u = np.arange(200.0)
+
+    def parabola(columns):
+        return 20 + 0.02 * (columns - 100) ** 2
+
+    image = np.rint(np.repeat(parabola(u)[None, :], 3, axis=0)).astype(np.uint8)
+    out = shifted(image, shift_px)[1, 20:-20].astype(float)
+    error = out - parabola(u - shift_px)[20:-20]
+    assert np.abs(error).max() <= 1.2 and abs(error.mean()) < 0.05  # rounded to whole grey values, twice
+
+
+def refused(match, reason, rectified=False, **changes):
+    infos = raw_info("left"), raw_info("right", **changes)
+    with pytest.raises(CameraInfoError, match=match) as caught:
+        StereoRectifier.from_camera_info(*infos, rectified=rectified)
+    assert caught.value.reason is reason
+
+
+def test_unknown_distortion_model_is_refused_for_raw_images_only():
+    refused("model 'fov', known are equidistant, plumb_bob", InfoReason.UNKNOWN_MODEL, distortion_model="fov")
+    refused("model ''|has 5 distortion", InfoReason.MALFORMED, distortion_model="")
+    StereoRectifier.from_camera_info(raw_info("left", "fov"), raw_info("right", "fov"))
+
+
+@pytest.mark.parametrize(
+    ("model", "count"), [("plumb_bob", 3), ("rational_polynomial", 7), ("equidistant", 0)]
+)
+def test_wrong_number_of_coefficients(model, count):
+    refused(f"has {count} distortion", InfoReason.MALFORMED, distortion_model=model, d=[0.1] * count)
+
+
+def test_no_coefficients_are_no_distortion():
+    info = raw_info("left", d=[])
+    maps = rectification_maps(CameraModel.read(info, "left"), tuple(info.p))
+    info.d = [0.0] * 5
+    rows, columns = np.mgrid[0 : RIG.height, 0 : RIG.width].astype(float)
+    np.testing.assert_allclose(maps, raw_pixel(info, columns, rows), atol=1e-3)
+
+
+@pytest.mark.parametrize("field", ["d", "r"])
+def test_not_finite(field):
+    values = getattr(raw_info(), field)
+    refused("NaN or infinity in", InfoReason.NOT_FINITE, **{field: [np.nan, *values[1:]]})
+
+
+@pytest.mark.parametrize(
+    ("r", "words"),
+    [
+        ([0.0] * 9, "R is zero"),
+        ([], "R is missing"),
+        (np.diag([1.0, 1.0, 1.01]).ravel().tolist(), "is no rotation"),
+        (np.diag([1.0, 1.0, -1.0]).ravel().tolist(), "is no rotation"),
+    ],
+)
+def test_rotation_that_is_none(r, words):
+    refused(words, InfoReason.NOT_A_ROTATION, r=r)
+    StereoRectifier.from_camera_info(raw_info("left"), raw_info("right", r=r))  # rectified: not used
+
+
+def region(**fields):
+    values = dict.fromkeys(("x_offset", "y_offset", "width", "height"), 0) | fields
+    return SimpleNamespace(**values, do_rectify=False)
+
+
+def test_region_of_interest_and_binning():
+    """A camera that sends a part of its pixels, two by two in one."""
+    infos = pair_of("plumb_bob", roi=region(x_offset=100, y_offset=60, width=400, height=300))
+    for info in infos:
+        info.binning_x, info.binning_y = 2, 2
+    whole = raw_info("left")
+    rectifier = StereoRectifier.from_camera_info(*infos, rectified=False)
+    rig = rectifier.rig
+    assert (rig.width, rig.height, rig.baseline_m) == (200, 150, pytest.approx(RIG.baseline_m))
+    assert (rig.fx, rig.cx) == (RIG.fx / 2, (RIG.cx - 100 + 0.5) / 2 - 0.5)
+    maps = rectification_maps(rectifier.cameras[0], rectifier.cameras[0].p)
+    # The middle of a pixel of the small image, in pixels of the whole sensor, there and back.
+    rows, columns = np.mgrid[0:150, 0:200].astype(float)
+    u, v = raw_pixel(whole, 2 * columns + 0.5 + 100, 2 * rows + 0.5 + 60)
+    np.testing.assert_allclose(maps[0], (u - 100 - 0.5) / 2, atol=1e-3)
+    np.testing.assert_allclose(maps[1], (v - 60 - 0.5) / 2, atol=1e-3)
+
+
+def test_whole_region_and_binning_of_one_change_nothing():
+    plain = raw_info()
+    for roi in (region(), region(width=640, height=480)):
+        info = raw_info(roi=roi, binning_x=1, binning_y=0)
+        assert CameraModel.read(info, "left") == CameraModel.read(plain, "left")
+
+
+@pytest.mark.parametrize("roi", [region(x_offset=10), region(x_offset=300, width=400, height=100)])
+def test_region_outside_of_the_image(roi):
+    refused("region of interest of", InfoReason.REGION, rectified=True, roi=roi)
+
+
+def test_rectified_regions_of_both_cameras_may_lie_apart():
+    """As the region moves the principal point, the right image is shifted back."""
+    regions = [region(x_offset=x, y_offset=180, width=600, height=300) for x in (40, 20)]
+    infos = [raw_info(side, roi=roi) for side, roi in zip(("left", "right"), regions, strict=True)]
+    frame = named_scene("straight_road").frame(0)
+    images = frame.left[180:, 40:], frame.right[180:, 20:620]
+    rectifier = StereoRectifier.from_camera_info(*infos)
+    assert rectifier.shift_px == -20
+    found = calibrate(*rectifier.apply(*images), rectifier.rig)
+    assert found.accepted, found.message
+    expected = calibrate(frame.left, frame.right, RIG).extrinsics.as_array()
+    assert (np.abs(found.extrinsics.as_array() - expected) < [5e-3, 5e-4, 3e-3]).all()
+
+
+def test_results_of_one_cx_are_the_same_bytes():
+    frame = named_scene("straight_road").frame(0)
+    rectifier = replace(StereoRectifier.from_camera_info(*pair_of("plumb_bob")), rig=RIG)
+    config = CalibratorConfig(seed=3)
+    direct = calibrate(frame.left, frame.right, RIG, 3, config)
+    through = calibrate(*rectifier.apply(frame.left, frame.right), rectifier.rig, 3, config)
+    assert direct.extrinsics == through.extrinsics

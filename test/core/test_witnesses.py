@@ -1,0 +1,143 @@
+"""What else the images say where two lines stand alone: horizon, profile, what lies beside the stripes."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stereo_selfcal import Calibrator, CalibratorConfig, Extrinsics, RejectReason
+from stereo_selfcal.core.closed_form import solve_plane
+from stereo_selfcal.core.combination import place_of_line
+from stereo_selfcal.core.corridor import plane_of
+from stereo_selfcal.core.extraction import find_stripe_points
+from stereo_selfcal.core.further import height_between
+from stereo_selfcal.core.horizon import horizon_offset
+from stereo_selfcal.core.paint import measure_rims
+from stereo_selfcal.core.patterns import look
+from stereo_selfcal.core.refinement import refine
+from stereo_selfcal.synth.ingredients import Car, Paint
+from stereo_selfcal.synth.road_shape import RoadShape
+from stereo_selfcal.synth.worlds import named_world, render_world
+
+LINES_ALONE = CalibratorConfig.from_mapping({"texture.check": 0})
+
+
+def bare(name, **changes):
+    """Return a named world without texture, its images, and what the calibrator makes of the lines."""
+    world = named_world(name)
+    world = replace(world, scene=replace(world.scene, texture_amplitude=0.0, **changes))
+    images = render_world(world, np.random.default_rng(5))
+    return world, images, Calibrator(world.scene.rig, LINES_ALONE).add(*images)
+
+
+def of_right_camera(world, **changes):
+    return {"right": replace(world.scene.right, **changes)}
+
+
+@pytest.mark.parametrize("turned_deg", [0.0, -0.3, 1.2])
+@pytest.mark.parametrize("lower_px", [0.0, 1.0, -3.0])
+def test_horizon_shows_turn_and_offset(turned_deg, lower_px):
+    camera = of_right_camera(named_world("plain"), turned_rad=math.radians(turned_deg), lower_px=lower_px)
+    world, images, _ = bare("plain", **camera)
+    found = horizon_offset(images, world.scene.rig, world.truth)
+    # The turn of a camera, right side down, lifts what is to its right in the picture.
+    assert found.roll_rad == pytest.approx(-math.radians(turned_deg), abs=2e-4)
+    assert found.offset_px == pytest.approx(lower_px, abs=0.1)
+    assert found.std_px < 0.1 and found.roll_std_rad < 2e-4
+
+
+def test_horizon_is_found_with_a_wrong_roll():
+    world, images, _ = bare("plain")
+    pose = world.truth
+    wrong = Extrinsics(pose.height_m, pose.pitch_rad, pose.roll_rad + math.radians(3.0))
+    found = horizon_offset(images, world.scene.rig, wrong)
+    assert abs(found.offset_px) < 0.1 and abs(found.roll_rad) < 2e-4
+
+
+def test_horizon_outside_of_the_image_says_nothing():
+    world, images, _ = bare("plain")
+    up = Extrinsics(1.4, math.radians(24.5), 0.0)
+    assert horizon_offset(images, world.scene.rig, up) is None
+    blank = np.full_like(images[0], 90)
+    assert horizon_offset((blank, blank), world.scene.rig, world.truth) is None
+
+
+def test_a_turned_camera_is_refused_without_any_texture():
+    """Two lines cannot tell: without the horizon the estimate would be off by a tenth of the height."""
+    _, _, plain = bare("plain")
+    assert plain.accepted
+    camera = of_right_camera(named_world("plain"), turned_rad=math.radians(0.5))
+    world, _, result = bare("plain", **camera)
+    assert result.reason in (RejectReason.IMAGES_NOT_RECTIFIED, RejectReason.LINES_INCONSISTENT)
+    error_m = result.stages["refined"].height_m - world.truth.height_m if "refined" in result.stages else 1.0
+    assert abs(error_m) > 0.05
+
+
+@pytest.mark.parametrize("change", [0.02, -0.02])
+def test_profile_says_what_a_slope_ahead_does_to_the_estimate(change):
+    shape = RoadShape(grade_change=change, grade_begins_m=9.0, grade_length_m=20.0)
+    world, images, result = bare("plain", shape=shape)
+    calibrator = Calibrator(world.scene.rig, LINES_ALONE)
+    pattern = calibrator.extract(*images)
+    fit = refine(images, pattern, world.scene.rig, result.stages["genetic"])
+    truth = world.scene.truth()
+    found = np.array([fit.extrinsics.height_m, fit.extrinsics.pitch_rad]) + fit.profile.change
+    before = abs(fit.extrinsics.pitch_rad - truth.pitch_rad)
+    assert before > math.radians(0.1)
+    # Rows whose edges are 5 px off and more are not seen: of a crest, these are the farther ones.
+    assert abs(found[1] - truth.pitch_rad) < 0.5 * before
+    assert abs(found[0] - truth.height_m) < 0.5 * abs(fit.extrinsics.height_m - truth.height_m)
+    if result.accepted:  # what is accepted knows how uncertain it is
+        assert result.std.pitch_rad > 0.5 * before
+
+
+def test_profile_of_a_flat_road_is_flat_also_behind_a_car():
+    world, images, result = bare("plain", cars=(Car(14.0, 0.0),))
+    assert result.accepted
+    pattern = Calibrator(world.scene.rig, LINES_ALONE).extract(*images)
+    profile = refine(images, pattern, world.scene.rig, result.extrinsics).profile
+    assert np.all(np.abs(profile.change) < 5.0 * profile.std)
+    assert np.all(profile.std < [0.01, math.radians(0.05)])
+
+
+def test_a_kerb_shows_its_face_and_paint_nothing():
+    def rims(name):
+        world, images, result = bare(name)
+        pattern = Calibrator(world.scene.rig, LINES_ALONE).extract(*images)
+        start = result.stages["genetic"]
+        return measure_rims(images, pattern, refine(images, pattern, world.scene.rig, start), world.scene.rig)
+
+    for name in ("plain", "double_line", "worn_paint", "grass", "kerb", "shadows_across"):
+        assert max(abs(rim.step) for rim in rims(name)) < 0.05, name
+    assert max(abs(rim.step) for rim in rims("kerb_for_line")) > 0.1
+
+
+def test_a_kerb_for_a_line_is_refused_without_any_texture():
+    _, _, result = bare("kerb_for_line")
+    assert result.reason is RejectReason.LINE_NOT_PAINTED
+    assert "kerb" in result.message
+
+
+@pytest.mark.parametrize("fall", [0.0, 0.03])
+def test_a_line_between_two_others_tells_a_crown(fall):
+    """A crown in the middle of the lane, with a line on it: the outer lines have a plane of their own."""
+    middle = Paint(replace(named_world("plain").scene.paints[0].line, offset_m=0.1))
+    shape = RoadShape(crown_at_m=0.1, fall_right=fall, fall_left=fall)
+    world, images, _ = bare("plain", paints=(*named_world("plain").scene.paints, middle), shape=shape)
+    rig, config = world.scene.rig, CalibratorConfig()
+    points = tuple(find_stripe_points(image, config.extraction) for image in images)
+    found = look(points, images, rig, config)
+
+    def width_m(pattern):
+        plane = plane_of(solve_plane(pattern, rig).extrinsics, rig)
+        pairs = zip(pattern.left, pattern.right, strict=True)
+        return np.ptp([place_of_line(*pair, plane, rig)[1] for pair in pairs])
+
+    outer = max(found.patterns, key=width_m)
+    assert width_m(outer) == pytest.approx(3.5, abs=0.2)
+    plane = plane_of(solve_plane(outer, rig).extrinsics, rig)
+    height_m, std_m = height_between(outer, plane, found.matches, points, rig, config)
+    # Both outer lines lie as much lower as the road falls to them, the crown is rounded off.
+    assert height_m == pytest.approx(1.75 * fall, abs=0.012)
+    assert std_m < 0.01

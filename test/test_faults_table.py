@@ -1,0 +1,26 @@
+"""Every test that docs/faults.md names exists, and every row names one."""
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCUMENT = ROOT / "docs" / "faults.md"
+HEADING = "| fault | what the node does | shown by |"
+
+
+def rows():
+    lines = DOCUMENT.read_text(encoding="utf-8").splitlines()
+    return [line for line in lines if line.startswith("| ") and line != HEADING]
+
+
+def test_every_row_names_tests_that_exist():
+    existing = {
+        name
+        for path in (ROOT / "test").rglob("test_*.py")
+        for name in re.findall(r"^def (test_\w+)\(", path.read_text(encoding="utf-8"), re.MULTILINE)
+    }
+    assert len(rows()) > 20
+    for row in rows():
+        named = re.findall(r"`(test_\w+)`", row.rsplit("|", 2)[1])
+        assert named, f"no test in {row}"
+        assert set(named) <= existing, f"not there: {set(named) - existing}"
