@@ -33,9 +33,9 @@ from .table import Table
 
 ROOT = Path(__file__).resolve().parents[1]
 
-LENGTHS = (100, 300, 900)
+LENGTHS = (50, 100, 300)
 SIZES = ((640, 480), (1280, 960), (1920, 1440))
-SIZE_FRAMES = 100
+SIZE_FRAMES = 30
 # Different frames of a recording, which is these over and over: rendering is slower than calibrating.
 N_RENDERED = 10
 GOAL_FRAMES, GOAL_S, GOAL_JOBS = 6000, 120, 2  # ten minutes at 10 Hz

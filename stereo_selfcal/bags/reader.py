@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from heapq import merge
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
 from ..core.errors import ImageError, RigError
 from ..core.images import Image, message_to_grey
 from ..core.pairing import StampedPair, StampPairer, message_stamp_ns, stamp_to_s
 from ..core.rig import StereoRig
+from ..core.undistort import StereoRectifier
 from .errors import BagError
 from .frame import StereoFrame, readable
 from .part import Message, Part, recordings_at
 from .selection import Selection
 from .topics import CAMERA_INFO, StereoTopics, Topic, find_stereo_pairs, find_stereo_topics
+
+T = TypeVar("T")
 
 # Images of one camera that may be recorded ahead of the other's; more than the node keeps, as a
 # recorder writes topics in bursts. It bounds the memory.
@@ -45,6 +48,7 @@ class StereoBag:
         left: str | None = None,
         right: str | None = None,
         tolerance_s: float = 0.0,
+        raw: bool = False,
     ) -> None:
         """Open a recording and find its cameras.
 
@@ -54,6 +58,7 @@ class StereoBag:
             left: Image topic of the left camera, None to find it.
             right: Image topic of the right camera, None to find it.
             tolerance_s: Greatest difference of the header stamps of a pair [s]; 0 means equal stamps.
+            raw: Whether raw images are looked for, not rectified ones.
 
         Raises:
             BagError: The recording cannot be read or has no unambiguous stereo pair.
@@ -63,7 +68,7 @@ class StereoBag:
         self._tolerance_s = tolerance_s
         self._parts = _open(self.paths)
         try:
-            self.topics = find_stereo_topics(_topics(self._parts), left, right)
+            self.topics = find_stereo_topics(_topics(self._parts), left, right, raw)
         except BagError as error:
             self.close()
             raise BagError(f"{self._name}: {error}") from error
@@ -102,9 +107,25 @@ class StereoBag:
         Raises:
             BagError: A CameraInfo is missing, or does not describe a rectified pair.
         """
+        return self._from_camera_infos(StereoRig.from_camera_info)
+
+    def read_rectifier(self, rectified: bool = True) -> StereoRectifier:
+        """Return what makes images of one rig of the recorded ones, by the first CameraInfo of each camera.
+
+        Args:
+            rectified: Whether the images are rectified; False: they are raw.
+
+        Raises:
+            BagError: A CameraInfo is missing, or cannot be right.
+        """
+        return self._from_camera_infos(
+            lambda left, right: StereoRectifier.from_camera_info(left, right, rectified)
+        )
+
+    def _from_camera_infos(self, read: Callable[[Any, Any], T]) -> T:
         left, right = (self._first_info(topic) for topic in (self.topics.left, self.topics.right))
         try:
-            return StereoRig.from_camera_info(left, right)
+            return read(left, right)
         except RigError as error:
             raise BagError(
                 f"{self._name}: {error} (topics {self.topics.left.camera_info} and "
@@ -218,18 +239,19 @@ def remarks_on(read: tuple[int, int], said: tuple[int, int], pairs: int) -> tupl
     return tuple(remarks)
 
 
-def stereo_pairs(paths: Sequence[Path]) -> list[StereoTopics]:
+def stereo_pairs(paths: Sequence[Path], raw: bool = False) -> list[StereoTopics]:
     """Return the topics of all stereo cameras of a recording, ordered by their names.
 
     Args:
         paths: Its bags.
+        raw: Whether raw images are looked for, not rectified ones.
 
     Raises:
         BagError: A bag cannot be read, or there is no stereo pair.
     """
     parts = _open(paths)
     try:
-        return find_stereo_pairs(_topics(parts))
+        return find_stereo_pairs(_topics(parts), raw)
     except BagError as error:
         raise BagError(f"{_name(paths)}: {error}") from error
     finally:
