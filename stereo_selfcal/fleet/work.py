@@ -36,6 +36,7 @@ class FleetSettings:
         tolerance_s: Greatest difference of the header stamps of a pair [s].
         rig: The rig of all recordings, None for that of each.
         selection: Which frames are used of each.
+        raw: Whether the images are to be undistorted and rectified.
     """
 
     config: CalibratorConfig
@@ -44,6 +45,7 @@ class FleetSettings:
     tolerance_s: float = 0.0
     rig: StereoRig | None = None
     selection: Selection = field(default_factory=Selection)
+    raw: bool = False
 
     def to_mapping(self) -> dict[str, Any]:
         """Return all of it as plain values: equal settings give equal results."""
@@ -59,6 +61,7 @@ class FleetSettings:
                 self.selection.every,
                 self.selection.max_frames,
             ],
+            "raw": self.raw,
         }
 
     def open(self, path: Path) -> FrameSource:
@@ -67,7 +70,9 @@ class FleetSettings:
         Raises:
             SelfcalError: It cannot be read.
         """
-        return open_source([path], self.left, self.right, self.tolerance_s, self.rig, self.selection)
+        return open_source(
+            [path], self.left, self.right, self.tolerance_s, self.rig, self.selection, self.raw
+        )
 
 
 @dataclass(frozen=True, slots=True)
