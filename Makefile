@@ -50,7 +50,7 @@ lint: .venv  ## check style and types
 	.venv/bin/python -m mypy
 
 .PHONY: bench
-bench: .venv-bench/ready  ## measure accuracy, time and the alternatives (ARGS="--quick", ARGS="noise seeds": sections)
+bench: .venv-bench/ready .venv  ## measure accuracy, time and the alternatives (ARGS="--quick", ARGS="noise seeds": sections)
 	.venv-bench/bin/python -m benchmarks $(ARGS)
 
 .PHONY: bags

@@ -15,10 +15,13 @@ import cv2
 import numpy as np
 
 from .bias import bias_table
+from .drives import drive_table
 from .false_alarms import false_alarm_table
+from .idle import idle_tables
 from .kills import kill_table
 from .limit import limit_table
 from .many_lines import many_lines_table
+from .offline import offline_tables
 from .options import QUICK, RESULTS, Options
 from .paper import noise_table, seed_table
 from .peer_table import peer_table
@@ -28,6 +31,8 @@ from .soak import soak_table
 from .speed import cost_tables, ratio_table, size_table
 from .table import Table
 from .thresholds import threshold_table
+from .variants import variant_tables
+from .watch import watch_tables
 from .worlds import world_tables
 
 SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
@@ -43,10 +48,15 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "cost": cost_tables,
     "false_alarms": false_alarm_table,
     "recorded": recorded_table,
+    "variants": variant_tables,
     "thresholds": threshold_table,
     "worlds": world_tables,
     "kills": kill_table,
+    "idle": idle_tables,
+    "watch": watch_tables,
     "soak": soak_table,
+    "drives": drive_table,
+    "offline": offline_tables,
 }
 # Drawn by a section, shown below its tables.
 PLOTS = {"limit": "limit.png", "peers": "peers.png", "search": "search.png", "sizes": "sizes.png"}

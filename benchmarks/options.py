@@ -20,7 +20,11 @@ class Options:
         false_alarms: Pictures without a road of each kind.
         worlds: Random worlds.
         kills: Writers of result files killed.
+        watch_hours: Hours the watch is driven without a change, for each ride.
+        bumps: Drives with each bump.
         soak_s: How long the node is soaked [s].
+        drives: Simulated drives of each kind.
+        drive_frames: Frames of the rendered drive.
         all_sizes: Whether to go through all image sizes, or the smallest two only.
         folder: Where tables and plots go.
     """
@@ -32,7 +36,11 @@ class Options:
     false_alarms: int = 200
     worlds: int = 2000
     kills: int = 200
+    watch_hours: int = 60
+    bumps: int = 30
     soak_s: float = 600.0
+    drives: int = 200
+    drive_frames: int = 900
     all_sizes: bool = True
     folder: Path = RESULTS
 
@@ -46,7 +54,11 @@ QUICK = Options(
     false_alarms=20,
     worlds=60,
     kills=20,
+    watch_hours=2,
+    bumps=3,
     soak_s=60.0,
+    drives=5,
+    drive_frames=60,
     all_sizes=False,
     folder=RESULTS / "quick",
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -12,6 +13,7 @@ import numpy as np
 
 from stereo_selfcal import Calibrator, StereoRig
 from stereo_selfcal.bags import StereoBag
+from stereo_selfcal.core.extraction import Image
 from stereo_selfcal.core.results import CalibrationResult
 
 from .frames import READABLE, Array
@@ -32,7 +34,30 @@ DISPARITY_OFFSET = np.array([4.0, 0.1, 0.0])
 # A result that is farther off is wrong, whatever it says of itself [mm, deg, deg].
 WRONG = np.array([60.0, 0.5, 1.2])
 
+STRAIGHT = "straight_lines"  # tag of frames of which a calibration is expected
+
 _MEASURED = ["dh mm", "dpitch deg", "droll deg", "std mm", "std deg", "std deg roll", "stages"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recorded:
+    """A recorded pair and where the road is by another sensor.
+
+    Attributes:
+        name: Of the frame.
+        tag: What kind of road it shows.
+        rig: Intrinsics and baseline.
+        left: (H, W) uint8 image of the left camera.
+        right: The same of the right camera.
+        reference: Height [mm], pitch and roll [deg], systematic differences removed; NaN where unknown.
+    """
+
+    name: str
+    tag: str
+    rig: StereoRig
+    left: Image
+    right: Image
+    reference: Array
 
 
 def recorded_table(_: Options) -> Iterator[Table]:
@@ -50,19 +75,43 @@ def _recording() -> Table:
         ["frame", "verdict", *_MEASURED],
         "Height + 4 mm and pitch + 0.1 deg, what that plane is off on other frames with lidar.",
     )
-    planes = np.loadtxt(REFERENCE, delimiter=",", skiprows=1)[:, 1:] * [1e3, 1, 1] + DISPARITY_OFFSET
-    recording = StereoBag(BAG)
-    calibrator = Calibrator(recording.read_rig())
+    frames = list(recording_frames())
+    calibrator = Calibrator(frames[0].rig)
     accepted: list[tuple[CalibrationResult, Array]] = []
-    for index, frame in enumerate(recording.frames()):
-        result = calibrator.add(frame.left, frame.right, frame.stamp_s)
-        table.add(str(index), *_row(result, planes[index]))
+    for index, frame in enumerate(frames):
+        result = calibrator.add(frame.left, frame.right, float(index))
+        table.add(frame.name, *_row(result, frame.reference))
         if result.accepted:
-            accepted.append((result, planes[index]))
+            accepted.append((result, frame.reference))
     _summary(table, accepted, [], "median", "of accepted")
     fused = calibrator.estimate
-    table.add("fused", *_row(fused, planes.mean(axis=0)))
+    table.add("fused", *_row(fused, np.mean([frame.reference for frame in frames], axis=0)))
     return table
+
+
+def recording_frames() -> Iterator[Recorded]:
+    """Yield the frames of the recording."""
+    planes = np.loadtxt(REFERENCE, delimiter=",", skiprows=1)[:, 1:] * [1e3, 1, 1] + DISPARITY_OFFSET
+    recording = StereoBag(BAG)
+    rig = recording.read_rig()
+    for index, (frame, plane) in enumerate(zip(recording.frames(), planes, strict=True)):
+        yield Recorded(str(index), "recording", rig, frame.left, frame.right, plane)
+
+
+def single_frames() -> Iterator[Recorded]:
+    """Yield the frames of other drives."""
+    rig = StereoRig(**json.loads((FRAMES / "rig.json").read_text()))
+    with (FRAMES / "truth.csv").open(newline="") as lines:
+        for row in csv.DictReader(lines):
+            left, right = (
+                np.asarray(
+                    cv2.imread(str(FRAMES / side / f"{row['id']}.png"), cv2.IMREAD_GRAYSCALE), np.uint8
+                )
+                for side in ("left", "right")
+            )
+            lidar = [float(row[f"lidar_{name}"] or "nan") for name in ("height_m", "pitch_deg", "roll_deg")]
+            reference = np.array(lidar) * [1e3, 1, 1] + LIDAR_OFFSET
+            yield Recorded(row["id"], row["tag"], rig, left, right, reference)
 
 
 def _frames() -> Iterator[Table]:
@@ -71,24 +120,14 @@ def _frames() -> Iterator[Table]:
         "Real cars (KITTI, 42 frames of other drives): difference to lidar - 15 mm",
         ["frame", "tag", "verdict", *_MEASURED],
     )
-    rig = StereoRig(**json.loads((FRAMES / "rig.json").read_text()))
     by_tag: dict[str, list[tuple[CalibrationResult, Array]]] = {}
     counts: dict[str, int] = {}
-    with (FRAMES / "truth.csv").open(newline="") as lines:
-        for row in csv.DictReader(lines):
-            left, right = (
-                cv2.imread(str(FRAMES / side / f"{row['id']}.png"), cv2.IMREAD_GRAYSCALE)
-                for side in ("left", "right")
-            )
-            reference = np.array(
-                [float(row[f"lidar_{name}"] or "nan") for name in ("height_m", "pitch_deg", "roll_deg")]
-            )
-            reference = reference * [1e3, 1, 1] + LIDAR_OFFSET
-            result = Calibrator(rig).add(left, right)
-            table.add(row["id"], row["tag"], *_row(result, reference))
-            counts[row["tag"]] = counts.get(row["tag"], 0) + 1
-            if result.accepted:
-                by_tag.setdefault(row["tag"], []).append((result, reference))
+    for frame in single_frames():
+        result = Calibrator(frame.rig).add(frame.left, frame.right)
+        table.add(frame.name, frame.tag, *_row(result, frame.reference))
+        counts[frame.tag] = counts.get(frame.tag, 0) + 1
+        if result.accepted:
+            by_tag.setdefault(frame.tag, []).append((result, frame.reference))
     for tag, accepted in by_tag.items():
         for what in ("median", "90 %"):
             _summary(table, accepted, [tag], what, f"{len(accepted)} of {counts[tag]}")

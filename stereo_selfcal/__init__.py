@@ -3,12 +3,16 @@
 Importing this package imports no ROS: the node lives in :mod:`stereo_selfcal.ros`.
 """
 
-from .core.calibrator import Calibrator, calibrate
-from .core.config import CalibratorConfig
-from .core.errors import ConfigError, ImageError, RigError, SelfcalError
-from .core.extrinsics import Extrinsics
-from .core.results import CalibrationResult, Rejection, RejectReason
-from .core.rig import StereoRig
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .core.calibrator import Calibrator, calibrate
+    from .core.config import CalibratorConfig
+    from .core.errors import ConfigError, ImageError, RigError, SelfcalError
+    from .core.extrinsics import Extrinsics
+    from .core.results import CalibrationResult, Rejection, RejectReason
+    from .core.rig import StereoRig
 
 __version__ = "0.1.0"
 
@@ -27,3 +31,29 @@ __all__ = [
     "__version__",
     "calibrate",
 ]
+
+# Imported when they are asked for: our own programs have to set up BLAS before numpy is imported.
+_MODULES = {
+    "CalibrationResult": "results",
+    "Calibrator": "calibrator",
+    "CalibratorConfig": "config",
+    "ConfigError": "errors",
+    "Extrinsics": "extrinsics",
+    "ImageError": "errors",
+    "RejectReason": "results",
+    "Rejection": "results",
+    "RigError": "errors",
+    "SelfcalError": "errors",
+    "StereoRig": "rig",
+    "calibrate": "calibrator",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".core.{_MODULES[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_MODULES})

@@ -1,11 +1,14 @@
 """Writes small recordings of every kind, good and bad, for the tests of reading and replaying."""
 
+import struct
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import cv2
+import lz4.frame
 import numpy as np
+import yaml
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -18,7 +21,19 @@ NS_PER_S = 1_000_000_000
 PERIOD_NS = NS_PER_S // 10
 FIRST_NS = 100 * NS_PER_S
 
-KINDS = ("mcap", "mcap-chunks", "mcap-messages", "mcap-file", "sqlite3", "sqlite3-messages", "ros1")
+KINDS = (
+    "mcap",
+    "mcap-chunks",
+    "mcap-lz4",
+    "mcap-messages",
+    "mcap-file",
+    "sqlite3",
+    "sqlite3-messages",
+    "sqlite3-file",
+    "ros1",
+    "ros1-lz4",
+    "ros1-bz2",
+)
 
 
 @dataclass
@@ -52,16 +67,23 @@ def picture(side: str, index: int, rig: StereoRig = RIG):
     return np.tile(40 + 10 * index + columns, (rig.height, 1)).astype(np.uint8)
 
 
-def make_bag(path: Path, cameras, n_frames=3, kind="mcap", rig=RIG, other_topics=()):
-    """Write a recording and return what to open: a folder, or a file for ROS 1."""
-    ros1 = kind == "ros1"
+def make_bag(path: Path, cameras, n_frames=3, kind="mcap", rig=RIG, other_topics=(), first=0):
+    """Write a recording and return what to open: a folder, or a file for ROS 1.
+
+    Frames are numbered from ``first`` on; their pictures and stamps go by the number.
+    """
+    if kind == "mcap-lz4":
+        return _make_lz4(path, cameras, n_frames, rig, first)
+    ros1 = kind.startswith("ros1")
     types = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
     writer = Writer1(path.with_suffix(".bag")) if ros1 else _writer2(path, kind)
+    if kind in ("ros1-lz4", "ros1-bz2"):
+        writer.set_compression(Writer1.CompressionFormat[kind[5:].upper()])
     with writer:
         connections = {}
         for topic, msgtype in [*_topics(cameras), *other_topics]:
             connections[topic] = writer.add_connection(topic, msgtype, typestore=types)
-        for index in range(n_frames):
+        for index in range(first, first + n_frames):
             for camera in cameras:
                 stamp_ns = FIRST_NS + index * PERIOD_NS
                 for topic, message in _messages(types, camera, index, stamp_ns, rig, ros1):
@@ -69,6 +91,72 @@ def make_bag(path: Path, cameras, n_frames=3, kind="mcap", rig=RIG, other_topics
                     data = (types.serialize_ros1 if ros1 else types.serialize_cdr)(message, msgtype)
                     writer.write(connections[topic], stamp_ns, data)
     return path.with_suffix(".bag") if ros1 else path
+
+
+def make_split_bag(path: Path, cameras, kind="mcap", n_files=2, n_frames=3, rig=RIG):
+    """Write a recording of several storage files, as a recorder with a size limit does."""
+    merged = None
+    for index in range(n_files):
+        part = make_bag(
+            path.with_name(f"{path.name}_{index}"), cameras, n_frames, kind, first=index * n_frames
+        )
+        metadata = yaml.safe_load((part / "metadata.yaml").read_text())
+        (part / "metadata.yaml").unlink()
+        content = metadata["rosbag2_bagfile_information"]
+        if merged is None:
+            merged = metadata
+            part.rename(path)
+            continue
+        whole = merged["rosbag2_bagfile_information"]
+        for name in content["relative_file_paths"]:
+            (part / name).rename(path / name)
+        part.rmdir()
+        whole["relative_file_paths"] += content["relative_file_paths"]
+        whole["message_count"] += content["message_count"]
+        whole["duration"]["nanoseconds"] += content["duration"]["nanoseconds"] + PERIOD_NS
+        for one, other in zip(
+            whole["topics_with_message_count"], content["topics_with_message_count"], strict=True
+        ):
+            one["message_count"] += other["message_count"]
+    (path / "metadata.yaml").write_text(yaml.safe_dump(merged))
+    return path
+
+
+def _make_lz4(path, cameras, n_frames, rig, first):
+    """Write an MCAP file with lz4 chunks and without a summary, which no writer here can."""
+    types = get_typestore(Stores.ROS2_JAZZY)
+
+    def text(value):
+        return struct.pack("<I", len(value)) + value
+
+    def record(code, content):
+        return bytes([code]) + struct.pack("<Q", len(content)) + content
+
+    channels, chunks = b"", b""
+    numbers = {}
+    for number, (topic, msgtype) in enumerate(_topics(cameras), 1):
+        numbers[topic] = number, msgtype
+        definition = types.generate_msgdef(msgtype, ros_version=2)[0].encode()
+        schema = struct.pack("<H", number) + text(msgtype.encode()) + text(b"ros2msg") + text(definition)
+        channel = struct.pack("<HH", number, number) + text(topic.encode()) + text(b"cdr") + text(b"")
+        channels += record(3, schema) + record(4, channel)
+    for index in range(first, first + n_frames):
+        stamp_ns = FIRST_NS + index * PERIOD_NS
+        content = channels if index == first else b""
+        for camera in cameras:
+            for topic, message in _messages(types, camera, index, stamp_ns, rig, False):
+                number, msgtype = numbers[topic]
+                head = struct.pack("<HIQQ", number, index, stamp_ns, stamp_ns)
+                content += record(5, head + types.serialize_cdr(message, msgtype))
+        packed = lz4.frame.compress(content)
+        head = struct.pack("<QQQI", stamp_ns, stamp_ns, len(content), 0)
+        chunks += record(6, head + text(b"lz4") + struct.pack("<Q", len(packed)) + packed)
+    magic = b"\x89MCAP0\r\n"
+    end = record(15, struct.pack("<I", 0)) + record(2, struct.pack("<QQI", 0, 0, 0))
+    path.mkdir()
+    file = path / f"{path.name}.mcap"
+    file.write_bytes(magic + record(1, text(b"ros2") + text(b"tests")) + chunks + end + magic)
+    return path
 
 
 def _writer2(path, kind):

@@ -26,6 +26,7 @@ WITHOUT_ROS = (
     "stereo_selfcal.cli.replay",
     "stereo_selfcal.cli.synth",
     "stereo_selfcal.cli.limits",
+    "stereo_selfcal.offline",
 )
 
 COMPUTED = "an import of a computed name"
@@ -33,6 +34,7 @@ COMPUTED = "an import of a computed name"
 # Import name -> rosdep key, where the two differ.
 ROSDEP_KEYS = {
     "cv2": "python3-opencv",
+    "jinja2": "python3-jinja2",
     "numpy": "python3-numpy",
     "rosbags": "python3-rosbags-pip",
     "tf2_ros": "tf2_ros_py",

@@ -1,6 +1,9 @@
 """Stereo pairs from recordings: rosbag2 (sqlite3, mcap) and ROS 1 bags, read without a ROS graph."""
 
 from .errors import BagError
-from .reader import StereoBag, StereoFrame
+from .frame import StereoFrame, readable
+from .reader import StereoBag, stereo_pairs
+from .selection import Selection
+from .topics import StereoTopics
 
-__all__ = ["BagError", "StereoBag", "StereoFrame"]
+__all__ = ["BagError", "Selection", "StereoBag", "StereoFrame", "StereoTopics", "readable", "stereo_pairs"]

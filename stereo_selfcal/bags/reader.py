@@ -2,50 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+import os
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from heapq import merge
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
-import numpy.typing as npt
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
+from typing import Any
 
 from ..core.errors import ImageError, RigError
-from ..core.images import message_to_grey
-from ..core.pairing import StampedPair, StampPairer, message_stamp_ns, stamp_to_s
+from ..core.images import Image, message_to_grey
+from ..core.pairing import PairCounts, StampedPair, StampPairer, message_stamp_ns, stamp_to_s
 from ..core.rig import StereoRig
 from .errors import BagError
-from .topics import CAMERA_INFO, StereoTopics, Topic, find_stereo_topics
-
-if TYPE_CHECKING:
-    from rosbags.interfaces import Connection
-
-# Storage files that are a recording by themselves, without a folder and its metadata.yaml.
-_STORAGE_SUFFIXES = (".mcap", ".db3")
-_SUFFIXES = (*_STORAGE_SUFFIXES, ".bag")
+from .frame import StereoFrame, readable
+from .part import Message, Part, recordings_at
+from .selection import Selection
+from .topics import CAMERA_INFO, StereoTopics, Topic, find_stereo_pairs, find_stereo_topics
 
 # Images of one camera that may be recorded ahead of the other's; more than the node keeps, as a
 # recorder writes topics in bursts. It bounds the memory.
 _QUEUE_SIZE = 30
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StereoFrame:
-    """One pair of images.
-
-    Attributes:
-        stamp_s: Header stamp of the left image [s].
-        left: (H, W) uint8 grey image of the left camera.
-        right: The same of the right camera.
-    """
-
-    stamp_s: float
-    left: npt.NDArray[np.uint8]
-    right: npt.NDArray[np.uint8]
+# What is read around a stretch of a recording, so that its images find the partners they find when all is
+# read: as long as a full queue takes at 10 Hz, and more.
+_MARGIN_NS = 4_000_000_000
 
 
 class StereoBag:
@@ -54,13 +34,14 @@ class StereoBag:
     Images are read, paired and converted one by one, so memory does not grow with the recording.
 
     Attributes:
-        path: The recording.
+        paths: The bags of the recording.
         topics: The image topics of the two cameras.
+        remarks: What became of images that are in no frame, in sentences; known when all have been read.
     """
 
     def __init__(
         self,
-        path: Path | str,
+        path: Path | str | Sequence[Path | str],
         left: str | None = None,
         right: str | None = None,
         tolerance_s: float = 0.0,
@@ -68,7 +49,8 @@ class StereoBag:
         """Open a recording and find its cameras.
 
         Args:
-            path: A rosbag2 folder, a single .mcap or .db3 file, or a ROS 1 .bag.
+            path: A rosbag2 folder, a single .mcap or .db3 file, or a ROS 1 .bag; or several of them, which
+                are read as one recording in the order of time.
             left: Image topic of the left camera, None to find it.
             right: Image topic of the right camera, None to find it.
             tolerance_s: Greatest difference of the header stamps of a pair [s]; 0 means equal stamps.
@@ -76,18 +58,15 @@ class StereoBag:
         Raises:
             BagError: The recording cannot be read or has no unambiguous stereo pair.
         """
-        self.path = Path(path)
+        self.paths = tuple(Path(each) for each in ([path] if isinstance(path, str | Path) else path))
+        self.remarks: tuple[str, ...] = ()
         self._tolerance_s = tolerance_s
-        target = _recording(self.path)
-        with self._damage_reported():
-            # Recordings older than ROS 2 Iron carry no message definitions; these types never changed.
-            self._reader = AnyReader([target], default_typestore=get_typestore(Stores.ROS2_JAZZY))
-            self._reader.open()
+        self._parts = _open(self.paths)
         try:
-            self.topics = self._find_topics(left, right)
-        except BaseException:
+            self.topics = find_stereo_topics(_topics(self._parts), left, right)
+        except BagError as error:
             self.close()
-            raise
+            raise BagError(f"{self._name}: {error}") from error
 
     def __enter__(self) -> StereoBag:
         return self
@@ -99,12 +78,23 @@ class StereoBag:
 
     def close(self) -> None:
         """Close the files."""
-        self._reader.close()
+        for part in self._parts:
+            part.close()
 
     @property
     def n_frames(self) -> int:
         """The most frames there can be: messages on the sparser image topic."""
         return min(self.topics.left.count, self.topics.right.count)
+
+    @property
+    def start_ns(self) -> int:
+        """When the first message was recorded, of whatever topic [ns]; what a selection counts from."""
+        return min(part.start_ns for part in self._parts)
+
+    @property
+    def end_ns(self) -> int:
+        """When the last message was recorded [ns]."""
+        return max(part.end_ns for part in self._parts)
 
     def read_rig(self) -> StereoRig:
         """Return the rig from the first CameraInfo of each camera.
@@ -117,116 +107,167 @@ class StereoBag:
             return StereoRig.from_camera_info(left, right)
         except RigError as error:
             raise BagError(
-                f"{self.path}: {error} (topics {self.topics.left.camera_info} and "
+                f"{self._name}: {error} (topics {self.topics.left.camera_info} and "
                 f"{self.topics.right.camera_info}, or give --rig)"
             ) from error
 
-    def frames(self) -> Iterator[StereoFrame]:
+    def frames(self, selection: Selection | None = None) -> Iterator[StereoFrame]:
         """Yield the paired images in the order of the recording.
+
+        Args:
+            selection: Which ones, None for all.
 
         Raises:
             BagError: The recording is damaged, an image cannot be converted, or no images pair.
         """
+        selection = selection or Selection()
+        start_ns, end_ns = self.start_ns + selection.start_ns, selection.end_ns
+        pairs = self._pairs(
+            None if selection.start_ns <= 0 else start_ns - _MARGIN_NS,
+            None if end_ns is None else self.start_ns + end_ns + _MARGIN_NS,
+        )
+        chosen = selection.choose(pairs, lambda pair: pair.left.recorded_ns - self.start_ns)
+        n_frames = 0
+        for frame in readable(map(self._frame, chosen), self._name):
+            n_frames += 1
+            yield frame
+        if n_frames == 0:
+            raise BagError(selection.nothing_in(self._name, (self.end_ns - self.start_ns) * 1e-9))
+
+    def frame_at(self, recorded_ns: int) -> StereoFrame:
+        """Return one frame again.
+
+        Args:
+            recorded_ns: Of the frame.
+
+        Raises:
+            BagError: There is none, or the recording is damaged.
+        """
+        for pair in self._pairs(recorded_ns - _MARGIN_NS, recorded_ns + _MARGIN_NS):
+            if pair.left.recorded_ns == recorded_ns:
+                return self._frame(pair)
+        raise BagError(f"{self._name}: there is no frame recorded at {recorded_ns} ns")
+
+    def _pairs(self, start_ns: int | None, stop_ns: int | None) -> Iterator[StampedPair[Message]]:
         # One tolerance is enough to say both: zero asks for equal stamps.
-        pairer: StampPairer[Any] = StampPairer(self._tolerance_s > 0, self._tolerance_s, _QUEUE_SIZE)
-        for name, message in self._messages(self.topics.left, self.topics.right):
-            add = pairer.add_left if name == self.topics.left.name else pairer.add_right
-            for pair in add(message_stamp_ns(message), message):
-                yield self._frame(pair)
-        for pair in pairer.flush():
-            yield self._frame(pair)
+        pairer: StampPairer[Message] = StampPairer(self._tolerance_s > 0, self._tolerance_s, _QUEUE_SIZE)
+        for message in self._messages((self.topics.left, self.topics.right), start_ns, stop_ns):
+            add = pairer.add_left if message.topic == self.topics.left.name else pairer.add_right
+            yield from add(message_stamp_ns(message.content), message)
+        yield from pairer.flush()
         counts = pairer.counts
-        if counts.pairs == 0:
+        if start_ns is None and stop_ns is None:
+            self.remarks = tuple(self._remarks(counts))
+        if counts.pairs == 0 and counts.left + counts.right > 0:
             nearest = "none" if pairer.nearest_s is None else f"{pairer.nearest_s:.6f} s"
             raise BagError(
-                f"{self.path}: no pair of images among {counts.left} on {self.topics.left.name} and "
+                f"{self._name}: no pair of images among {counts.left} on {self.topics.left.name} and "
                 f"{counts.right} on {self.topics.right.name}: nearest difference of their header stamps "
                 f"{nearest}, allowed {self._tolerance_s:g} s; see --approximate-sync-tolerance"
             )
 
-    def _frame(self, pair: StampedPair[Any]) -> StereoFrame:
-        return StereoFrame(
+    def _remarks(self, counts: PairCounts) -> Iterator[str]:
+        topics = self.topics
+        read, said = (counts.left, counts.right), (topics.left.count, topics.right.count)
+        if read != said:
+            yield (
+                f"{read[0]} left and {read[1]} right images were read, the recording should have "
+                f"{said[0]} and {said[1]}: it may be damaged"
+            )
+        alone = [count - counts.pairs for count in read]
+        if any(alone):
+            yield f"{alone[0]} left and {alone[1]} right images have no partner of the same time"
+
+    def _frame(self, pair: StampedPair[Message]) -> StereoFrame:
+        return StereoFrame.from_images(
             stamp_to_s(pair.stamp_ns),
-            self._grey(self.topics.left, pair.left),
-            self._grey(self.topics.right, pair.right),
+            lambda: _grey(self.topics.left, pair.left.content),
+            lambda: _grey(self.topics.right, pair.right.content),
+            pair.left.recorded_ns,
         )
 
-    def _find_topics(self, left: str | None, right: str | None) -> StereoTopics:
-        topics: dict[tuple[str, str], int] = {}
-        for connection in self._reader.connections:  # a topic may have several publishers
-            key = (connection.topic, connection.msgtype)
-            topics[key] = topics.get(key, 0) + connection.msgcount
-        try:
-            return find_stereo_topics((Topic(*key, count) for key, count in topics.items()), left, right)
-        except BagError as error:
-            raise BagError(f"{self.path}: {error}") from error
+    @property
+    def _name(self) -> str:
+        return _name(self.paths)
 
     def _first_info(self, topic: Topic) -> Any:
         """Return the first CameraInfo of the camera that publishes ``topic``."""
         info = Topic(topic.camera_info, CAMERA_INFO, 0)
-        for _, message in self._messages(info):
-            return message
-        present = sorted({c.topic for c in self._reader.connections if c.msgtype == CAMERA_INFO})
+        for message in self._messages([info]):
+            return message.content
+        present = sorted({t.name for t in _topics(self._parts) if t.msgtype == CAMERA_INFO})
         raise BagError(
-            f"{self.path}: no CameraInfo on {info.name} for {topic.name}; "
+            f"{self._name}: no CameraInfo on {info.name} for {topic.name}; "
             f"CameraInfo topics: {', '.join(present) or 'none'}; give the rig with --rig"
         )
 
-    def _messages(self, *topics: Topic) -> Iterator[tuple[str, Any]]:
-        """Yield (topic name, message) in the order of the recording."""
-        wanted = {(topic.name, topic.msgtype) for topic in topics}
-        connections = [c for c in self._reader.connections if (c.topic, c.msgtype) in wanted]
-        if not connections:
-            return
-        with self._damage_reported():
-            messages = self._reader.messages(connections=connections)
-        while True:
-            with self._damage_reported():
-                item: tuple[Connection, int, bytes] | None = next(messages, None)
-                if item is None:
-                    return
-                message = self._reader.deserialize(item[2], item[0].msgtype)
-            yield item[0].topic, message
-
-    def _grey(self, topic: Topic, message: Any) -> npt.NDArray[np.uint8]:
-        try:
-            return message_to_grey(message)
-        except ImageError as error:
-            stamp_s = stamp_to_s(message_stamp_ns(message))
-            raise BagError(f"{self.path}: {topic.name} at {stamp_s:.3f} s: {error}") from error
-
-    @contextmanager
-    def _damage_reported(self) -> Iterator[None]:
-        """Translate whatever rosbags raises on a damaged file into one line."""
-        try:
-            yield
-        except Exception as error:  # struct.error, apsw.Error, ZstdError, AssertionError, ... by the damage
-            detail = " ".join(str(error).split()) or type(error).__name__
-            raise BagError(
-                f"{self.path}: cannot be read as a recording ({detail.rstrip('.')}); if it was cut off, "
-                "'ros2 bag reindex', 'mcap recover' or 'rosbag reindex' may save it"
-            ) from error
+    def _messages(
+        self, topics: Collection[Topic], start_ns: int | None = None, stop_ns: int | None = None
+    ) -> Iterator[Message]:
+        """Yield messages in the order of the recording; of two at one time that of the earlier bag first."""
+        streams = (part.messages(topics, start_ns, stop_ns) for part in self._parts)
+        return merge(*streams, key=lambda message: message.recorded_ns)
 
 
-def _recording(path: Path) -> Path:
-    """Return what rosbags has to open for ``path``: a folder with metadata.yaml, or one file."""
-    if not path.exists():
-        raise BagError(
-            f"{path}: no such file or folder; give a rosbag2 folder, an .mcap, a .db3 or a ROS 1 .bag"
-        )
-    if path.is_file():
-        if path.suffix not in _SUFFIXES:
-            raise BagError(
-                f"{path}: not a recording; give a rosbag2 folder, an .mcap, a .db3 or a ROS 1 .bag"
-            )
-        return path
-    if (path / "metadata.yaml").exists():
-        return path
-    # A recorder that was killed leaves its storage file without metadata.yaml.
-    files = [file for file in sorted(path.iterdir()) if file.suffix in _STORAGE_SUFFIXES]
-    if len(files) != 1:
-        raise BagError(
-            f"{path}: not a recording (a folder without metadata.yaml and with {len(files)} storage files); "
-            "give a rosbag2 folder, an .mcap, a .db3 or a ROS 1 .bag"
-        )
-    return files[0]
+def stereo_pairs(paths: Sequence[Path]) -> list[StereoTopics]:
+    """Return the topics of all stereo cameras of a recording, ordered by their names.
+
+    Args:
+        paths: Its bags.
+
+    Raises:
+        BagError: A bag cannot be read, or there is no stereo pair.
+    """
+    parts = _open(paths)
+    try:
+        return find_stereo_pairs(_topics(parts))
+    except BagError as error:
+        raise BagError(f"{_name(paths)}: {error}") from error
+    finally:
+        for part in parts:
+            part.close()
+
+
+def _open(paths: Sequence[Path]) -> list[Part]:
+    parts: list[Part] = []
+    try:
+        for path in _distinct(paths):
+            parts += [Part(target) for target in recordings_at(path)]
+    except BaseException:
+        for part in parts:
+            part.close()
+        raise
+    return parts
+
+
+def _topics(parts: Iterable[Part]) -> list[Topic]:
+    counts: dict[tuple[str, str], int] = {}
+    for connection in (c for part in parts for c in part.connections):  # a topic may have several publishers
+        key = (connection.topic, connection.msgtype)
+        counts[key] = counts.get(key, 0) + connection.msgcount
+    return [Topic(*key, count) for key, count in counts.items()]
+
+
+def _name(paths: Sequence[Path]) -> str:
+    """Return a recording in an error text."""
+    more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
+    return f"{paths[0]}{more}"
+
+
+def _grey(topic: Topic, message: Any) -> Image:
+    try:
+        return message_to_grey(message)
+    except ImageError as error:
+        stamp_s = stamp_to_s(message_stamp_ns(message))
+        raise ImageError(f"{topic.name} at {stamp_s:.3f} s: {error}") from error
+
+
+def _distinct(paths: Iterable[Path]) -> Iterator[Path]:
+    """Yield the paths, none of which may lead to the place of another."""
+    seen = set()
+    for path in paths:
+        place = os.path.realpath(path)
+        if place in seen:
+            raise BagError(f"{path}: given twice; every bag of a drive once")
+        seen.add(place)
+        yield path

@@ -83,8 +83,7 @@ def find_stereo_topics(
     Raises:
         BagError: There is no pair, or several cameras could be meant; the candidates are listed.
     """
-    images = [t for t in topics if t.msgtype in (IMAGE, COMPRESSED_IMAGE)]
-    usable = [t for t in images if t.count > 0 and not _NO_CAMERA_IMAGE.search(t.name)]
+    images, usable = _images(topics)
     if left is not None and right is not None:
         found = StereoTopics(_named(images, left, "left"), _named(images, right, "right"))
         if found.left == found.right:
@@ -108,6 +107,27 @@ def find_stereo_topics(
             f"several stereo cameras could be meant ({candidates}): choose with --left and --right"
         )
     return best[0]
+
+
+def find_stereo_pairs(topics: Iterable[Topic]) -> list[StereoTopics]:
+    """Return the image topics of every stereo camera, ordered by name; as :func:`find_stereo_topics`.
+
+    Raises:
+        BagError: There is no pair.
+    """
+    images, usable = _images(topics)
+    if not usable:
+        raise BagError(f"no images: {_no_images(images)}; record both image topics of the stereo camera")
+    pairs = _pairs_by_side(usable) or _pairs_by_number(usable)
+    if not pairs:
+        raise BagError(_no_pair(usable, None, None))
+    return _best(pairs)
+
+
+def _images(topics: Iterable[Topic]) -> tuple[list[Topic], list[Topic]]:
+    """Return the image topics, and those of them that show a scene."""
+    images = [t for t in topics if t.msgtype in (IMAGE, COMPRESSED_IMAGE)]
+    return images, [t for t in images if t.count > 0 and not _NO_CAMERA_IMAGE.search(t.name)]
 
 
 def _named(images: Sequence[Topic], name: str, side: Side) -> Topic:

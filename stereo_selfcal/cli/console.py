@@ -98,16 +98,19 @@ def check_writable(path: Path, option: str) -> None:
 
 
 class Progress:
-    """Progress bar on a terminal; silent elsewhere."""
+    """Progress bar on a terminal, a counter where the total is not known (None); silent elsewhere."""
 
-    def __init__(self, total: int, stream: TextIO | None = None) -> None:
-        self._total = max(total, 1)
+    def __init__(self, total: int | None, stream: TextIO | None = None) -> None:
+        self._total = None if total is None else max(total, 1)
         self._stream = sys.stderr if stream is None else stream
         self._shown = self._stream.isatty()
 
     def show(self, done: int, note: str = "") -> None:
         """Draw the bar for ``done`` of the total."""
-        if self._shown:
+        if self._shown and self._total is None:
+            self._stream.write(f"\r{done} {note}\x1b[K")
+            self._stream.flush()
+        elif self._shown and self._total is not None:
             filled = min(_BAR_WIDTH * done // self._total, _BAR_WIDTH)
             bar = "#" * filled + "." * (_BAR_WIDTH - filled)
             self._stream.write(f"\r[{bar}] {done}/{self._total} {note}\x1b[K")

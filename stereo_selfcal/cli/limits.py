@@ -18,11 +18,11 @@ from ..atomic_file import write_atomically
 from ..core.extrinsics import Array, Extrinsics
 from ..core.limits import DEFAULT_CONTRAST, limits, location_std
 from ..core.rig import StereoRig
+from ..rig_file import read_rig_file
 from ..synth.scenes import PAPER_RIG
 from ..synth.world import LANE_WIDTH_M, LINE_WIDTH_M, MAX_TILT_RAD, PSF_SIGMA_PX
 from .chart import Curve, Panel, Picture, draw_charts
 from .console import EXIT_OK, Parser, UsageError, check_writable, run
-from .replay import read_rig_file
 
 _DESCRIPTION = """\
 Print how well height, pitch and roll can be known at all: the Cramer-Rao bound of a stereo frame with the

@@ -6,123 +6,60 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Protocol
+from typing import Any
 
 import cv2
-import yaml
 
 from ..atomic_file import write_atomically
-from ..bags import StereoBag, StereoFrame
-from ..core.calibrator import Calibrator
+from ..bags import StereoTopics, stereo_pairs
 from ..core.config import CalibratorConfig
-from ..core.errors import ConfigError, RigError
-from ..core.images import Image
+from ..core.drive import Drive
+from ..core.errors import SelfcalError
 from ..core.results import CalibrationResult
 from ..core.rig import StereoRig
-from ..exports import EXPORTS, export_paths, parse_exports, write_exports
+from ..exports import export_paths, write_exports
+from ..offline import (
+    FrameRow,
+    FrameSource,
+    Replay,
+    Selection,
+    as_csv,
+    calibrate_recording,
+    look_again,
+    open_source,
+)
 from ..parameter_file import load_calibrator_config, load_frames
 from ..picture import draw_overview
 from ..result_file import write_result
+from ..rig_file import read_rig_file
 from .console import (
+    EXIT_BAD_INPUT,
     EXIT_NOT_ACCEPTED,
     EXIT_OK,
-    Parser,
     Progress,
     UsageError,
     check_writable,
     run,
 )
-from .report import FrameRow, as_json, table_header, table_row, table_summary
+from .replay_options import replay_parser
+from .report import as_dict, as_json, table_header, table_row, table_summary
 
-_DESCRIPTION = """\
-Find height, pitch and roll of a stereo camera from a recording of a straight road.
-
-BAG is a rosbag2 folder (mcap or sqlite3), a single .mcap or .db3 file, or a ROS 1 .bag, with
-rectified images of both cameras. Every frame is calibrated; the accepted ones are fused.
-"""
-_EPILOG = """\
-exit status: 0 calibrated; 1 no frame was accepted; 2 bad usage or unreadable input.
-p_road = R_z(0) R_y(pitch) R_x(roll) p_camera + [0, 0, height], REP-103: pitch > 0 is nose down,
-roll > 0 is right side down.
-"""
-
-
-class FrameCalibrator(Protocol):
-    """What replay needs of a :class:`~stereo_selfcal.core.calibrator.Calibrator`."""
-
-    def add(self, left: Image, right: Image, stamp_s: float = 0.0) -> CalibrationResult:
-        """Calibrate one frame and remember it when it is accepted."""
-
-    @property
-    def estimate(self) -> CalibrationResult:
-        """The accepted frames so far, fused."""
+# What --all has one of for every pair.
+_FILES = ("output", "picture", "csv", "report")
 
 
 @dataclass(frozen=True, slots=True)
-class Replay:
-    """Outcome of a recording.
+class _Settings:
+    """What the options ask for, read and checked."""
 
-    Attributes:
-        rows: One row per frame.
-        estimate: The accepted frames, fused.
-        frame: The frame for the picture: the last accepted one, or the last one when none was.
-        result: The result of that frame.
-    """
-
-    rows: list[FrameRow]
-    estimate: CalibrationResult
-    frame: StereoFrame
-    result: CalibrationResult
-
-
-def run_replay(
-    frames: Iterable[StereoFrame],
-    calibrator: FrameCalibrator,
-    on_row: Callable[[FrameRow], None] = lambda row: None,
-) -> Replay:
-    """Put every frame through the calibrator; at most two frames are in memory at a time.
-
-    Args:
-        frames: Stereo frames, at least one, read as they are needed.
-        calibrator: Calibrator of the rig.
-        on_row: Called after every frame.
-    """
-    rows: list[FrameRow] = []
-    shown: tuple[StereoFrame, CalibrationResult] | None = None
-    for frame in frames:
-        result = calibrator.add(frame.left, frame.right, frame.stamp_s)
-        rows.append(FrameRow.from_result(result, frame.stamp_s))
-        if result.accepted or shown is None or not shown[1].accepted:
-            shown = frame, result
-        on_row(rows[-1])
-    if shown is None:
-        raise ValueError("a recording of no frames cannot be replayed")
-    return Replay(rows, calibrator.estimate, *shown)
-
-
-def read_rig_file(path: Path) -> StereoRig:
-    """Read a rig file, YAML or JSON: ``width, height, fx, fy, cx, cy, baseline_m``.
-
-    Raises:
-        UsageError: It cannot be read, or does not describe a rig.
-    """
-    try:
-        text = path.read_text(encoding="utf-8")
-        # PyYAML reads most of JSON, but takes the 1e3 of JSON for a word.
-        values = json.loads(text) if path.suffix == ".json" else yaml.safe_load(text)
-    except (OSError, ValueError, yaml.YAMLError) as error:
-        detail = error.strerror if isinstance(error, OSError) else error
-        raise UsageError(f"--rig {path}: cannot be read ({detail})") from error
-    if not isinstance(values, Mapping):
-        raise UsageError(f"--rig {path}: holds no keys; it needs {', '.join(StereoRig.__slots__)}")
-    try:
-        return StereoRig.from_mapping(values)
-    except RigError as error:
-        raise UsageError(f"--rig {path}: {error}") from error
+    config: CalibratorConfig
+    rig: StereoRig | None
+    frames: tuple[str, str]
+    selection: Selection
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -131,42 +68,108 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _replay(argv: list[str]) -> int:
-    arguments = _parser().parse_args(argv)
-    _check_outputs(arguments.output, arguments.picture, arguments.exports)
-    frames = load_frames(arguments.config)
-    rig = None if arguments.rig is None else read_rig_file(arguments.rig)
-    config = _config(arguments.config, arguments.seed)
-    with StereoBag(arguments.bag, arguments.left, arguments.right, arguments.tolerance_s) as bag:
-        rig = bag.read_rig() if rig is None else rig
-        replay = _run_with_output(bag, Calibrator(rig, config), arguments)
-    estimate = replay.estimate
-    # Files first: a reader of stdout that goes away must not cost the result.
-    if arguments.output is not None and estimate.accepted:
-        source = arguments.bag.resolve().name  # the folders above it are nobody's business
-        write_result(arguments.output, estimate, rig, source=source, seed=config.seed)
-        assert estimate.extrinsics is not None
-        write_exports(arguments.output, arguments.exports, estimate.extrinsics, rig, *frames)
-    if arguments.picture is not None:
-        _write_picture(arguments.picture, replay, rig)
+    arguments = replay_parser().parse_args(argv)
+    if arguments.all_pairs and (arguments.left is not None or arguments.right is not None):
+        raise UsageError("--all takes every pair: it does not go with --left and --right")
+    _check_outputs(arguments)
+    settings = _Settings(
+        frames=load_frames(arguments.config),
+        rig=None if arguments.rig is None else read_rig_file(arguments.rig),
+        config=_config(arguments.config, arguments.seed),
+        selection=Selection(arguments.start, arguments.end, arguments.every, arguments.max_frames),
+    )
+    if arguments.all_pairs:
+        return _replay_all(arguments, settings)
+    replay = _replay_one(arguments, settings)
     report = as_json if arguments.json else table_summary
-    sys.stdout.write(report(replay.rows, estimate))
-    return EXIT_OK if estimate.accepted else EXIT_NOT_ACCEPTED
+    sys.stdout.write(report(*_said(replay)))
+    return _status(replay)
 
 
-def _check_outputs(output: Path | None, picture: Path | None, exports: tuple[str, ...]) -> None:
+def _replay_one(arguments: argparse.Namespace, settings: _Settings) -> Replay:
+    """Calibrate one pair, and write its files before the end of its table: a reader of that may go away."""
+    a = arguments
+    with open_source(a.bags, a.left, a.right, a.tolerance_s, settings.rig, settings.selection) as source:
+        replay = _run_with_output(source, settings.config, arguments)
+        _write_files(source, replay, arguments, settings.frames)
+    return replay
+
+
+def _replay_all(arguments: argparse.Namespace, settings: _Settings) -> int:
+    """Calibrate every pair of the recording, one after the other; one that fails does not end the run."""
+    outcomes: list[dict[str, Any]] = []
+    status = EXIT_OK
+    pairs = stereo_pairs(arguments.bags)
+    for name, pair in zip(pair_names(pairs), pairs, strict=True):
+        files = {option: _of_pair(getattr(arguments, option), name) for option in _FILES}
+        topics = {"left": pair.left.name, "right": pair.right.name}
+        try:
+            replay = _replay_one(argparse.Namespace(**vars(arguments) | files | topics), settings)
+        except SelfcalError as error:
+            outcomes.append({"name": name, **topics, "accepted": False, "error": str(error)})
+            sys.stderr.write(f"replay: {name}: {' '.join(str(error).split())}\n")
+            status = EXIT_BAD_INPUT
+            continue
+        outcomes.append({"name": name, **topics, **as_dict(*_said(replay))})
+        if not arguments.json:
+            sys.stdout.write(f"{table_summary(*_said(replay))}\n")
+        status = max(status, _status(replay))
+    if arguments.json:
+        sys.stdout.write(json.dumps({"pairs": outcomes}, allow_nan=False) + "\n")
+    return status
+
+
+def pair_names(pairs: Sequence[StereoTopics]) -> list[str]:
+    """Return a name for every pair, for files: what its topics have in common, or its number."""
+    names = []
+    for pair in pairs:
+        both = zip(pair.left.base.split("/")[:-1], pair.right.base.split("/")[:-1], strict=False)
+        names.append("_".join(left for left, right in both if left and left == right))
+    distinct = len(set(names)) == len(names) and all(names)
+    return names if distinct else [f"pair{number}" for number in range(1, len(pairs) + 1)]
+
+
+def _of_pair(path: Path | None, name: str) -> Path | None:
+    """Return ``out.yaml`` as ``out.NAME.yaml``."""
+    return path and path.with_name(f"{path.stem}.{name}{path.suffix}")
+
+
+def _said(
+    replay: Replay,
+) -> tuple[Sequence[FrameRow], CalibrationResult, str | None, Sequence[str], Drive]:
+    return replay.rows, replay.estimate, replay.damage, replay.remarks, replay.drive
+
+
+def _status(replay: Replay) -> int:
+    if replay.damage is not None:
+        sys.stdout.flush()
+        sys.stderr.write(f"replay: {replay.damage}\n")
+        return EXIT_BAD_INPUT
+    return EXIT_OK if replay.estimate.accepted else EXIT_NOT_ACCEPTED
+
+
+def _check_outputs(arguments: argparse.Namespace) -> None:
     """Refuse files that cannot be written, before any work is done for them."""
-    if output is not None:
-        check_writable(output, "--output")
-        for path in export_paths(output, exports):
+    given: dict[str, str] = {}
+    for option in _FILES:
+        path = getattr(arguments, option)
+        if path is None:
+            continue
+        check_writable(path, f"--{option}")
+        place = os.path.realpath(path)
+        if place in given:
+            raise UsageError(f"--{given[place]} and --{option} are both {path}: give two files")
+        given[place] = option
+    if arguments.output is not None:
+        for path in export_paths(arguments.output, arguments.exports):
             check_writable(path, "--export")
-    elif exports:
+    elif arguments.exports:
         raise UsageError("--export writes beside the file of --output: give --output")
-    if picture is not None:
-        check_writable(picture, "--picture")
-        if picture.suffix.lower() != ".png":
-            raise UsageError(f"--picture {picture}: pictures are written as PNG; end the name in .png")
-        if output is not None and os.path.realpath(output) == os.path.realpath(picture):
-            raise UsageError(f"--output and --picture are both {output}: give two files")
+    if arguments.report is not None and find_spec("jinja2") is None:
+        raise UsageError("--report needs the Python module jinja2 (python3-jinja2), which is not installed")
+    picture = arguments.picture
+    if picture is not None and picture.suffix.lower() != ".png":
+        raise UsageError(f"--picture {picture}: pictures are written as PNG; end the name in .png")
 
 
 def _config(path: Path | None, seed: int | None) -> CalibratorConfig:
@@ -178,10 +181,9 @@ def _config(path: Path | None, seed: int | None) -> CalibratorConfig:
     return CalibratorConfig.from_mapping(settings | {"seed": seed})
 
 
-def _run_with_output(bag: StereoBag, calibrator: Calibrator, arguments: argparse.Namespace) -> Replay:
+def _run_with_output(source: FrameSource, config: CalibratorConfig, arguments: argparse.Namespace) -> Replay:
     """Replay with a progress bar, and with the table unless JSON is wanted."""
-    total = bag.n_frames if arguments.max_frames is None else min(bag.n_frames, arguments.max_frames)
-    progress = Progress(total)
+    progress = Progress(source.count)
     done = 0
 
     def on_row(row: FrameRow) -> None:
@@ -194,85 +196,45 @@ def _run_with_output(bag: StereoBag, calibrator: Calibrator, arguments: argparse
         progress.show(done)
 
     if not arguments.json:
-        for side, topic in (("left", bag.topics.left), ("right", bag.topics.right)):
-            sys.stdout.write(f"{side:<5} {topic.name} ({topic.count} images)\n")
+        names, counts = (source.left_name, source.right_name), source.n_images
+        for side, name, count in zip(("left", "right"), names, counts, strict=True):
+            sys.stdout.write(f"{side:<5} {name} ({count} images)\n")
+        sys.stdout.write("".join(f"{note}\n" for note in source.notes))
         sys.stdout.write(table_header())
     progress.show(0)
     try:
-        return run_replay(islice(bag.frames(), arguments.max_frames), calibrator, on_row)
+        return calibrate_recording(source, config, on_row, arguments.jobs)
     finally:
         progress.clear()
 
 
-def _write_picture(path: Path, replay: Replay, rig: StereoRig) -> None:
+def _write_files(
+    source: FrameSource, replay: Replay, arguments: argparse.Namespace, frames: tuple[str, str]
+) -> None:
+    """Write what the options ask for; no result that rests on a part of a damaged recording."""
+    estimate, rig = replay.estimate, replay.rig
+    if arguments.output is not None and estimate.accepted and replay.damage is None:
+        # The folders above the recording are nobody's business.
+        write_result(arguments.output, estimate, rig, source=source.name, seed=replay.config.seed)
+        assert estimate.extrinsics is not None
+        write_exports(arguments.output, arguments.exports, estimate.extrinsics, rig, *frames)
+    if arguments.csv is not None:
+        write_atomically(arguments.csv, as_csv(replay.rows).encode())
+    if arguments.picture is not None:
+        _write_picture(arguments.picture, source, replay)
+    if arguments.report is not None:
+        from ..report.page import render_report  # noqa: PLC0415 - jinja2 is for who asks for a report
+
+        write_atomically(arguments.report, render_report(source, replay).encode())
+
+
+def _write_picture(path: Path, source: FrameSource, replay: Replay) -> None:
     """Draw the fused estimate over the frame that shows it, or the refusal of that frame."""
-    shown = replay.result
+    frame, shown = look_again(source, replay.shown, replay.config)
+    if frame.problem:
+        raise UsageError(f"--picture {path}: no frame can be shown ({frame.problem})")
     if replay.estimate.accepted:
-        shown = replace(replay.estimate, pattern=replay.result.pattern)
-    picture = draw_overview(replay.frame.left, replay.frame.right, rig, shown)
+        shown = replace(replay.estimate, pattern=shown.pattern)
+    picture = draw_overview(frame.left, frame.right, replay.rig, shown)
     _, content = cv2.imencode(".png", picture)
     write_atomically(path, content.tobytes())
-
-
-def _positive_int(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{value} is less than 1")
-    return value
-
-
-def _tolerance_s(text: str) -> float:
-    value = float(text)
-    if not 0 <= value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is not a time of 0 s or more")
-    return value
-
-
-def _exports(text: str) -> tuple[str, ...]:
-    try:
-        return parse_exports(text)
-    except ConfigError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
-
-
-def _parser() -> Parser:
-    parser = Parser(
-        prog="replay",
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
-    add = parser.add_argument
-    add("bag", metavar="BAG", type=Path, help="the recording")
-    add("--left", metavar="TOPIC", help="image topic of the left camera (default: found by type and name)")
-    add("--right", metavar="TOPIC", help="image topic of the right camera")
-    add("--rig", metavar="FILE", type=Path, help="rig file (YAML or JSON) instead of the CameraInfo topics")
-    add("--config", metavar="FILE", type=Path, help="settings of the calibrator (YAML)")
-    add("--seed", metavar="N", type=int, help="seed of the random numbers (default: that of the settings)")
-    add("--output", metavar="FILE", type=Path, help="write the result as a ROS 2 parameter file (YAML)")
-    add(
-        "--export",
-        dest="exports",
-        metavar="NAME[,NAME]",
-        type=_exports,
-        default=(),
-        help=f"write these formats beside FILE of --output: {', '.join(EXPORTS)}",
-    )
-    add(
-        "--picture",
-        metavar="FILE",
-        type=Path,
-        help="write an overlay of the result on the last good frame (PNG)",
-    )
-    add("--json", action="store_true", help="print one JSON object (SI units, radians) instead of the table")
-    add(
-        "--approximate-sync-tolerance",
-        dest="tolerance_s",
-        metavar="S",
-        type=_tolerance_s,
-        default=0.0,
-        help="pair images whose stamps differ by at most S seconds (default: equal stamps)",
-    )
-    add("--max-frames", metavar="N", type=_positive_int, help="stop after N frames")
-    return parser

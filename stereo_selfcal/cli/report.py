@@ -7,11 +7,12 @@ import math
 import statistics
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
+from ..core.drive import Drive, DriveSegment, clock
 from ..core.extrinsics import Extrinsics
 from ..core.results import CalibrationResult
+from ..offline import FrameRow
 
 _STAMP_WIDTH = 17  # seconds since 1970 with microseconds
 _VERDICT_WIDTH = 21  # the longest reject reason and a space
@@ -22,66 +23,86 @@ _HEADER = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class FrameRow:
-    """Outcome of one frame, without the images and evidence behind it.
-
-    Attributes:
-        stamp_s: Time stamp of the frame [s].
-        reason: Why it was refused, None when accepted.
-        extrinsics: The calibration, None when refused.
-    """
-
-    stamp_s: float
-    reason: str | None
-    extrinsics: Extrinsics | None
-
-    @classmethod
-    def from_result(cls, result: CalibrationResult, stamp_s: float) -> FrameRow:
-        """Keep of a result what the report needs."""
-        reason = None if result.reason is None else str(result.reason)
-        return cls(stamp_s, reason, result.extrinsics if result.accepted else None)
-
-    @property
-    def accepted(self) -> bool:
-        """Whether the frame gave a calibration."""
-        return self.reason is None
-
-
 def table_header() -> str:
     """Return the two lines over the table."""
     return f"{_HEADER}\n{'-' * len(_HEADER)}\n"
 
 
 def table_row(row: FrameRow) -> str:
-    """Return the line of one frame."""
-    return _line(
-        f"{row.stamp_s:>{_STAMP_WIDTH}.6f}  {row.reason or 'accepted':<{_VERDICT_WIDTH}}", row.extrinsics
-    )
+    """Return the line of one frame: its stamp, or the end of its name where it has one."""
+    stamp = row.name[-_STAMP_WIDTH:] or f"{row.stamp_s:.6f}"
+    return _line(f"{stamp:>{_STAMP_WIDTH}}  {row.reason or 'accepted':<{_VERDICT_WIDTH}}", row.extrinsics)
 
 
-def table_summary(rows: Sequence[FrameRow], estimate: CalibrationResult) -> str:
+def table_summary(
+    rows: Sequence[FrameRow],
+    estimate: CalibrationResult,
+    damage: str | None = None,
+    remarks: Sequence[str] = (),
+    drive: Drive | None = None,
+) -> str:
     """Return the lines under the table: mean and spread over the accepted frames, the fused estimate."""
     accepted = [row.extrinsics for row in rows if row.extrinsics is not None]
     text = f"{'-' * len(_HEADER)}\n{len(accepted)} of {len(rows)} frames accepted\n"
     refused = Counter(row.reason for row in rows if row.reason is not None)
     for reason, count in refused.most_common():
         text += f"  {count} x {reason}\n"
-    if accepted:
+    moved = drive is not None and bool(drive.changes)
+    if accepted and not moved:
         text += _line("mean", _over(accepted, statistics.fmean))
-    if len(accepted) > 1:
+    if len(accepted) > 1 and not moved:
         text += _line("standard deviation over the frames", _over(accepted, statistics.stdev), spread=True)
     if estimate.accepted and estimate.extrinsics is not None:
         text += _line("fused estimate", estimate.extrinsics)
         if estimate.std is not None:
             text += _line("its standard deviation", estimate.std, spread=True)
-    return f"{text}{estimate.message}\n"
+    if drive is not None:
+        text += _moves(drive)
+    early = "" if damage is None else f"THE RECORDING IS DAMAGED AND ENDED EARLY, after {len(rows)} frames\n"
+    lines = "".join(f"{remark}\n" for remark in remarks)
+    return f"{text}{estimate.message}\n{lines}{early}"
 
 
-def as_json(rows: Sequence[FrameRow], estimate: CalibrationResult) -> str:
+def _moves(drive: Drive) -> str:
+    """Return a line for every move of the mount, and for every segment if there is more than one."""
+    if not drive.changes:
+        return ""
+    text = ""
+    for number, segment in enumerate(drive.segments):
+        if number:
+            change = drive.changes[number - 1]
+            text += _line(f"moved {clock(change.at_s)} (within {change.within_s:.1f} s) by", change.shift)
+        if segment.estimate.extrinsics is not None:
+            times = f"{clock(segment.start_s)} to {clock(segment.end_s)}"
+            text += _line(times, segment.estimate.extrinsics)
+    return text
+
+
+def as_json(
+    rows: Sequence[FrameRow],
+    estimate: CalibrationResult,
+    damage: str | None = None,
+    remarks: Sequence[str] = (),
+    drive: Drive | None = None,
+) -> str:
     """Return the object of interface.md, "Command line", in one line; floats with all their digits."""
+    return json.dumps(as_dict(rows, estimate, damage, remarks, drive), allow_nan=False) + "\n"
+
+
+def as_dict(
+    rows: Sequence[FrameRow],
+    estimate: CalibrationResult,
+    damage: str | None = None,
+    remarks: Sequence[str] = (),
+    drive: Drive | None = None,
+) -> dict[str, Any]:
+    """Return what :func:`as_json` writes.
+
+    A damaged recording has one key more, ``ended_early``, and one with images in no frame ``remarks``.
+    With a drive there are ``segments`` and ``changes`` of the mount.
+    """
     extrinsics = estimate.extrinsics if estimate.accepted else None
-    content = {
+    content: dict[str, Any] = {
         "accepted": estimate.accepted,
         "reason": None if estimate.reason is None else str(estimate.reason),
         "message": estimate.message,
@@ -89,11 +110,38 @@ def as_json(rows: Sequence[FrameRow], estimate: CalibrationResult) -> str:
         "std": None if extrinsics is None or estimate.std is None else _pose(estimate.std),
         "lane_yaw_rad": estimate.lane_yaw_rad if estimate.accepted else None,
         "frames": [
-            {"stamp_s": row.stamp_s, "accepted": row.accepted, "reason": row.reason} | _pose(row.extrinsics)
+            {"stamp_s": row.stamp_s}
+            | ({"name": row.name} if row.name else {})
+            | {"accepted": row.accepted, "reason": row.reason}
+            | _pose(row.extrinsics)
             for row in rows
         ],
     }
-    return json.dumps(content, allow_nan=False) + "\n"
+    if drive is not None:
+        content |= {
+            "segments": [_segment(segment) for segment in drive.segments],
+            "changes": [
+                {"at_s": change.at_s, "within_s": change.within_s, "shift": _pose(change.shift)}
+                for change in drive.changes
+            ],
+        }
+    if damage is not None:
+        content["ended_early"] = damage
+    if remarks:
+        content["remarks"] = list(remarks)
+    return content
+
+
+def _segment(segment: DriveSegment) -> dict[str, Any]:
+    return {
+        "start_s": segment.start_s,
+        "end_s": segment.end_s,
+        "frames": segment.estimate.n_frames,
+        "extrinsics": _pose(segment.estimate.extrinsics),
+        "std": _pose(segment.estimate.std),
+        "spread": _pose(segment.spread),
+        "standard_error": None if segment.standard_error is None else _pose(segment.standard_error),
+    }
 
 
 def _pose(extrinsics: Extrinsics | None) -> dict[str, Any]:

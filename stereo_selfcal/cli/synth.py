@@ -30,6 +30,11 @@ _NUMBERS = (
     ("--offset-m", "lateral_offset_m", 1.0, "position beside the middle of the lane [m], > 0: left"),
     ("--curvature", "curvature_per_m", 1.0, "curvature of the road [1/m], > 0 bends left"),
     ("--noise", "noise_fraction", 1.0, "standard deviation of the noise as a fraction of 255, 0 ... 1"),
+    ("--rate-hz", "rate_hz", 1.0, "frames per second (default 10)"),
+    ("--bump-at-s", "bump_at_s", 1.0, "the mount is knocked this long after the first frame [s]"),
+    ("--bump-height-m", "bump_height_m", 1.0, "by how much it is higher from then on [m]"),
+    ("--bump-pitch-deg", "bump_pitch_rad", _DEG, "by how much it is pitched further [deg]"),
+    ("--bump-roll-deg", "bump_roll_rad", _DEG, "by how much it is rolled further [deg]"),
 )
 
 
@@ -97,7 +102,7 @@ def _parser() -> Parser:
     add("out_bag", metavar="OUT_BAG", type=Path, nargs="?", help="folder to make")
     for option, keyword, _, text in _NUMBERS:
         add(option, dest=keyword, metavar="X", type=float, help=text)
-    add("--frames", dest="n_frames", metavar="N", type=int, help="number of frames, at 10 Hz and 50 km/h")
+    add("--frames", dest="n_frames", metavar="N", type=int, help="number of frames, at 50 km/h")
     add("--seed", metavar="N", type=int, help="seed of noise and texture")
     add("--no-lines", action="store_true", help="leave out the paint")
     add("--storage", choices=STORAGES, default="mcap", help="mcap (zstd, the default) or sqlite3")

@@ -15,13 +15,14 @@ from .combination import (
     covariance_by_rectification,
     lies_on,
     same_road,
+    surely_right,
 )
 from .config import CalibratorConfig
 from .extraction import Image, find_stripe_points
 from .extrinsics import Extrinsics
 from .fitness import PatternFitness
 from .further import further_lines
-from .fusion import fuse_results
+from .fusion import fuse_frames
 from .gates import judge
 from .genetic import GeneticResult, maximise_each
 from .geometry import SIDES
@@ -74,12 +75,20 @@ class Calibrator:
             right: The same of the right camera.
             stamp_s: Time stamp of the frame [s].
         """
-        result = self._calibrate(left, right, stamp_s)
+        result = self.calibrate_frame(left, right, stamp_s)
+        self.remember(result)
+        return result
+
+    def remember(self, result: CalibrationResult) -> None:
+        """Take the result of a frame of this rig into the estimate, wherever it was calibrated.
+
+        Args:
+            result: What :meth:`calibrate_frame` returned, of this calibrator or of one like it.
+        """
         if result.accepted:
             # Images' worth of points is not needed any more: memory must not grow with a bag.
-            self._accepted.append(replace(result, pattern=None, unused_lines=(), genetic=None))
+            self._accepted.append(result.slim())
         self._last = result
-        return result
 
     @property
     def estimate(self) -> CalibrationResult:
@@ -88,12 +97,13 @@ class Calibrator:
             if self._last is not None:
                 return self._last
             return rejected(Rejection(RejectReason.NO_FRAMES, "frames", 0, 1, "", "add a stereo frame first"))
-        if len(self._accepted) == 1:
-            return self._accepted[0]
-        return fuse_results(self._accepted, self.rig)
+        return fuse_frames(self._accepted, self.rig)
 
-    def _calibrate(self, left: Image, right: Image, stamp_s: float) -> CalibrationResult:
-        """Run every stage on one frame; again with other lines where the first ones are refused."""
+    def calibrate_frame(self, left: Image, right: Image, stamp_s: float = 0.0) -> CalibrationResult:
+        """Calibrate one frame and remember nothing; arguments and result as of :meth:`add`.
+
+        Every stage runs, and again with other lines where the first ones are refused.
+        """
         images = (left, right)
         refusal = checks.check_images(left, right, self.rig)
         if refusal:
@@ -152,12 +162,13 @@ class Calibrator:
             return refused
         candidates = [each.candidates[0] for each in looks]
         for pattern in lines_on_road(shown.extrinsics, candidates, points, images, self.rig, self.config):
-            result = self._solve(pattern, Seen(images), stamp_s)
+            result = self._solve(pattern, Seen(images, shown=shown), stamp_s)
             if result.accepted and "textured" in result.stages:
                 return result
         seen = line_on_road(shown.extrinsics, matches, points, images, self.rig, self.config)
+        covariance = shown.covariance + covariance_by_rectification(self.rig, shown.extrinsics)
         vertical = None
-        if seen is not None and shown.precise:
+        if seen is not None and surely_right(covariance):
             vertical = vertical_offset(images, self.rig, shown.extrinsics, seen[1])
         if seen is None or vertical is None:  # rows that cannot be compared may be those of a turned camera
             return refused
@@ -167,7 +178,7 @@ class Calibrator:
         result = CalibrationResult(
             message="",
             extrinsics=shown.extrinsics,
-            covariance=shown.covariance + covariance_by_rectification(self.rig, shown.extrinsics),
+            covariance=covariance,
             lane_yaw_rad=seen[1],
             stamp_s=stamp_s,
             n_frames=1,

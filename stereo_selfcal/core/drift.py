@@ -36,7 +36,7 @@ _LONGEST_HORIZON_S = 60.0
 _HORIZON_OF_SPAN = 1.0 / 60.0
 
 # What load, speed and fuel move over an hour without anybody having touched the camera: height, pitch, roll.
-_WANDER_STD: Array = np.array([0.002, math.radians(0.01), math.radians(0.015)])
+_WANDER_STD: Array = np.array([0.001, math.radians(0.005), math.radians(0.01)])
 
 # A frame is compared with the median of so many on either side: a few wrong ones are no change, most are.
 _NEIGHBOURS = 5
@@ -47,7 +47,8 @@ _SIGMA_OVER_MAD = 1.4826
 LEAST_FRAMES = 5
 LEAST_SPAN_S = 20.0
 
-_LENGTH_STEP = 0.05
+# Frames since a change, in steps of 5 %: it is found a little later at most.
+_LENGTHS: Indices = np.unique(np.geomspace(1, 1e5, 237).astype(np.intp))
 _ROUNDS = 2  # scatter is measured about the means before and after the change, which depend on it
 
 
@@ -153,10 +154,12 @@ def mark_outliers(series: Series, known: int) -> Flags:
     """
     n = len(series)
     used: Flags = series.used.copy()
-    medians = [
-        np.median(series.values[max(0, i - _NEIGHBOURS) : i + _NEIGHBOURS + 1], axis=0)
-        for i in range(known, n)
-    ]
+    around = np.arange(known, n)[:, None] + np.arange(-_NEIGHBOURS, _NEIGHBOURS + 1)
+    inside = (around >= 0) & (around < n)
+    # What does not exist is sorted behind what does.
+    ranked = np.sort(np.where(inside[..., None], series.values[np.clip(around, 0, n - 1)], np.inf), axis=1)
+    row, count = np.arange(n - known), inside.sum(axis=1)
+    medians = (ranked[row, (count - 1) // 2] + ranked[row, count // 2]) / 2.0
     recent = series.values[max(0, known - 2 * _NEIGHBOURS) :]
     spread = _SIGMA_OVER_MAD * np.median(np.abs(recent - np.median(recent, axis=0)), axis=0)
     # Few frames may lie close together by chance: what a road does at least is no outlier.
@@ -249,8 +252,7 @@ def _candidates(series: Series, between: bool) -> Indices:
     n = len(series)
     if not n:
         return np.zeros(0, dtype=np.intp)
-    # Lengths in steps of 5 %: a change is found a little later at most.
-    lengths = np.unique(np.geomspace(1, n, 1 + math.ceil(math.log(n) / _LENGTH_STEP)).astype(np.intp))
+    lengths = _LENGTHS[n >= _LENGTHS]
     index: Indices = n - lengths[::-1]
     enough = (counts[n] - counts[index] >= LEAST_FRAMES) & (
         series.times_s[-1] - series.times_s[index] >= LEAST_SPAN_S

@@ -42,18 +42,13 @@ class PatternFitness:
         self._config = config
         self._rig = rig
         self._focal_px = float(np.sqrt(rig.fx * rig.fy))
-        ray_y, ray_z = _rays(pattern, rig)
         self._design, self._disparity = disparity_model(pattern, rig)
         weights = point_weights(pattern)
         weighted = self._design.T * (weights / weights.sum())
         self._gram = weighted @ self._design
         self._moment = weighted @ self._disparity
         self._square = float(weights @ self._disparity**2 / weights.sum())
-        # Normal of the plane through camera and line, from the first and last point.
-        first = np.stack(np.broadcast_arrays(1.0, ray_y[..., 0], ray_z[..., 0]), axis=-1)
-        last = np.stack(np.broadcast_arrays(1.0, ray_y[..., -1], ray_z[..., -1]), axis=-1)
-        # As columns, by camera: (2, 3, L).
-        self._normals = np.swapaxes(np.cross(first, last), 1, 2)
+        self._normals = _normals_of(pattern.columns, pattern.rows, rig)
         # The first pair are the boundaries.
         n_pairs = len(_pairs(self._normals.shape[-1]))
         self._pair_weights = np.full(n_pairs, self._focal_px**2 / config.parallel_weight**2)
@@ -133,11 +128,24 @@ class PatternFitness:
         Returns:
             distances (2 N,) of the points and angles (2,) between the lines by camera, both [px].
         """
-        trig = _trigonometry(candidate[None])
-        plane = self.plane(candidate)
-        angles = np.concatenate([_angles_between(normals, *trig)[..., 0] for normals in self._normals])
-        angles *= self._focal_px
-        return self._design @ plane - self._disparity, angles
+        angles = np.array([self._angle(normals, candidate) for normals in self._normals])
+        return self._design @ self.plane(candidate) - self._disparity, angles
+
+    def angle_with(self, columns: Array, rows: Array, candidate: Array) -> float:
+        """Return what the angle of :meth:`linear_terms` would be with other columns (L, N) [px]."""
+        return self._angle(_normals_of(columns, rows, self._rig), candidate)
+
+    def _angle(self, normals: Array, candidate: Array) -> float:
+        return self._focal_px * float(_angles_between(normals, *_trigonometry(candidate[None]))[0, 0])
+
+
+def _normals_of(columns: Array, rows: Array, rig: StereoRig) -> Array:
+    """Return the normals of the planes through a camera and each line, as columns (..., 3, L)."""
+    ends = columns[..., [0, -1]]
+    rays = np.empty((*ends.shape, 3))
+    rays[..., 0], rays[..., 1] = 1.0, -(ends - rig.cx) / rig.fx
+    rays[..., 2] = -(rows[[0, -1]] - rig.cy) / rig.fy
+    return np.swapaxes(np.cross(rays[..., 0, :], rays[..., 1, :]), -1, -2)
 
 
 def _angles_between(normals: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:

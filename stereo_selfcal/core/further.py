@@ -64,6 +64,8 @@ def further_lines(
     for match in sorted((m for side in matches for m in side), key=lambda m: -m.votes):
         if len(found) == _MOST_LINES:
             break
+        if _is_one_of(own, match, plane, rig):
+            continue
         lines = _refit(match, pattern, points, rig, config)
         if lines is None:
             continue
@@ -111,6 +113,10 @@ def height_between(
     widths = [_width_m(line, plane, rig) for line in pattern.left]
     worst = (0.0, 0.0)
     for match in (m for side in matches for m in side):
+        # Before it is fitted again, a line may be off by as much as it is wide.
+        _, aside_m = place_of_line(match.left.line, match.right.line, plane, rig)
+        if _is_one_of(own, match, plane, rig) or not min(own) < aside_m < max(own):
+            continue
         lines = _refit(match, pattern, points, rig, config)
         if lines is None:
             continue
@@ -124,6 +130,12 @@ def height_between(
         if abs(height_m) - _SIGMAS * std_m > abs(worst[0]) - _SIGMAS * worst[1]:
             worst = height_m, std_m
     return worst
+
+
+def _is_one_of(places_m: list[float], match: Match, plane: Array, rig: StereoRig) -> bool:
+    """Whether a line lies where one is known already, by less than half its width."""
+    _, aside_m = place_of_line(match.left.line, match.right.line, plane, rig)
+    return any(abs(aside_m - place) < _width_m(match.left.line, plane, rig) / 2.0 for place in places_m)
 
 
 def _height_std_m(left: ImageLine, right: ImageLine, plane: Array, rig: StereoRig) -> float:

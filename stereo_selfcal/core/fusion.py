@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +23,34 @@ _SIGMA_OVER_MAD = 1.4826
 # pitch without it. Real roads repeat more; the spread between frames does not show that.
 _SHARED_VARIANCE = 0.1
 _MIN_FOR_OUTLIERS = 4  # with three, the median absolute deviation is decided by one frame
+
+
+class AcceptedFrame(Protocol):
+    """What is needed of a frame: a :class:`.CalibrationResult` has it, and what is kept of one."""
+
+    @property
+    def stamp_s(self) -> float:
+        """Time stamp [s]."""
+
+    @property
+    def extrinsics(self) -> Extrinsics | None:
+        """The calibration."""
+
+    @property
+    def covariance(self) -> Array | None:
+        """(3, 3) of it."""
+
+    @property
+    def lane_yaw_rad(self) -> float | None:
+        """Yaw against the lane [rad]."""
+
+    @property
+    def lane_curvature_per_m(self) -> float | None:
+        """Curvature of the lane [1/m]."""
+
+    @property
+    def stages(self) -> dict[str, Extrinsics]:
+        """Estimate of every stage."""
 
 
 def fuse(estimates: Array, covariances: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
@@ -64,30 +93,31 @@ def shared(covariances: Array) -> Array:
     return common
 
 
-def fuse_results(
-    accepted: Sequence[CalibrationResult],
+def fuse_frames(
+    frames: Sequence[AcceptedFrame],
     rig: StereoRig,
     motion: Array | None = None,
     inflation: float = 1.0,
 ) -> CalibrationResult:
-    """Combine accepted frames of one pose into one result.
+    """Fuse accepted frames of one mounting.
 
     Args:
-        accepted: The frames, at least one.
-        rig: The rig all come from.
-        motion: (3,) variances of what the pose does from frame to frame, None where the frames are of one
-            moment.
+        frames: At least one, in the order of time.
+        rig: The rig they come from.
+        motion: (3, 3) covariance of the car's motion, as far as it is known; with it, frames of little noise
+            do not outweigh the others.
         inflation: By how much the variance of the mean is greater than if frames were independent.
     """
-    poses = np.array([r.extrinsics.as_array() for r in accepted if r.extrinsics is not None])
-    covariances = np.array([r.covariance for r in accepted])
-    moving = covariances if motion is None else covariances + np.diag(motion)
-    mean, covariance, used = fuse(poses, moving)
-    frames = [r for r, use in zip(accepted, used, strict=True) if use]
-    yaws = [r.lane_yaw_rad for r in frames if r.lane_yaw_rad is not None]
-    bends = [r.lane_curvature_per_m for r in frames if r.lane_curvature_per_m is not None]
+    if len(frames) == 1 and motion is None and isinstance(frames[0], CalibrationResult):
+        return frames[0]
+    poses = np.array([frame.extrinsics.as_array() for frame in frames if frame.extrinsics is not None])
+    covariances = np.array([frame.covariance for frame in frames])
+    mean, covariance, used = fuse(poses, covariances if motion is None else covariances + motion)
+    good = [frame for frame, use in zip(frames, used, strict=True) if use]
+    yaws = [frame.lane_yaw_rad for frame in good if frame.lane_yaw_rad is not None]
+    bends = [frame.lane_curvature_per_m for frame in good if frame.lane_curvature_per_m is not None]
     pose, covariance = Extrinsics.from_array(mean), inflation * covariance + shared(covariances[used])
-    if any("textured" in r.stages for r in frames):
+    if any("textured" in frame.stages for frame in good):
         # What the calibration of the cameras has left is the same in all frames.
         covariance = covariance + covariance_by_rectification(rig, pose)
     fused = CalibrationResult(
@@ -97,11 +127,11 @@ def fuse_results(
         lane_yaw_rad=float(np.mean(yaws)) if yaws else None,
         lane_curvature_per_m=float(np.mean(bends)) if bends else None,
         stages={
-            name: Extrinsics.from_array(np.mean([r.stages[name].as_array() for r in frames], axis=0))
-            for name in frames[0].stages
-            if all(name in r.stages for r in frames)
+            name: Extrinsics.from_array(np.mean([frame.stages[name].as_array() for frame in good], axis=0))
+            for name in good[0].stages
+            if all(name in frame.stages for frame in good)
         },
-        stamp_s=accepted[-1].stamp_s,
-        n_frames=len(frames),
+        stamp_s=frames[-1].stamp_s,
+        n_frames=len(good),
     )
-    return replace(fused, message=announce(fused, len(accepted) - len(frames)))
+    return replace(fused, message=announce(fused, len(frames) - len(good)))

@@ -26,6 +26,7 @@ _CELLS = 24  # side by side: four times what is needed for the offset and the tu
 _CELL_COLUMNS = 4  # in each, farther apart than the blur reaches
 # Searched to either side, over the width of the image: a turn by 2 deg moves rows at its border so far.
 _MOST = 1.0 / 64.0
+_SHIFT_STEP = 2  # rows: the blur leaves correlation that far
 # Turns tried to start with, to twenty times what a pair may have and still pass for rectified.
 _TURNS_RAD = np.radians(np.linspace(-2.0, 2.0, 41))
 _PASSES = 2
@@ -117,16 +118,17 @@ def _search(
         return np.asarray(values - values.mean(axis=-1, keepdims=True), np.float32)
 
     reference = centred(fixed, band.u + half, v)
-    shifts = np.arange(-most, most + 1)
+    shifts = np.arange(-most, most + 1, _SHIFT_STEP)
     curves = np.empty((len(shifts), _CELLS))
     for i, shift in enumerate(shifts):
         moved = centred(moving, band.u - half, v + np.float32(shift))
         # Weighed by the contrast of the left image: an empty sky correlates by chance.
         both = np.einsum("csr,csr->c", reference, moved)
         curves[i] = both / np.sqrt(np.maximum(np.einsum("csr,csr->c", moved, moved), 1.0))
-    rows = shifts[:, None, None] + _TURNS_RAD[:, None] * columns + most  # (offset, turn, cell)
-    within = (rows >= 0) & (rows <= 2 * most)
-    at = np.clip(np.rint(rows), 0, 2 * most).astype(np.intp)
+    # (offset, turn, cell)
+    at = np.rint((shifts[:, None, None] + _TURNS_RAD[:, None] * columns + most) / _SHIFT_STEP).astype(np.intp)
+    within = (at >= 0) & (at < len(shifts))
+    at = np.clip(at, 0, len(shifts) - 1)
     total = np.where(within, curves[at, np.arange(_CELLS)], 0.0).sum(axis=-1)
     best = np.unravel_index(int(np.argmax(total)), total.shape)
     return float(shifts[best[0]]), float(_TURNS_RAD[best[1]])

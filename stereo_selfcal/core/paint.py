@@ -23,10 +23,10 @@ from .rig import StereoRig
 # high above it as it is aside. The lane begins beyond a face of 15 cm: next to that a shadow is least likely
 # to begin, but a second line may lie there, which takes less than half of what is wider.
 _NEAR_M, _LANES_M = (0.02, 0.08), ((0.20, 0.40), (0.15, 0.90))
-_NEAR_SAMPLES, _LANE_SAMPLES = 5, 16  # across each
+_NEAR_SAMPLES, _LANE_SAMPLES = 4, 9  # across each
 _BLUR_PX = 2.0  # what a lens and the width of a pixel smear: nearer to the edge nothing is read
 _LEAST_PX = 3.0  # the near strip must be as wide: else it is all smear
-_LEAST_ROWS = 12
+_LEAST_ROWS, _MOST_ROWS = 12, 48
 _CONTRAST_PERCENTILE = 75.0  # of the rows: at least a quarter of a dashed line is painted
 _SIGMA_OVER_MAD = 1.4826
 
@@ -76,7 +76,8 @@ def measure_rims(
 def _rim(
     image: Image, line: ImageLine, width_m: float, lane_is_right: bool, plane: Array, rig: StereoRig
 ) -> Rim | None:
-    rows = np.arange(int(np.ceil(line.rows.min())), int(line.rows.max()) + 1).astype(np.float64)
+    first, last = int(np.ceil(line.rows.min())), int(line.rows.max())
+    rows = np.arange(first, last + 1, max(1, (last - first) // _MOST_ROWS)).astype(np.float64)
     edge = line.column_at(rows)
     disparity = plane[0] - plane[1] * (edge - rig.cx) / rig.fx - plane[2] * (rows - rig.cy) / rig.fy
     px_per_m = disparity / rig.baseline_m

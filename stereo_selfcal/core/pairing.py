@@ -23,6 +23,33 @@ _NS_PER_S = 1_000_000_000
 # messages that overtook each other; they need no reset, as the queues evict by order of arrival.
 BACKWARD_JUMP_NS = 100_000_000
 
+# What a suggested tolerance allows beyond the least difference seen: stamps jitter by so much.
+_SUGGESTED_MARGIN = 1.2
+_SUGGESTED_STEP_S = 0.001
+
+
+def suggest_tolerance_s(nearest_s: float, rate_hz: float) -> float | None:
+    """Return a tolerance with which the images of two cameras would pair, None when none makes sense.
+
+    It lies between the least difference of their stamps and half a frame: beyond that, an image would be
+    nearer to the one before or after its partner.
+
+    Args:
+        nearest_s: Least difference of a left and a right stamp that was seen [s].
+        rate_hz: Images per second of the faster camera.
+
+    Returns:
+        Whole milliseconds [s].
+    """
+    if rate_hz <= 0.0:
+        return None
+    half_frame_s = 0.5 / rate_hz
+    if nearest_s > half_frame_s:
+        return None
+    step_s = math.ceil(_SUGGESTED_MARGIN * nearest_s / _SUGGESTED_STEP_S) * _SUGGESTED_STEP_S
+    # Below a millisecond, or near half a frame, there is no whole one between the two.
+    return round(step_s, 3) if step_s <= half_frame_s else math.ceil(round(nearest_s * 1e6, 3)) / 1e6
+
 
 def stamp_to_s(stamp_ns: int) -> float:
     """Return a stamp [ns] in seconds.

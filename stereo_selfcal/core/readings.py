@@ -303,7 +303,7 @@ def painted(evidence: Evidence) -> Reading | None:
     """Read what lies between the stripes and the lane."""
     if not evidence.rims:
         return None
-    steps = [(abs(rim.step), max(_MAX_RIM, _SURELY_SIGMAS * rim.std)) for rim in evidence.rims]
+    steps = [(abs(rim.step), max(_MAX_RIM, _SHAPE_SIGMAS * rim.std)) for rim in evidence.rims]
     step, limit = max(steps, key=lambda pair: pair[0] / pair[1])
     what = "step of grey between a stripe and the lane, over the contrast of the stripe"
     return Reading(what, step, limit, "", step <= limit)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import TYPE_CHECKING
 
@@ -19,6 +19,7 @@ class RejectReason(Enum):
 
     IMAGE_EMPTY = "image_empty"
     IMAGE_TYPE = "image_type"
+    IMAGE_UNREADABLE = "image_unreadable"
     IMAGE_SIZES_DIFFER = "image_sizes_differ"
     RIG_SIZE_MISMATCH = "rig_size_mismatch"
     NO_LINES_FOUND = "no_lines_found"
@@ -66,10 +67,15 @@ class Rejection:
     remedy: str
 
     @property
+    def finding(self) -> str:
+        """What was measured, the value and the threshold."""
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.what}: {self.value:.4g}{unit}, limit {self.threshold:.4g}{unit}"
+
+    @property
     def message(self) -> str:
         """One sentence: what, the measured value, the threshold, the remedy."""
-        unit = f" {self.unit}" if self.unit else ""
-        return f"{self.what}: {self.value:.4g}{unit}, limit {self.threshold:.4g}{unit}; {self.remedy}"
+        return f"{self.finding}; {self.remedy}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,6 +150,10 @@ class CalibrationResult:
             return None
         return Extrinsics(*(math.sqrt(float(self.covariance[i, i])) for i in range(3)))
 
+    def slim(self) -> CalibrationResult:
+        """Return the result without the points and lines behind it, which weigh as much as an image."""
+        return replace(self, pattern=None, unused_lines=(), genetic=None)
+
 
 def rejected(rejection: Rejection, stamp_s: float = 0.0, **evidence: object) -> CalibrationResult:
     """Return the result of a refused frame; ``evidence`` goes into the fields that explain it."""
@@ -164,7 +174,7 @@ def announce(result: CalibrationResult, n_outliers: int = 0) -> str:
 
     Args:
         result: The result.
-        n_outliers: Frames that were left out of it.
+        n_outliers: Accepted frames that were left out of it.
     """
     if result.extrinsics is None or result.std is None:
         raise ValueError("only an accepted result can be announced")

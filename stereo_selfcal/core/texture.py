@@ -106,6 +106,7 @@ class TextureFit:
         cells_xy_m: (C, 2) middle of the cells on the road.
         cells_height_m: (C,) height over the plane; NaN without texture.
         cells_weight: (C,) 0 ... 1.
+        cells_variance: (C,) of the heights by the noise of the images [m^2].
     """
 
     extrinsics: Extrinsics
@@ -115,6 +116,7 @@ class TextureFit:
     cells_xy_m: Array
     cells_height_m: Array
     cells_weight: Array
+    cells_variance: Array
 
     @property
     def enough_texture(self) -> bool:
@@ -136,11 +138,6 @@ class TextureFit:
         needed = [self.quality.sigmas / MIN_SIGMAS, self.quality.cell_share / MIN_CELL_SHARE]
         needed += list(MAX_NOISE_STD / np.array(self.quality.noise_std))
         return float(min([*needed, *(AGREEMENT / np.sqrt(np.diag(self.covariance)))]))
-
-    @property
-    def precise(self) -> bool:
-        """Whether it is twice as good as it has to be for a comparison: good enough with one line alone."""
-        return bool(np.all(np.diag(self.covariance) <= (AGREEMENT / 2.0) ** 2))
 
 
 def align_texture(
@@ -393,4 +390,5 @@ def _report(
         cells_xy_m=corridor.cell_xy,
         cells_height_m=surface.residuals,
         cells_weight=surface.weights,
+        cells_variance=surface.noise_variance,
     )

@@ -11,7 +11,7 @@ covariances promise (chi2); where they are not, the covariance is enlarged.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -121,6 +121,7 @@ def _sensitivity(
     )
     d_t, g_t = by_estimate[:-1], by_estimate[-1:]
     d_l, g_l = np.zeros((len(d_t), 8)), np.zeros((1, 8))
+    angle = fitness.linear_terms(estimate)[1][camera]
     # The ray (1, y, z) of a left column u has y = (cx - u) / fx, and the disparity left minus right column.
     of_column = (-fitness.plane(estimate)[1] / rig.fx - 1.0, 1.0)
     n_rows = len(pattern.rows)
@@ -131,11 +132,9 @@ def _sensitivity(
             d_l[points, 2 * i + j] = of_column[side] * change
             if side == camera:
                 step = _LINE_STEP_PX / np.abs(change).max()
-                columns = pattern.columns.copy()
-                columns[side, boundary] += step * change
-                model = PatternFitness(replace(pattern, columns=columns), rig, config)
-                moved = model.linear_terms(estimate)[1][camera] - fitness.linear_terms(estimate)[1][camera]
-                g_l[0, 2 * i + j] = moved / step
+                columns = pattern.columns[camera].copy()
+                columns[boundary] += step * change
+                g_l[0, 2 * i + j] = (fitness.angle_with(columns, pattern.rows, estimate) - angle) / step
     system = np.block([[d_t.T @ d_t, g_t.T], [g_t, np.zeros((1, 1))]])
     if not np.all(np.isfinite(system)) or np.linalg.matrix_rank(system) < len(system):
         return None

@@ -28,9 +28,10 @@ _EXPONENT = _WAVINESS - 1.0
 _CLASS_A = 2.7e-6
 _ROUGHNESS = _CLASS_A * 4.0 ** np.arange(-5.0, 5.0, 0.5)
 _TYPICAL_ROUGHNESS = 4.0 * _CLASS_A  # class B, before the road's own is known
-# Error of disparity every cell has beyond the noise [px], from none to bad rectification (calibrations of
-# cameras leave a tenth of a pixel): shine that moves with the camera, unlike blur, distortion.
-_MISMATCH_PX = np.array([0.0, 0.02, 0.06, 0.2])
+# Error of disparity every cell has beyond the noise [px]: shine that moves with the camera, unlike blur,
+# distortion, flecks of sunlight that are clipped. From none to more than any road has: where the range ends
+# too early, what cells scatter passes for a road of hollows, which is far less sure.
+_MISMATCH_PX = np.array([0.0, 0.02, 0.06, 0.2, 0.6])
 _TYPICAL_MISMATCH_PX = 0.05
 # Parabolic camber of a two-lane road, 2.5 % at its edge 3.5 m from the crown: z = -0.0036 y^2.
 _CAMBER_PER_M = 0.0036

@@ -22,7 +22,7 @@ from .drift import (
     settled_outliers,
 )
 from .extrinsics import Array
-from .fusion import fuse_results
+from .fusion import fuse_frames
 from .results import CalibrationResult
 from .rig import StereoRig
 from .states import Verdict
@@ -120,6 +120,11 @@ class Watch:
         return len(self._series)
 
     @property
+    def deviation(self) -> float:
+        """Greatest deviation of the frames since any moment, in standard deviations; 0 before the first."""
+        return 0.0 if self._change is None else self._change.size
+
+    @property
     def progress(self) -> float:
         """How far it is on its way to its first comparison, 0 to 1."""
         if self._reference is None:
@@ -142,8 +147,8 @@ class Watch:
             return f"{seen}, {self.progress:.0%} of what a first comparison takes"
         axis = self._change.axis
         return (
-            f"no drift in {seen}: at most {_sized(axis, self._change.drift[axis])} of {_NAMES[axis]}, "
-            f"{self._change.size:.1f} standard deviations; alarm at {ALARM_SIGMAS:g}"
+            f"no drift in {seen}: {_NAMES[axis]} by {_sized(axis, self._change.drift[axis], '+')} at most, "
+            f"{self.deviation:.1f} standard deviations; alarm at {ALARM_SIGMAS:g}"
         )
 
     def add(self, result: CalibrationResult) -> Verdict:
@@ -179,7 +184,7 @@ class Watch:
             return None
         used = [r for r, use in zip(self._results[start:], series.used, strict=True) if use]
         scatter = measure_scatter(series)
-        return fuse_results(used, rig, scatter.motion, float(scatter.inflation.max()))
+        return fuse_frames(used, rig, np.diag(scatter.motion), float(scatter.inflation.max()))
 
     def _append(self, result: CalibrationResult) -> None:
         assert result.extrinsics is not None and result.covariance is not None
@@ -275,12 +280,12 @@ class Watch:
             proven=proven,
             least=float(least.max()),
             most=float(most.max()),
-            message=f"{_NAMES[axis]} on the road is {_sized(axis, drift[axis])} from what it was "
+            message=f"{_NAMES[axis]} over the road has changed by {_sized(axis, drift[axis], '+')} "
             f"(std {_sized(axis, std[axis])}; limit {_sized(axis, LIMITS[axis])})",
         )
 
 
-def _sized(axis: int, value: float) -> str:
+def _sized(axis: int, value: float, sign: str = "") -> str:
     if axis == 0:
-        return f"{value * 1e3:.1f} mm"
-    return f"{math.degrees(value):.3f} deg"
+        return f"{value * 1e3:{sign}.1f} mm"
+    return f"{math.degrees(value):{sign}.3f} deg"

@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 
 from .combination import (
     combine,
+    covariance_by_paint,
     covariance_by_rectification,
     covariance_by_road,
-    heights_over,
+    heights_over_asphalt,
 )
 from .config import CalibratorConfig
 from .corridor import CELL_WIDTH_M, plane_of
@@ -28,7 +29,7 @@ from .rectification import vertical_offset
 from .results import CalibrationResult, rejected
 from .rig import StereoRig
 from .road import lane_in_road
-from .texture import align_texture
+from .texture import TextureFit, align_texture
 
 # The road goes on beyond its lines by a shoulder or another lane: a cell more on either side has the lines
 # inside of the surface they are compared with, not on its rim.
@@ -43,11 +44,13 @@ class Seen:
         images: Left and right image, (H, W) uint8.
         points: Stripe points of both, None where they were not looked at for the lines.
         matches: Lines both cameras see.
+        shown: The asphalt that has shown where the lines are, None where they were found without it.
     """
 
     images: tuple[Image, Image]
     points: Points | None = None
     matches: Matches = ([], [])
+    shown: TextureFit | None = None
 
 
 def ask_road(
@@ -62,6 +65,8 @@ def ask_road(
         rig: Intrinsics and baseline.
         config: Settings.
 
+    Where between the lines it is no witness, the asphalt that has shown where they are still is one.
+
     Returns:
         Lines and asphalt combined; the estimate with a note, where the asphalt has no say; or a refusal.
     """
@@ -73,6 +78,8 @@ def ask_road(
     limits_m = (float(right_m) - _BESIDE_M, float(left_m) + _BESIDE_M)
     yaw = result.lane_yaw_rad or 0.0
     fit = align_texture(seen.images, rig, result.extrinsics, yaw, limits_m=limits_m)
+    if seen.shown is not None and (fit is None or fit.sufficiency < 1.0):
+        fit = seen.shown
     if fit is None or not fit.enough_texture or not fit.even_enough:
         lacking = "too uneven" if fit is not None and fit.enough_texture else "too little texture"
         if config.texture.required:
@@ -82,14 +89,15 @@ def ask_road(
     evidence = replace(
         evidence,
         texture=fit,
-        heights_m=heights_over(result.pattern, rig, result.extrinsics, fit.extrinsics),
+        heights_m=heights_over_asphalt(result.pattern, rig, result.extrinsics, fit),
         vertical=vertical_offset(seen.images, rig, fit.extrinsics, yaw, limits_m=limits_m),
     )
     result = _judged(replace(result, stages={**result.stages, "textured": fit.extrinsics}), evidence)
     if not result.accepted:
         return result
     assert result.pattern is not None and result.extrinsics is not None and result.covariance is not None
-    by_road = covariance_by_road(result.pattern, rig, result.extrinsics, fit.shape)
+    known_road = (result.pattern, rig, result.extrinsics, fit.shape)
+    by_road = covariance_by_road(*known_road) + covariance_by_paint(*known_road)
     extrinsics, covariance = combine(result.extrinsics, result.covariance + by_road, fit)
     covariance = covariance + covariance_by_rectification(rig, extrinsics)
     stages = {**result.stages, "combined": extrinsics}

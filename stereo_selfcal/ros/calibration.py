@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 from ..core.calibrator import Calibrator
 from ..core.errors import ImageError, RigError
 from ..core.images import Image, message_to_grey
-from ..core.pairing import PairCounts, StampedPair, stamp_to_s
+from ..core.pairing import PairCounts, StampedPair, stamp_to_s, suggest_tolerance_s
 from ..core.results import CalibrationResult
 from ..core.rig import StereoRig
 from ..core.undistort import StereoRectifier
@@ -38,10 +38,12 @@ class InputState:
     Attributes:
         counts: Images, pairs, drops.
         nearest_s: Least difference of a left and a right stamp since the call began [s].
+        mismatches: Sentences about publishers that nothing can be received from.
     """
 
     counts: PairCounts
     nearest_s: float | None
+    mismatches: tuple[str, ...] = ()
 
 
 class FrameSource(Protocol):
@@ -251,17 +253,28 @@ def no_pair_reason(source: FrameSource, config: NodeConfig, before: PairCounts, 
     silent = [topic for topic, count in ((topics.left, added.left), (topics.right, added.right)) if not count]
     if silent:
         named = " and ".join(f"{topic} ({_publishers(source, topic)})" for topic in silent)
-        return f"{text}nothing arrives on {named}: start the camera, remap the topic or check its QoS"
+        why = "; ".join(state.mismatches) or "start the camera, remap the topic or check its QoS"
+        return f"{text}nothing arrives on {named}: {why}"
     if state.nearest_s is None:
         return f"{text}left and right never waited for each other: raise queue_size from {config.queue_size}"
     nearest = f"{text}the nearest stamps differ by {state.nearest_s * 1e3:.3f} ms"
+    rate_hz = max(added.left, added.right) / elapsed_s
+    suggested_s = suggest_tolerance_s(state.nearest_s, rate_hz)
+    tolerance_s = config.approximate_sync_tolerance_seconds if config.approximate_sync else 0.0
+    if state.nearest_s > tolerance_s and suggested_s is None:
+        return (
+            f"{nearest}, more than half a frame at {rate_hz:.1f} Hz: no tolerance helps, the clocks of the "
+            "cameras have to be set alike"
+        )
     if not config.approximate_sync:
-        return f"{nearest}: set approximate_sync, with approximate_sync_tolerance_seconds of at least that"
-    tolerance_s = config.approximate_sync_tolerance_seconds
+        return (
+            f"{nearest}: set approximate_sync, and approximate_sync_tolerance_seconds to {suggested_s:g} "
+            f"(half a frame is {500 / rate_hz:.1f} ms), or synchronise the cameras"
+        )
     if state.nearest_s > tolerance_s:
         return (
-            f"{nearest}, approximate_sync_tolerance_seconds allows {tolerance_s * 1e3:.3f} ms: raise it or "
-            "synchronise the cameras"
+            f"{nearest}, approximate_sync_tolerance_seconds allows {tolerance_s * 1e3:.3f} ms: raise it to "
+            f"{suggested_s:g} (half a frame is {500 / rate_hz:.1f} ms), or synchronise the cameras"
         )
     return f"{nearest}, which is tolerated, but none was formed: raise queue_size from {config.queue_size}"
 

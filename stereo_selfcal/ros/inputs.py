@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -90,7 +90,12 @@ class StereoInput:
     def state(self) -> InputState:
         """Counts so far."""
         with self._arrived:
-            return InputState(self._pairer.counts, self._pairer.nearest_s)
+            state = InputState(self._pairer.counts, self._pairer.nearest_s)
+        look = self._look
+        if look is None:
+            return state
+        added = state.counts.since(look.counts)
+        return state if added.left and added.right else replace(state, mismatches=self.mismatches())
 
     @property
     def look(self) -> Look | None:

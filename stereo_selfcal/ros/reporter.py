@@ -14,7 +14,7 @@ from rclpy.node import Node
 from ..core.errors import RigError
 from ..core.images import SUPPORTED_ENCODINGS
 from ..core.pairing import PairCounts
-from .calibration import known_rectifier, no_pair_reason
+from .calibration import InputState, known_rectifier, no_pair_reason
 from .config import NodeConfig
 from .diagnostics import CalibrationReport, CameraInfoReport, ImagesReport, Snapshot, diagnostics_message
 from .inputs import SIDES, Look, StereoInput
@@ -30,12 +30,13 @@ _LEAST_WITHOUT_PAIR_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class _Measured:
-    """What arrived within a time, why no pair was among it, and when that was."""
+    """What arrived within a time, why no pair was among it, when that was, and what cannot be received."""
 
     added: PairCounts
     elapsed_s: float
     no_pair: str
     at_s: float
+    mismatches: tuple[str, ...] = ()
 
 
 class DiagnosticsReporter:
@@ -81,10 +82,9 @@ class DiagnosticsReporter:
     def _images(self, config: NodeConfig) -> ImagesReport:
         state, now_s, look = self._source.state, time.monotonic(), self._source.look
         if look is not None:
-            self._measure(look, config, state.counts, now_s)
+            self._measure(look, config, state, now_s)
         topics, formats = self._source.topics, self._source.formats
         measured = self._measured or _Measured(PairCounts(), 0.0, "", now_s)
-        silent = not (measured.added.left and measured.added.right)
         return ImagesReport(
             counts=state.counts,
             added=measured.added,
@@ -96,7 +96,7 @@ class DiagnosticsReporter:
             topics=topics,
             publishers=(self._source.publishers(topics.left), self._source.publishers(topics.right)),
             formats={side: _format_text(*formats[side]) for side in SIDES if side in formats},
-            incompatible_qos=self._source.mismatches() if silent else (),
+            incompatible_qos=measured.mismatches,
             unusable=tuple(
                 f"{topic}: image encoding {formats[side][2]!r} is not supported: publish one of "
                 f"{', '.join(SUPPORTED_ENCODINGS)}"
@@ -105,13 +105,14 @@ class DiagnosticsReporter:
             ),
         )
 
-    def _measure(self, look: Look, config: NodeConfig, counts: PairCounts, now_s: float) -> None:
+    def _measure(self, look: Look, config: NodeConfig, state: InputState, now_s: float) -> None:
         """Measure rates since the last reports, as far as the node has listened since then."""
         if look is not self._look:
             self._look = look
             self._seen.clear()
             self._seen.append((look.counts, look.since_s))
         before, before_s = self._seen[0]
+        counts = state.counts
         added, elapsed_s = counts.since(before), now_s - before_s
         if elapsed_s < (_LEAST_S if added.pairs else _LEAST_WITHOUT_PAIR_S):
             if self._measured is not None and self._measured.added.pairs:
@@ -119,7 +120,7 @@ class DiagnosticsReporter:
             elapsed_s = max(elapsed_s, 1e-3)
         self._seen.append((counts, now_s))
         no_pair = "" if added.pairs else no_pair_reason(self._source, config, before, elapsed_s)
-        self._measured = _Measured(added, elapsed_s, no_pair, now_s)
+        self._measured = _Measured(added, elapsed_s, no_pair, now_s, state.mismatches)
 
     def _camera_info(self, config: NodeConfig) -> CameraInfoReport:
         source = "parameters rig.*" if config.rig else "CameraInfo"

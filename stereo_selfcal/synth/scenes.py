@@ -47,6 +47,18 @@ RANDOM_OFFSET_MAX_M = 0.4
 RANDOM_TEXTURE_SEEDS = 2**16  # enough different roads
 
 
+class Bump(NamedTuple):
+    """The mount is knocked and stays where it is.
+
+    Attributes:
+        at_s: When, from the first frame on [s].
+        extrinsics: Pose of the rig from then on.
+    """
+
+    at_s: float
+    extrinsics: Extrinsics
+
+
 class StereoFrame(NamedTuple):
     """One stereo frame.
 
@@ -75,6 +87,7 @@ class NamedScene:
         seed: Seed of the noise.
         rate_hz: Frames per second.
         speed_mps: Speed along the road [m/s].
+        bump: When the mount is knocked, None if it is not.
 
     Raises:
         ConfigError: There is no frame, or time would stand still.
@@ -89,6 +102,7 @@ class NamedScene:
     seed: int = 0
     rate_hz: float = FRAME_RATE_HZ
     speed_mps: float = SPEED_MPS
+    bump: Bump | None = None
 
     def __post_init__(self) -> None:
         if self.n_frames < 1:
@@ -102,8 +116,11 @@ class NamedScene:
 
     def scene_at(self, index: int) -> Scene:
         """Return the world as frame ``index`` sees it."""
-        travelled_m = self.scene.travelled_m + self.speed_mps * index / self.rate_hz
-        return replace(self.scene, travelled_m=travelled_m)
+        elapsed_s = index / self.rate_hz
+        scene = replace(self.scene, travelled_m=self.scene.travelled_m + self.speed_mps * elapsed_s)
+        if self.bump is not None and elapsed_s >= self.bump.at_s:
+            scene = replace(scene, extrinsics=self.bump.extrinsics)
+        return scene
 
     def frame(self, index: int) -> StereoFrame:
         """Render one frame; its noise depends on ``seed`` and ``index`` alone."""
@@ -118,7 +135,7 @@ class NamedScene:
     def truth(self) -> dict[str, Any]:
         """Return what a calibration should find, and how the frames were made, as plain values."""
         scene, road = self.scene, self.scene.road
-        return {
+        truth: dict[str, Any] = {
             "name": self.name,
             "description": self.description,
             "expected": self.expected,
@@ -137,6 +154,11 @@ class NamedScene:
             "seed": self.seed,
             "rig": scene.rig.to_mapping(),
         }
+        if self.bump is not None:
+            names = ("height_m", "pitch_rad", "roll_rad")
+            after = {name: getattr(self.bump.extrinsics, name) for name in names}
+            truth["bump"] = {"stamp_s": FIRST_STAMP_S + self.bump.at_s, **after}
+        return truth
 
 
 def _pose(height_m: float, pitch_deg: float, roll_deg: float) -> Extrinsics:
@@ -233,6 +255,11 @@ def custom_scene(
     seed: int = 0,
     rig: StereoRig = PAPER_RIG,
     name: str = "custom",
+    rate_hz: float = FRAME_RATE_HZ,
+    bump_at_s: float | None = None,
+    bump_height_m: float = 0.0,
+    bump_pitch_rad: float = 0.0,
+    bump_roll_rad: float = 0.0,
 ) -> NamedScene:
     """Return a drive along one lane between two solid lines.
 
@@ -249,6 +276,11 @@ def custom_scene(
         seed: Seed of noise and texture.
         rig: The rectified pair.
         name: Name of the scene.
+        rate_hz: Frames per second.
+        bump_at_s: When the mount is knocked, from the first frame on [s]; None: it is not.
+        bump_height_m: By how much it is higher from then on [m].
+        bump_pitch_rad: By how much it is pitched further [rad].
+        bump_roll_rad: By how much it is rolled further [rad].
 
     Raises:
         ConfigError: A value is outside of what can be rendered.
@@ -259,9 +291,18 @@ def custom_scene(
     # Any bend counts as one: how slight a bend may pass is for the calibrator to say.
     expected = NO_LINES_FOUND if no_lines else LINES_NOT_STRAIGHT if curvature_per_m != 0 else CALIBRATED
     surface = "asphalt without paint" if no_lines else "a lane between two solid lines"
+    bump, knocked = None, ""
+    if bump_at_s is not None:
+        bump = Bump(
+            bump_at_s,
+            Extrinsics(height_m + bump_height_m, pitch_rad + bump_pitch_rad, roll_rad + bump_roll_rad),
+        )
+        knocked = f"; knocked after {bump_at_s:g} s to {bump.extrinsics.describe()}"
+    elif bump_height_m or bump_pitch_rad or bump_roll_rad:
+        raise ConfigError("there is a bump, but not when: give bump_at_s")
     return NamedScene(
         name,
-        f"Made to order: {surface}, {pose.describe()}",
+        f"Made to order: {surface}, {pose.describe()}{knocked}",
         Scene(
             rig,
             pose,
@@ -275,6 +316,8 @@ def custom_scene(
         n_frames=n_frames,
         noise_fraction=noise_fraction,
         seed=seed,
+        rate_hz=rate_hz,
+        bump=bump,
     )
 
 

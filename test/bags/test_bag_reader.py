@@ -4,12 +4,14 @@ import os
 
 import numpy as np
 import pytest
-from bag_making import FIRST_NS, KINDS, PERIOD_NS, RIG, Camera, cameras, make_bag, picture
+from bag_making import FIRST_NS, KINDS, PERIOD_NS, RIG, Camera, cameras, make_bag, make_split_bag, picture
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from stereo_selfcal.bags import BagError, StereoBag
+from stereo_selfcal.bags import BagError, Selection, StereoBag
 from stereo_selfcal.bags import reader as reader_module
+from stereo_selfcal.core.errors import ImageError
+from stereo_selfcal.core.rig import StereoRig
 
 
 def read(path, **options):
@@ -36,6 +38,89 @@ def test_storage_file_alone(tmp_path, kind, suffix):
     assert len(read(folder / f"bag{suffix}")) == 3
     (folder / "metadata.yaml").unlink()  # what a killed recorder leaves
     assert len(read(folder)) == 3
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind[:4] != "ros1" and kind != "mcap-lz4"])
+def test_split_recordings(tmp_path, kind):
+    path = make_split_bag(tmp_path / "bag", cameras(), kind)
+    frames = read(path)
+    assert [round(f.left.mean() - frames[0].left.mean()) for f in frames] == [0, 10, 20, 30, 40, 50]
+
+
+def test_split_recording_without_metadata(tmp_path):
+    path = make_split_bag(tmp_path / "bag", cameras())
+    (path / "metadata.yaml").unlink()
+    assert len(read(path)) == 6
+
+
+@pytest.mark.parametrize(("first", "second"), [("mcap", "mcap"), ("sqlite3", "mcap"), ("ros1", "ros1-lz4")])
+def test_several_bags_are_one_drive_in_the_order_of_time(tmp_path, first, second):
+    late = make_bag(tmp_path / "a", cameras(), kind=first, first=3)
+    early = make_bag(tmp_path / "b", cameras(), kind=second)
+    with StereoBag([late, early]) as bag:
+        assert bag.n_frames == 6
+        assert bag.read_rig() == RIG
+        stamps = [frame.stamp_s for frame in bag.frames()]
+    assert stamps == pytest.approx([100.0, 100.1, 100.2, 100.3, 100.4, 100.5])
+
+
+def test_cameras_recorded_into_bags_of_their_own_are_paired(tmp_path):
+    left = make_bag(tmp_path / "left", [Camera("left")])
+    right = make_bag(tmp_path / "right", [Camera("right")], kind="ros1")
+    assert len(read([right, left])) == 3
+
+
+def test_a_bag_given_twice_is_refused(tmp_path):
+    path = make_bag(tmp_path / "bag", cameras())
+    with pytest.raises(BagError, match="given twice"):
+        read([path, path / ".." / "bag"])
+
+
+@pytest.mark.parametrize("kind", ["mcap", "mcap-lz4", "sqlite3", "ros1"])
+@pytest.mark.parametrize(
+    ("selection", "numbers"),
+    [
+        (Selection(), range(20)),
+        (Selection(start_s=0.5), range(5, 20)),
+        (Selection(end_s=0.5), range(5)),
+        (Selection(start_s=0.3, end_s=1.2, every=3), [3, 6, 9]),
+        (Selection(max_frames=4), range(4)),
+        (Selection(every=6, max_frames=3), [0, 6, 12]),
+        (Selection(start_s=1.95), []),
+    ],
+)
+def test_selections(tmp_path, kind, selection, numbers):
+    small = StereoRig(64, 4, 50.0, 50.0, 31.5, 1.5, 0.15)
+    path = make_bag(tmp_path / "bag", cameras(), n_frames=20, kind=kind, rig=small)
+    with StereoBag(path) as bag:
+        if not numbers:
+            with pytest.raises(BagError, match=r"no frame between 1\.95 s and its end.*1\.9 s long"):
+                list(bag.frames(selection))
+            return
+        frames = list(bag.frames(selection))
+        assert [f.stamp_s for f in frames] == pytest.approx([100 + number / 10 for number in numbers])
+        again = bag.frame_at(frames[-1].recorded_ns)
+        assert again.stamp_s == frames[-1].stamp_s
+        np.testing.assert_array_equal(again.left, frames[-1].left)
+
+
+def test_a_stretch_is_read_without_the_rest(tmp_path, monkeypatch):
+    """Segments of a long recording cost what they are long."""
+    monkeypatch.setattr(reader_module, "_MARGIN_NS", 200_000_000)
+    path = make_bag(tmp_path / "bag", cameras(), n_frames=40)
+    with StereoBag(path) as bag:
+        read_ns = []
+        for part in bag._parts:
+            inner = part.messages
+            part.messages = lambda *a, inner=inner: (read_ns.append(m.recorded_ns) or m for m in inner(*a))
+        assert len(list(bag.frames(Selection(start_s=2.0, end_s=3.0)))) == 10
+    assert (min(read_ns) - FIRST_NS, max(read_ns) - FIRST_NS) == (1_800_000_000, 3_100_000_000)
+
+
+def test_selections_that_select_nothing_are_refused():
+    for wrong in ({"start_s": 2.0, "end_s": 2.0}, {"every": 0}, {"max_frames": 0}):
+        with pytest.raises(BagError):
+            Selection(**wrong)
 
 
 @pytest.mark.parametrize(
@@ -67,8 +152,9 @@ def test_frames_are_read_one_by_one(tmp_path, monkeypatch):
     monkeypatch.setattr(reader_module, "message_to_grey", lambda *a: decoded.append(1) or convert(*a))
     with StereoBag(path) as bag:
         messages = []
-        inner = bag._reader.messages
-        bag._reader.messages = lambda **k: (messages.append(1) or m for m in inner(**k))
+        reader = bag._parts[0]._reader
+        inner = reader.messages
+        reader.messages = lambda **k: (messages.append(1) or m for m in inner(**k))
         frames = bag.frames()
         assert not decoded
         for index in range(5):
@@ -134,6 +220,46 @@ def bad_metadata(tmp_path):
     return path
 
 
+def changed_metadata(kind, old, new):
+    def make(tmp_path):
+        path = make_bag(tmp_path / "bag", cameras(), kind=kind)
+        metadata = (path / "metadata.yaml").read_text()
+        assert old in metadata
+        (path / "metadata.yaml").write_text(metadata.replace(old, new))
+        return path
+
+    return make
+
+
+def packed_file(tmp_path):
+    return make_bag(tmp_path / "bag", cameras(), kind="mcap-file") / "bag.mcap.zstd"
+
+
+def packed_files_without_metadata(tmp_path):
+    path = packed_file(tmp_path).parent
+    (path / "metadata.yaml").unlink()
+    return path
+
+
+def other_profile(tmp_path):
+    path = make_bag(tmp_path / "bag", cameras()) / "bag.mcap"
+    content = path.read_bytes()
+    path.write_bytes(content.replace(b"ros2", b"ros1", 1))
+    return path
+
+
+def other_definition(old, new):
+    def make(tmp_path):
+        path = make_bag(tmp_path / "bag", cameras(), kind="mcap") / "bag.mcap"
+        content, old_bytes, new_bytes = path.read_bytes(), old.encode(), new.encode()
+        assert len(old_bytes) == len(new_bytes)
+        assert old_bytes in content
+        path.write_bytes(content.replace(old_bytes, new_bytes))
+        return path
+
+    return make
+
+
 def without_images(tmp_path):
     return make_bag(tmp_path / "bag", cameras(image=""))
 
@@ -153,6 +279,22 @@ def without_images(tmp_path):
         (truncated("sqlite3", "bag.db3"), "cannot be read as a recording"),
         (truncated("ros1", ""), "cannot be read as a recording"),
         (bad_metadata, "cannot be read as a recording"),
+        (changed_metadata("mcap-messages", "zstd", "lz4"), "'lz4' is not supported.*ros2 bag convert"),
+        (
+            changed_metadata("mcap", "identifier: mcap", "identifier: x"),
+            "Storage plugin 'x'.*ros2 bag convert",
+        ),
+        (changed_metadata("mcap", "bag.mcap", "other.mcap"), "files are missing.*beside metadata.yaml"),
+        (changed_metadata("mcap", "version: 9", "version: 90"), "newer version of rosbags"),
+        (packed_file, "unpack it: zstd -d bag.mcap.zstd"),
+        (packed_files_without_metadata, "no metadata.yaml.*unpack it: zstd -d bag.mcap.zstd"),
+        (other_profile, "MCAP file of another system"),
+        (
+            other_definition("string encoding", "string encodinG"),
+            "of sensor_msgs/msg/Image has another field",
+        ),
+        (other_definition("uint32 height", "string height"), "has another field than height"),
+        (other_definition("float64[9] k", "float64[8] k"), "CameraInfo has another field than k"),
         (without_images, "no images"),
     ],
 )
@@ -191,6 +333,36 @@ def test_unusable_camera_info_is_refused(tmp_path, sides, message):
 def test_unusable_images_name_topic_and_time(tmp_path, options, message):
     with pytest.raises(BagError, match=message):
         read(make_bag(tmp_path / "bag", cameras(**options)))
+
+
+def spoilt(stamps):
+    """Return a conversion of images that fails at these tenths of a second."""
+    convert = reader_module.message_to_grey
+
+    def message_to_grey(message):
+        if message.header.stamp.nanosec // PERIOD_NS in stamps:
+            raise ImageError("cut short")
+        return convert(message)
+
+    return message_to_grey
+
+
+@pytest.mark.parametrize("lost", [{0}, {0, 1}, {2}, {4}, {0, 2, 3}])
+def test_an_image_that_cannot_be_converted_is_a_frame_lost(tmp_path, monkeypatch, lost):
+    path = make_bag(tmp_path / "bag", cameras(), n_frames=5)
+    monkeypatch.setattr(reader_module, "message_to_grey", spoilt(lost))
+    frames = read(path)
+    assert len(frames) == 5
+    for index, frame in enumerate(frames):
+        assert bool(frame.problem) == (index in lost)
+        assert frame.stamp_s == pytest.approx(100 + index / 10)
+        assert (frame.left.size == 0) == (index in lost)
+
+
+def test_a_camera_that_cannot_be_converted_is_an_error_soon(tmp_path):
+    path = make_bag(tmp_path / "bag", cameras(encoding="yuv422"), n_frames=40)
+    with StereoBag(path) as bag, pytest.raises(BagError, match=r"at 100\.000 s.*'yuv422' is not supported"):
+        next(bag.frames())
 
 
 @pytest.fixture(scope="module")

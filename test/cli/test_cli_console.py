@@ -75,6 +75,15 @@ def test_progress_bar_on_a_terminal_only():
     Progress(0, Terminal()).show(0)
 
 
+def test_progress_without_a_total_counts():
+    terminal = Terminal()
+    progress = Progress(None, terminal)
+    progress.show(7)
+    assert terminal.getvalue() == "\r7 \x1b[K"
+    progress.clear()
+    assert terminal.getvalue().endswith("\r\x1b[K")
+
+
 def test_check_writable_leaves_no_trace(tmp_path):
     check_writable(tmp_path / "new.yaml", "--output")
     assert not list(tmp_path.iterdir())

@@ -5,68 +5,26 @@ import math
 import os
 import subprocess
 import sys
-import weakref
-from dataclasses import replace
 from pathlib import Path
-from typing import ClassVar
 
 import cv2
 import numpy as np
 import pytest
 import yaml
 from bag_making import RIG, Camera, cameras, make_bag
+from fake_calibrator import use_fake
 
-from stereo_selfcal.cli import replay as replay_module
-from stereo_selfcal.cli.replay import main, read_rig_file, run_replay
+from stereo_selfcal.cli.replay import main
 from stereo_selfcal.core.config import CalibratorConfig
-from stereo_selfcal.core.extrinsics import Extrinsics
-from stereo_selfcal.core.results import CalibrationResult, Rejection, RejectReason, describe, rejected
 from stereo_selfcal.result_file import load_result
+from stereo_selfcal.rig_file import read_rig_file
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-POSE = Extrinsics(1.4, 0.05, -0.01)
-COVARIANCE = np.diag([1e-6, 1e-8, 1e-8])
-
-
-def refusal(stamp_s=0.0):
-    rejection = Rejection(RejectReason.NO_LINES_FOUND, "lines found", 0, 2, "", "paint some")
-    return rejected(rejection, stamp_s)
-
-
-class FakeCalibrator:
-    """Accepts what it is told to; each accepted frame is a little higher than the one before."""
-
-    accept = staticmethod(lambda index: True)
-    made: ClassVar[list] = []
-
-    def __init__(self, rig, config=None):
-        self.rig, self.config, self.stamps, self.accepted = rig, config, [], []
-        self.made.append(self)
-
-    def add(self, left, right, stamp_s=0.0):
-        self.stamps.append(stamp_s)
-        if not self.accept(len(self.stamps) - 1):
-            return refusal(stamp_s)
-        pose = replace(POSE, height_m=POSE.height_m + 0.01 * len(self.accepted))
-        self.accepted.append(pose)
-        return CalibrationResult("good", None, pose, COVARIANCE, 0.1, stamp_s=stamp_s, n_frames=1)
-
-    @property
-    def estimate(self):
-        if not self.accepted:
-            return refusal(self.stamps[-1])
-        pose = Extrinsics.from_array(np.mean([p.as_array() for p in self.accepted], axis=0))
-        result = CalibrationResult(
-            "fused", None, pose, COVARIANCE, 0.1, stamp_s=self.stamps[-1], n_frames=len(self.accepted)
-        )
-        return replace(result, message=describe(pose, result.std))
 
 
 @pytest.fixture
 def calibrator(monkeypatch):
-    monkeypatch.setattr(replay_module, "Calibrator", FakeCalibrator)
-    monkeypatch.setattr(FakeCalibrator, "made", [])
-    return FakeCalibrator
+    return use_fake(monkeypatch)
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +58,10 @@ def test_json_is_one_object_with_all_digits(bag, calibrator, monkeypatch, capsys
     assert err == ""
     assert out.count("\n") == 1
     content = json.loads(out)
-    assert list(content) == ["accepted", "reason", "message", "extrinsics", "std", "lane_yaw_rad", "frames"]
+    contract = ["accepted", "reason", "message", "extrinsics", "std", "lane_yaw_rad", "frames"]
+    assert list(content) == [*contract, "segments", "changes"]
+    assert content["changes"] == []
+    assert [segment["frames"] for segment in content["segments"]] == [3]
     estimate = calibrator.made[0].estimate
     assert content["accepted"] is True
     assert content["reason"] is None
@@ -176,33 +137,6 @@ def test_nothing_accepted(bag, calibrator, monkeypatch, tmp_path, capsys, as_jso
     else:
         assert "0 of 4 frames accepted" in out
         assert "limit 2; paint some" in out
-
-
-def test_picture_shows_the_last_accepted_frame(bag, calibrator, monkeypatch):
-    monkeypatch.setattr(calibrator, "accept", staticmethod(lambda index: index < 2))
-    with replay_module.StereoBag(bag) as opened:
-        replay = run_replay(opened.frames(), FakeCalibrator(RIG))
-    assert replay.frame.stamp_s == pytest.approx(100.1)
-    assert replay.result.accepted
-
-
-def test_at_most_two_frames_are_in_memory():
-    class Frame:
-        left = right = None
-        stamp_s = 0.0
-
-    references = []
-
-    def frames():
-        for _ in range(50):
-            frame = Frame()
-            references.append(weakref.ref(frame))
-            yield frame
-            del frame
-            assert sum(reference() is not None for reference in references) <= 2
-
-    run_replay(frames(), FakeCalibrator(RIG))
-    assert len(references) == 50
 
 
 def test_max_frames(bag, calibrator, capsys):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from stereo_selfcal.cli.report import FrameRow, as_json, table_header, table_row, table_summary
+from stereo_selfcal.core.drive import Drive, DriveChange, DriveSegment
 from stereo_selfcal.core.extrinsics import Extrinsics
 from stereo_selfcal.core.results import CalibrationResult, Rejection, RejectReason, rejected
 
@@ -57,3 +58,38 @@ def test_json_never_holds_nan():
     broken = CalibrationResult("nan", None, Extrinsics(math.nan, 0, 0), np.eye(3))
     with pytest.raises(ValueError, match="JSON"):
         as_json([], broken)
+
+
+def moved_drive():
+    later = Extrinsics(0.5, math.radians(-1.0), 0.1)
+    after = CalibrationResult("moved", None, later, np.diag([1e-6, 1e-8, 1e-8]), n_frames=7)
+    spread = Extrinsics(0.01, 0.02, 0.03)
+    segments = (
+        DriveSegment(100.0, 160.0, RESULT, spread, None),
+        DriveSegment(161.0, 900.0, after, spread, Extrinsics(0.001, 0.002, 0.003)),
+    )
+    change = DriveChange(160.5, 2.0, POSE, later, np.array([50.0, 10.0, 0.0]))
+    return Drive(after, segments, (change,), True)
+
+
+def test_a_move_is_told_with_what_was_before_and_after():
+    drive = moved_drive()
+    text = table_summary([FrameRow(0.0, None, POSE)] * 2, drive.estimate, drive=drive)
+    lines = [line.split() for line in text.splitlines()]
+    assert ["100.0", "s", "to", "160.0", "s", "0.3333", "-2.000", "+5.730"] in lines
+    assert ["moved", "160.5", "s", "(within", "2.0", "s)", "by", "0.1667", "+1.000", "+0.000"] in lines
+    assert ["161.0", "s", "to", "900.0", "s", "0.5000", "-1.000", "+5.730"] in lines
+    assert "mean" not in text, "of two mounts there is none"
+
+
+def test_json_has_segments_and_changes():
+    drive = moved_drive()
+    content = json.loads(as_json([], drive.estimate, drive=drive))
+    before, after = content["segments"]
+    assert before["extrinsics"]["height_m"] == 1 / 3
+    assert before["standard_error"] is None
+    assert after["standard_error"] == {"height_m": 0.001, "pitch_rad": 0.002, "roll_rad": 0.003}
+    assert (after["start_s"], after["end_s"], after["frames"]) == (161.0, 900.0, 7)
+    (change,) = content["changes"]
+    assert (change["at_s"], change["within_s"]) == (160.5, 2.0)
+    assert change["shift"]["height_m"] == pytest.approx(0.5 - 1 / 3)

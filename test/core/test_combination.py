@@ -102,7 +102,7 @@ def test_shape_of_many_roads_scatters_the_lines_as_claimed():
 def test_mean_lies_nearer_to_the_surer_and_is_surer_than_both():
     nothing = np.empty(0)
     quality = TextureQuality(50.0, 0.9, 0.9, 0.9, 0.1, (1e-3, 1e-4, 1e-4))
-    texture_fit = TextureFit(POSE, np.eye(3), quality, PLANE, nothing, nothing, nothing)
+    texture_fit = TextureFit(POSE, np.eye(3), quality, PLANE, nothing, nothing, nothing, nothing)
     sure, unsure = np.diag([1e-3, 1e-4, 1e-3]) ** 2, np.diag([1e-2, 1e-3, 1e-2]) ** 2
     lines = moved(height_m=0.02)
     mean, covariance = combine(lines, sure, replace(texture_fit, extrinsics=POSE, covariance=unsure))

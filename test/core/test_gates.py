@@ -34,6 +34,7 @@ ASPHALT = TextureFit(
     NOTHING,
     NOTHING,
     NOTHING,
+    NOTHING,
 )
 GOOD = Evidence(
     config=CONFIG,
@@ -309,7 +310,7 @@ def test_between_a_stripe_and_its_lane_there_is_nothing():
         "kerb",
     )
     assert refusal(rims=(Rim(0.0, 0.001), Rim(0.055, 0.001))) is None
-    assert refusal(rims=(Rim(0.07, 0.018),)) is None
+    assert refusal(rims=(Rim(0.07, 0.024),)) is None
 
 
 def test_lines_alone_show_both_edges():

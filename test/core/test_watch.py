@@ -86,7 +86,7 @@ def test_a_bump_is_doubted_proven_and_named(watch, name):
     drive.pose = TRUTH + BUMPS[name]
     assert drive.into(watch, 40, until=doubted)
     assert not watch.verdict.proven
-    assert watch.verdict.message.startswith(f"{name} on the road is ")
+    assert watch.verdict.message.startswith(f"{name} over the road has changed by ")
     assert drive.into(watch, 40, until=proven)
 
 

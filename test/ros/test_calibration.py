@@ -49,10 +49,10 @@ def info(fx=5.0, shift=0.0, **changes):
 class Source:
     """A camera that delivers ``pairs``, one per request, and then nothing."""
 
-    def __init__(self, *pairs, counts=ARRIVED, nearest_s=None, infos=(None, None)):
+    def __init__(self, *pairs, counts=ARRIVED, nearest_s=None, infos=(None, None), mismatches=()):
         self.topics = TOPICS
         self.camera_infos = infos
-        self.states = deque([InputState(ARRIVED, None), InputState(counts, nearest_s)])
+        self.states = deque([InputState(ARRIVED, None), InputState(counts, nearest_s, mismatches)])
         self.pairs = deque(pairs)
         self.stopped = False
 
@@ -160,6 +160,48 @@ def test_rig_from_camera_info():
     assert outcome.rig.baseline_m == 0.2
 
 
+def raw_info(side, **changes):
+    """Return the CameraInfo of a raw camera that needs no change."""
+    fields = {"d": [], "r": np.eye(3).ravel(), "distortion_model": "plumb_bob", **changes}
+    return info(shift=-1.0 if side == "right" else 0.0, **fields)
+
+
+def test_raw_images_are_rectified(monkeypatch):
+    """Here by a flip of the principal point: one column to the right."""
+    shown = []
+    monkeypatch.setattr(
+        FakeCalibrator, "add", lambda self, left, right, _: shown.append((left, right)) or self.estimate
+    )
+    left, right = raw_info("left"), raw_info("right")
+    left.k[2] += 1.0
+    columns = bytes([60, 70, 80, 90] * 3)
+    source = Source(pair(left=image_of(columns), right=image_of(columns)), infos=(left, right))
+    assert CalibrationCall(source, without_rig(rectified=False)).run().result is not None
+    assert shown[0][0].tolist()[0] == [70, 80, 90, 0]
+    assert shown[0][1].tolist()[0] == [60, 70, 80, 90]
+
+
+def image_of(data):
+    message = image()
+    message.data = data
+    return message
+
+
+def test_raw_images_of_an_unknown_model_are_refused():
+    infos = raw_info("left", distortion_model="fov"), raw_info("right", distortion_model="fov")
+    outcome = CalibrationCall(Source(pair(), infos=infos), without_rig(rectified=False)).run()
+    assert outcome.result is None
+    assert outcome.message.startswith("left CameraInfo has the distortion model 'fov', known are equidistant")
+
+
+def test_doubts_about_the_cameras_are_told_with_any_answer():
+    infos = info(), info(shift=-13.0)
+    for images, start in ((pair(), "height 1.2 m"), (pair(left=image(0)), "no frame accepted")):
+        outcome = CalibrationCall(Source(images, infos=infos), without_rig()).run()
+        assert outcome.message.startswith(start)
+        assert outcome.message.endswith("the baseline is 2.6 m, usual are 0.03 ... 2 m: check P[3]")
+
+
 def test_parameters_win_over_camera_info():
     source = Source(pair(), infos=(info(fx=9.0), info(fx=9.0, shift=-1.0)))
     assert CalibrationCall(source, config()).run().rig.fx == 5.0
@@ -230,12 +272,23 @@ def test_impossible_rig_by_parameters_is_explained():
         (
             {"counts": PairCounts(160, 160), "nearest_s": 0.012},
             {},
-            "left 30.0 Hz, right 30.0 Hz; the nearest stamps differ by 12.000 ms: set approximate_sync",
+            "left 30.0 Hz, right 30.0 Hz; the nearest stamps differ by 12.000 ms: set approximate_sync, and "
+            "approximate_sync_tolerance_seconds to 0.015 (half a frame is 16.7 ms)",
+        ),
+        (
+            {"counts": PairCounts(160, 85), "nearest_s": 0.017},
+            {},
+            "more than half a frame at 30.0 Hz: no tolerance helps, the clocks of the cameras have to be set",
+        ),
+        (
+            {"counts": PairCounts(10, 160), "mismatches": ("/cam publishes x on y, z is read",)},
+            {},
+            "nothing arrives on /left/image_rect (1 publisher): /cam publishes x on y, z is read",
         ),
         (
             {"counts": PairCounts(160, 160), "nearest_s": 0.012},
             {"approximate_sync": True},
-            "differ by 12.000 ms, approximate_sync_tolerance_seconds allows 10.000 ms: raise it",
+            "differ by 12.000 ms, approximate_sync_tolerance_seconds allows 10.000 ms: raise it to 0.015",
         ),
         (
             {"counts": PairCounts(160, 160), "nearest_s": 0.002},

@@ -99,7 +99,8 @@ def start():
     started = []
 
     def start(**parameters):
-        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        values = {"output_path": "", **parameters}  # without a path nothing is restored
+        overrides = [Parameter(name, value=value) for name, value in values.items()]
         started.append(SelfcalNode(parameter_overrides=overrides))
         return started[-1]
 

@@ -1,0 +1,241 @@
+"""``replay`` on recordings of many frames: processor time, memory over their length, where the time goes.
+
+Every measurement is a process of its own, as users start it. Processor time is quoted, since it does not
+depend on what else the machine does; the wall time is beside it.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from unittest.mock import patch
+
+import cv2
+
+from stereo_selfcal import Calibrator, StereoRig
+from stereo_selfcal.core import calibrator as calibrator_module
+from stereo_selfcal.core.images import decode_compressed
+from stereo_selfcal.offline import open_source
+from stereo_selfcal.synth.bag import write_bag
+from stereo_selfcal.synth.scenes import FIRST_STAMP_S, NamedScene, StereoFrame, named_scene
+
+from .options import Options
+from .table import Table
+
+ROOT = Path(__file__).resolve().parents[1]
+
+LENGTHS = (100, 300, 900)
+SIZES = ((640, 480), (1280, 960), (1920, 1440))
+SIZE_FRAMES = 100
+# Different frames of a recording, which is these over and over: rendering is slower than calibrating.
+N_RENDERED = 10
+GOAL_FRAMES, GOAL_S, GOAL_JOBS = 6000, 120, 2  # ten minutes at 10 Hz
+_POLL_S = 0.05
+_MEBIBYTE = 2**20
+
+# Parts of a calibration, by the function of the calibrator that does it.
+PARTS = {
+    "marking stripes": "find_stripe_points",
+    "lines and pairs of them": "look",
+    "further lines": "further_lines",
+    "genetic algorithm": "maximise_each",
+    "covariance and curvature": "propagate",
+    "closed form": "compare_stages",
+    "refinement": "refine",
+    "asphalt": "align_texture",
+    "rows of both images": "vertical_offset",
+}
+
+
+class Repeated(NamedScene):
+    """A drive whose images are a few, over and over."""
+
+    def frame(self, index: int) -> StereoFrame:
+        """Return a frame with the stamp of its own."""
+        frame = _rendered(replace(self, n_frames=N_RENDERED), index % N_RENDERED)
+        return frame._replace(stamp_s=FIRST_STAMP_S + index / self.rate_hz)
+
+
+@lru_cache(maxsize=N_RENDERED)
+def _rendered(scene: NamedScene, index: int) -> StereoFrame:
+    return NamedScene.frame(scene, index)
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What a run of replay took.
+
+    Attributes:
+        wall_s: Time [s].
+        cpu_s: Processor time of all its processes [s].
+        memory: Peak of resident memory, summed over its processes [B].
+        accepted: Whether it calibrated.
+    """
+
+    wall_s: float
+    cpu_s: float
+    memory: int
+    accepted: bool
+
+
+def offline_tables(options: Options) -> Iterator[Table]:
+    """Time and memory of replay over length and size, and the parts of the time."""
+    lengths = LENGTHS if options.all_sizes else LENGTHS[:1]
+    sizes = SIZES if options.all_sizes else SIZES[:1]
+    with tempfile.TemporaryDirectory() as folder:
+        yield _length_table(Path(folder), lengths)
+        yield _size_table(Path(folder), sizes)
+        yield _part_table(Path(folder))
+
+
+def _length_table(folder: Path, lengths: tuple[int, ...]) -> Table:
+    table = Table(
+        "offline_lengths",
+        "replay over the length of a recording",
+        ["frames", "jobs", "wall s", "processor s", "processor ms per frame", "peak memory MiB"],
+    )
+    for n_frames in lengths:
+        path = recording(folder / f"frames_{n_frames}", n_frames, *SIZES[0])
+        for jobs in (1, 2):
+            cost = replay_cost(path, jobs)
+            table.add(str(n_frames), str(jobs), *_cells(cost, n_frames))
+    per_frame_s = cost.cpu_s / n_frames
+    ten_minutes_s = per_frame_s * GOAL_FRAMES
+    table.note = (
+        "640 x 480, mcap with zstd, with --json. Other work was on the machine, so the wall time says "
+        f"little. {GOAL_FRAMES} frames (10 minutes at 10 Hz) take {ten_minutes_s:.0f} s of processor time by "
+        f"the last row, {ten_minutes_s / GOAL_JOBS:.0f} s on {GOAL_JOBS} cores that are both busy; the goal "
+        f"is {GOAL_S} s."
+    )
+    return table
+
+
+def _size_table(folder: Path, sizes: tuple[tuple[int, int], ...]) -> Table:
+    table = Table(
+        "offline_sizes",
+        "replay over the size of the images",
+        ["size", "jobs", "wall s", "processor s", "processor ms per frame", "peak memory MiB"],
+        f"{SIZE_FRAMES} frames.",
+    )
+    for size in sizes:
+        path = recording(folder / f"size_{size[0]}", SIZE_FRAMES, *size)
+        for jobs in (1, 2):
+            table.add(f"{size[0]} x {size[1]}", str(jobs), *_cells(replay_cost(path, jobs), SIZE_FRAMES))
+    return table
+
+
+def _part_table(folder: Path) -> Table:
+    table = Table(
+        "offline_parts",
+        "Where the time of a frame goes",
+        ["part", "process", "ms"],
+        "640 x 480, one thread, processor time. The reading process and the workers work at the same time.",
+    )
+    n_frames = 4 * N_RENDERED
+    for storage in ("mcap", "sqlite3"):
+        path = recording(folder / f"parts_{storage}", n_frames, *SIZES[0], storage=storage)
+        with open_source([path]) as source:
+            start = time.process_time()
+            frames = list(source.frames())
+            rig = source.rig
+        what = "mcap, zstd" if storage == "mcap" else "sqlite3"
+        table.add(f"reading, unpacking, pairing ({what})", "reader", _ms(start, n_frames))
+    for suffix in (".png", ".jpg"):
+        packed = [cv2.imencode(suffix, frame.left)[1] for frame in frames[:N_RENDERED]]
+        start = time.process_time()
+        for each in packed:
+            decode_compressed(each, suffix)
+        what = f"decoding a pair of CompressedImage ({suffix[1:]}), if it is one"
+        table.add(what, "reader", _ms(start, len(packed) / 2))
+    start = time.process_time()
+    for frame in frames:
+        pickle.loads(pickle.dumps(frame, -1))
+    table.add("handing the images to a worker", "both", _ms(start, n_frames))
+    spent = dict.fromkeys(PARTS, 0.0)
+    calibrator = Calibrator(rig)
+    with ExitStack() as stack:
+        for name, function in PARTS.items():
+            clocked = _clocked(getattr(calibrator_module, function), name, spent)
+            stack.enter_context(patch.object(calibrator_module, function, clocked))
+        start = time.process_time()
+        for frame in frames:
+            calibrator.calibrate_frame(frame.left, frame.right, frame.stamp_s)
+    whole_s = time.process_time() - start
+    for name, seconds in spent.items():
+        table.add(name, "worker", f"{seconds / n_frames * 1e3:.2f}")
+    table.add("all the rest", "worker", f"{(whole_s - sum(spent.values())) / n_frames * 1e3:.2f}")
+    table.add("calibrating, all of it", "worker", f"{whole_s / n_frames * 1e3:.2f}")
+    return table
+
+
+def recording(path: Path, n_frames: int, width: int, height: int, storage: str = "mcap") -> Path:
+    """Write a recording of the paper's rig with cameras of a size."""
+    named = named_scene("straight_road")
+    rig = named.scene.rig
+    focal_px = rig.fx * width / rig.width
+    rig = StereoRig(width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2, rig.baseline_m)
+    scene = Repeated(path.name, "for the clock", replace(named.scene, rig=rig), n_frames=n_frames)
+    write_bag(path, scene, storage)  # type: ignore[arg-type]
+    return path
+
+
+def replay_cost(path: Path, jobs: int) -> Cost:
+    """Run replay as a process and measure it."""
+    command = [sys.executable, "-m", "stereo_selfcal", "replay", str(path), "--json", "--jobs", str(jobs)]
+    peaks: dict[int, int] = {}
+    start = time.perf_counter()
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL) as process:
+        while True:
+            pid, status, usage = os.wait4(process.pid, os.WNOHANG)
+            if pid:
+                break
+            _look(process.pid, peaks)
+            time.sleep(_POLL_S)
+        wall_s = time.perf_counter() - start
+        process.returncode = os.waitstatus_to_exitcode(status)
+    return Cost(wall_s, usage.ru_utime + usage.ru_stime, sum(peaks.values()), process.returncode == 0)
+
+
+def _look(pid: int, peaks: dict[int, int]) -> None:
+    """Note the peaks of resident memory of a process and of its children [B]."""
+    with suppress(OSError, StopIteration, ValueError):
+        lines = Path(f"/proc/{pid}/status").read_text(encoding="ascii", errors="replace").splitlines()
+        peaks[pid] = int(next(line for line in lines if line.startswith("VmHWM")).split()[1]) * 1024
+        for child in Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split():
+            _look(int(child), peaks)
+
+
+def _cells(cost: Cost, n_frames: int) -> tuple[str, str, str, str]:
+    if not cost.accepted:
+        raise RuntimeError("replay did not calibrate")
+    per_frame_ms = cost.cpu_s / n_frames * 1e3
+    return (
+        f"{cost.wall_s:.1f}",
+        f"{cost.cpu_s:.1f}",
+        f"{per_frame_ms:.1f}",
+        f"{cost.memory / _MEBIBYTE:.0f}",
+    )
+
+
+def _clocked(function: Callable[..., object], name: str, spent: dict[str, float]) -> Callable[..., object]:
+    def clock(*args: object, **kwargs: object) -> object:
+        start = time.process_time()
+        try:
+            return function(*args, **kwargs)
+        finally:
+            spent[name] += time.process_time() - start
+
+    return clock
+
+
+def _ms(start_s: float, n: float) -> str:
+    return f"{(time.process_time() - start_s) / n * 1e3:.2f}"

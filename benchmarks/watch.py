@@ -1,0 +1,261 @@
+"""The watch over simulated drives: false alarms, and how long it takes to see that a camera was moved.
+
+What is simulated are the results of frames, not images: the pose, what suspension and road do to it, noise of
+the promised size, wrong frames, and stretches of road without any usable frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from stereo_selfcal import CalibrationResult, Extrinsics
+from stereo_selfcal.core.extrinsics import Array
+from stereo_selfcal.core.watch import ALARM_SIGMAS, Watch
+from stereo_selfcal.node_settings import NODE_SETTINGS
+from stereo_selfcal.synth.scenes import PAPER_RIG
+
+from .options import Options
+from .table import Table, number
+
+PERIOD_S = float(next(setting.default for setting in NODE_SETTINGS if setting.name == "monitor_period_s"))
+_HOUR_S = 3600.0
+# The camera is moved between these times of a drive, and watched for so long.
+_BUMP_S = (600.0, 1200.0)
+_PATIENCE_S = 1800.0
+
+_POSE = np.array([1.4, math.radians(3.0), math.radians(0.8)])
+# Of one frame of a recorded road: height, pitch, roll.
+_NOISE_STD = np.array([0.003, math.radians(0.02), math.radians(0.05)])
+_WRONG_FRACTION = 0.1
+_WRONG_STD = np.array([0.06, math.radians(1.0), math.radians(2.0)])
+# Mean lengths of road with and without usable frames.
+_ROAD_S, _PAUSE_S = 120.0, 30.0
+_PAUSE_COUNTS_S = PERIOD_S  # as good road
+# Braking and driving off: a part of the variance of the pitch.
+_BRAKING_PART = 0.3
+_BRAKING_EVERY_S, _BRAKING_S = 40.0, 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Ride:
+    """How a car moves over its road.
+
+    Attributes:
+        name: For the tables.
+        std: Standard deviations of height [m], pitch [deg] and roll [deg].
+        memory_s: How long a state of the springs lasts; cambers last twice as long.
+    """
+
+    name: str
+    std: tuple[float, float, float]
+    memory_s: float
+
+    def describe(self) -> str:
+        """Return it for a cell."""
+        height_m, pitch_deg, roll_deg = self.std
+        return f"{self.name}: {height_m * 1e3:g} mm, {pitch_deg:g}°, {roll_deg:g}°; {self.memory_s:g} s"
+
+
+RIDES = (
+    Ride("calm", (0.003, 0.1, 0.1), 2.0),
+    Ride("usual", (0.005, 0.15, 0.2), 2.0),
+    Ride("rough", (0.008, 0.2, 0.3), 2.0),
+    Ride("rough, slow", (0.008, 0.3, 0.3), 4.0),
+)
+BUMPS = {
+    "pitch 0.3°": np.array([0.0, math.radians(0.3), 0.0]),
+    "roll 0.3°": np.array([0.0, 0.0, math.radians(0.3)]),
+    "height 2 cm": np.array([0.02, 0.0, 0.0]),
+    "pitch 0.1°": np.array([0.0, math.radians(0.1), 0.0]),
+    "roll 0.1°": np.array([0.0, 0.0, math.radians(0.1)]),
+}
+
+
+def drive(ride: Ride, seconds: float, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Return times (N,) [s] and measured poses (N, 3) of the usable frames of a drive."""
+    n = int(seconds / PERIOD_S)
+    times = np.arange(n) * PERIOD_S
+    height_m, pitch_deg, roll_deg = ride.std
+    springs = math.sqrt(1.0 - _BRAKING_PART)
+    motion = np.column_stack(
+        [
+            height_m * _wander(n, ride.memory_s, rng),
+            math.radians(pitch_deg) * (springs * _wander(n, ride.memory_s, rng) + _brakings(times, rng)),
+            math.radians(roll_deg) * _wander(n, 2.0 * ride.memory_s, rng),
+        ]
+    )
+    wrong = rng.random(n) < _WRONG_FRACTION
+    wrong[0] = False  # a calibration that is wrong is rightly doubted
+    poses = _POSE + motion + _NOISE_STD * rng.standard_normal((n, 3))
+    poses += wrong[:, None] * _WRONG_STD * rng.standard_normal((n, 3))
+    usable, now_s = np.zeros(n, dtype=bool), 0.0
+    while now_s < seconds:
+        end_s = now_s + rng.exponential(_ROAD_S)
+        usable |= (times >= now_s) & (times < end_s)
+        now_s = end_s + rng.exponential(_PAUSE_S)
+    usable[0] = True
+    return times[usable], poses[usable]
+
+
+def _wander(n: int, memory_s: float, rng: np.random.Generator) -> Array:
+    """Return (N,) a Gauss-Markov process of variance 1."""
+    keep = math.exp(-PERIOD_S / memory_s)
+    fresh = math.sqrt(1.0 - keep**2) * rng.standard_normal(n)
+    values = np.empty(n)
+    values[0] = rng.standard_normal()
+    for i in range(1, n):
+        values[i] = keep * values[i - 1] + fresh[i]
+    return values
+
+
+def _brakings(times: Array, rng: np.random.Generator) -> Array:
+    """Return (N,) what braking and driving off do, of variance _BRAKING_PART."""
+    values, now_s = np.zeros(len(times)), rng.exponential(_BRAKING_EVERY_S)
+    size = math.sqrt(_BRAKING_PART * (_BRAKING_EVERY_S + _BRAKING_S) / _BRAKING_S)
+    while now_s < times[-1]:
+        during = (times >= now_s) & (times < now_s + _BRAKING_S)
+        values[during] = size * rng.standard_normal()
+        now_s += _BRAKING_S + rng.exponential(_BRAKING_EVERY_S)
+    return values
+
+
+def frame(pose: Array, time_s: float) -> CalibrationResult:
+    """Return the result of a frame."""
+    covariance = np.diag(_NOISE_STD**2)
+    return CalibrationResult("", None, Extrinsics.from_array(pose), covariance, stamp_s=time_s, n_frames=1)
+
+
+@dataclass(slots=True)
+class Run:
+    """What became of one drive; times are good road [s], without the pauses.
+
+    Attributes:
+        greatest: Greatest |z| of the drift test before the bump.
+        false_alarm: Whether there was an alarm before it.
+        alarm_s: From the bump to the alarm, None if there was none.
+        proof_s: From the bump to the proof.
+        better_s: From the bump to a better calibration.
+        error: (3,) of that calibration over its standard deviations.
+    """
+
+    greatest: float = 0.0
+    false_alarm: bool = False
+    alarm_s: float | None = None
+    proof_s: float | None = None
+    better_s: float | None = None
+    error: Array | None = None
+
+
+def run(ride: Ride, seed: int, bump: Array | None = None) -> Run:
+    """Drive for an hour, or until a bump has led to a better calibration."""
+    rng = np.random.default_rng(seed)
+    at_s = rng.uniform(*_BUMP_S) if bump is not None else math.inf
+    times, poses = drive(ride, _HOUR_S if bump is None else at_s + _PATIENCE_S, rng)
+    watch, outcome, bumped_s, road_s = Watch(), Run(), 0.0, 0.0
+    watch.start(frame(poses[0], 0.0))
+    for i in range(1, len(times)):
+        moved = times[i] >= at_s
+        road_s += min(times[i] - times[i - 1], _PAUSE_COUNTS_S)
+        bumped_s = bumped_s if moved else road_s
+        verdict = watch.add(frame(poses[i] + bump if moved and bump is not None else poses[i], times[i]))
+        if not moved:
+            outcome.greatest = max(outcome.greatest, watch.deviation)
+            if verdict.doubted:
+                outcome.false_alarm = True
+                return outcome
+            continue
+        if verdict.doubted and outcome.alarm_s is None:
+            outcome.alarm_s = road_s - bumped_s
+        if verdict.proven and outcome.proof_s is None:
+            outcome.proof_s = road_s - bumped_s
+        better = watch.proposal(PAPER_RIG)
+        if better is not None and better.extrinsics is not None and better.std is not None:
+            assert bump is not None
+            outcome.better_s = road_s - bumped_s
+            error = better.extrinsics.as_array() - _POSE - bump
+            outcome.error = error / better.std.as_array()
+            return outcome
+    return outcome
+
+
+def watch_tables(options: Options) -> Iterator[Table]:
+    """False alarms over hours without a change, and delays after a bump."""
+    how = (
+        f"Results of frames are simulated, one every {PERIOD_S:g} s: motion of the standard deviations and "
+        f"memory named (cambers: twice that memory; {_BRAKING_PART:.0%} of the variance of the pitch is "
+        f"braking, {_BRAKING_S:g} s every {_BRAKING_EVERY_S:g} s), noise of 3 mm, 0.02°, 0.05°, "
+        f"{_WRONG_FRACTION:.0%} wrong frames (60 mm, 1°, 2°), and {_PAUSE_S:g} s without usable frames after "
+        f"every {_ROAD_S:g} s of road. The calibration in force is one frame of the drive."
+    )
+    calm = Table(
+        "watch_alarms",
+        f"The watch over {options.watch_hours} drives of an hour without a change",
+        [
+            "ride: height, pitch, roll; memory",
+            "drives with an alarm",
+            "greatest deviation: median",
+            "90 %",
+            "most",
+        ],
+        f"{how} The alarm is raised at {ALARM_SIGMAS:g} standard deviations.",
+    )
+    for ride in RIDES:
+        runs = [run(ride, seed) for seed in range(options.watch_hours)]
+        greatest = np.array([r.greatest for r in runs])
+        cells = [number(value) for value in (*np.percentile(greatest, (50, 90)), greatest.max())]
+        calm.add(ride.describe(), f"{sum(r.false_alarm for r in runs)} of {len(runs)}", *cells)
+    yield calm
+    bumps = Table(
+        "watch_bumps",
+        f"Good road until a bump is reported, {options.bumps} drives each",
+        [
+            "ride: height, pitch, roll; memory",
+            "bump",
+            "in time",
+            "alarm: median",
+            "90 %",
+            "proof: median",
+            "better calibration: median",
+            "its error / std (RMS)",
+            "false alarms before",
+        ],
+        f"{how} The camera is moved after 10 to 20 minutes. In time: of a bump of 0.3° within 60 s, of 2 cm "
+        f"or 0.1° within 5 minutes of good road. '-': not within {_PATIENCE_S / 60:g} minutes.",
+    )
+    for ride in RIDES:
+        for name, bump in BUMPS.items():
+            runs = [run(ride, seed, bump) for seed in range(10_000, 10_000 + options.bumps)]
+            limit_s = 60.0 if "0.3" in name else 300.0
+            bumps.add(ride.describe(), name, *_cells(runs, limit_s))
+    yield bumps
+
+
+def _cells(runs: list[Run], limit_s: float) -> list[str]:
+    true = [r for r in runs if not r.false_alarm]
+    alarms = _times([r.alarm_s for r in true])
+    errors = np.array([r.error for r in true if r.error is not None])
+    rms = (
+        " / ".join(number(value, 2) for value in np.sqrt(np.mean(errors**2, axis=0))) if len(errors) else "-"
+    )
+    return [
+        f"{np.mean(alarms <= limit_s):.0%}",
+        _seconds(alarms, 50),
+        _seconds(alarms, 90),
+        _seconds(_times([r.proof_s for r in true]), 50),
+        _seconds(_times([r.better_s for r in true]), 50),
+        rms,
+        f"{len(runs) - len(true)}",
+    ]
+
+
+def _times(values: list[float | None]) -> Array:
+    return np.array([math.inf if value is None else value for value in values])
+
+
+def _seconds(times: Array, percent: float) -> str:
+    value = float(np.percentile(times, percent, method="higher"))
+    return f"{value:.0f} s" if math.isfinite(value) else "-"

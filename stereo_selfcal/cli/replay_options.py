@@ -1,0 +1,105 @@
+"""The options of ``replay``."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+
+from ..core.errors import ConfigError
+from ..exports import EXPORTS, parse_exports
+from ..offline import default_jobs
+from .console import Parser
+
+_DESCRIPTION = """\
+Find height, pitch and roll of a stereo camera from a recording of a straight road.
+
+BAG is a rosbag2 folder (mcap or sqlite3), a single .mcap or .db3 file, or a ROS 1 .bag, with
+rectified images of both cameras; several are one drive, in the order of time. Or it is a folder
+of image pairs, left/NAME.png and right/NAME.png, with a rig file. Every frame is calibrated; the
+accepted ones are fused.
+"""
+_EPILOG = """\
+exit status: 0 calibrated; 1 no frame was accepted; 2 bad usage or unreadable input, also when a
+recording is damaged after some frames, which are shown all the same.
+p_road = R_z(0) R_y(pitch) R_x(roll) p_camera + [0, 0, height], REP-103: pitch > 0 is nose down,
+roll > 0 is right side down.
+"""
+
+
+def replay_parser() -> Parser:
+    """Return the parser of the command line."""
+    parser = Parser(
+        prog="replay",
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    add = parser.add_argument
+    add("bags", metavar="BAG", type=Path, nargs="+", help="the recording")
+    add("--left", metavar="TOPIC", help="image topic of the left camera (default: found by type and name)")
+    add("--right", metavar="TOPIC", help="image topic of the right camera; of image pairs: the folder")
+    add("--all", dest="all_pairs", action="store_true", help="calibrate every stereo pair of the recording")
+    add("--rig", metavar="FILE", type=Path, help="rig file (YAML or JSON) instead of the CameraInfo topics")
+    add("--config", metavar="FILE", type=Path, help="settings of the calibrator (YAML)")
+    add("--seed", metavar="N", type=int, help="seed of the random numbers (default: that of the settings)")
+    add("--output", metavar="FILE", type=Path, help="write the result as a ROS 2 parameter file (YAML)")
+    add(
+        "--export",
+        dest="exports",
+        metavar="NAME[,NAME]",
+        type=_exports,
+        default=(),
+        help=f"write these formats beside FILE of --output: {', '.join(EXPORTS)}",
+    )
+    add(
+        "--picture",
+        metavar="FILE",
+        type=Path,
+        help="write an overlay of the result on the last good frame (PNG)",
+    )
+    add("--report", metavar="FILE", type=Path, help="write a report to look at: one HTML file, with pictures")
+    add("--csv", metavar="FILE", type=Path, help="write a table, one line per frame (SI units, radians)")
+    add("--json", action="store_true", help="print one JSON object (SI units, radians) instead of the table")
+    add(
+        "--approximate-sync-tolerance",
+        dest="tolerance_s",
+        metavar="S",
+        type=_time_s,
+        default=0.0,
+        help="pair images whose stamps differ by at most S seconds (default: equal stamps)",
+    )
+    add("--start", metavar="S", type=_time_s, default=0.0, help="from S seconds after the recording starts")
+    add("--end", metavar="S", type=_time_s, help="to S seconds after the recording starts")
+    add("--every", metavar="N", type=_positive_int, default=1, help="every N-th frame")
+    add("--max-frames", metavar="N", type=_positive_int, help="stop after N frames")
+    add(
+        "--jobs",
+        metavar="N",
+        type=_positive_int,
+        default=default_jobs(),
+        help="processes that calibrate (default: %(default)s, the cores); the result is the same with any",
+    )
+    return parser
+
+
+def _positive_int(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{value} is less than 1")
+    return value
+
+
+def _time_s(text: str) -> float:
+    value = float(text)
+    if not (value >= 0 and math.isfinite(value)):
+        raise argparse.ArgumentTypeError(f"{text} is not a time of 0 s or more")
+    return value
+
+
+def _exports(text: str) -> tuple[str, ...]:
+    try:
+        return parse_exports(text)
+    except ConfigError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error

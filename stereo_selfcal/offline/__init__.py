@@ -1,0 +1,30 @@
+"""Calibration of recordings: where the frames come from, the work over all of them, what stays of each.
+
+Neither ROS nor a command line is in here: ``replay``, the report and the fleet call
+:func:`calibrate_recording` alike.
+"""
+
+from ..bags import Selection
+from .bag import BagSource
+from .csv_table import as_csv
+from .folder import FolderSource
+from .opening import open_source
+from .pool import WorkerError, default_jobs
+from .recording import FrameSource
+from .rows import FrameRow
+from .run import Replay, calibrate_recording, look_again
+
+__all__ = [
+    "BagSource",
+    "FolderSource",
+    "FrameRow",
+    "FrameSource",
+    "Replay",
+    "Selection",
+    "WorkerError",
+    "as_csv",
+    "calibrate_recording",
+    "default_jobs",
+    "look_again",
+    "open_source",
+]

@@ -1,0 +1,65 @@
+"""Frames from bags."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from ..bags import Selection, StereoBag, StereoFrame
+from ..core.rig import StereoRig
+from .recording import FrameSource
+
+
+class BagSource(FrameSource):
+    """The stereo camera of one or several bags, which are one recording in the order of time.
+
+    Args:
+        paths: The bags, as :class:`~stereo_selfcal.bags.StereoBag` takes them.
+        left: Image topic of the left camera, None to find it.
+        right: Image topic of the right camera, None to find it.
+        tolerance_s: Greatest difference of the header stamps of a pair [s]; 0 means equal stamps.
+        rig: The rig, None for that of the CameraInfo topics.
+        selection: Which frames are used, None for all.
+
+    Raises:
+        BagError: A bag cannot be read, or there is no unambiguous stereo pair or no rig.
+    """
+
+    def __init__(
+        self,
+        paths: Sequence[Path],
+        left: str | None = None,
+        right: str | None = None,
+        tolerance_s: float = 0.0,
+        rig: StereoRig | None = None,
+        selection: Selection | None = None,
+    ) -> None:
+        self._bag = StereoBag(paths, left, right, tolerance_s)
+        try:
+            topics = self._bag.topics
+            self.name = " ".join(path.resolve().name for path in paths)
+            self.left_name, self.right_name = topics.left.name, topics.right.name
+            self.n_images = topics.left.count, topics.right.count
+            self.start_ns = self._bag.start_ns
+            self.rig = self._bag.read_rig() if rig is None else rig
+            self.selection = selection or Selection()
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What became of images that are in no frame."""
+        return self._bag.remarks
+
+    def frames(self) -> Iterator[StereoFrame]:
+        """Yield the selected frames in the order of the recording."""
+        return self._bag.frames(self.selection)
+
+    def frame_at(self, recorded_ns: int) -> StereoFrame:
+        """Return one frame again."""
+        return self._bag.frame_at(recorded_ns)
+
+    def close(self) -> None:
+        """Close the bags."""
+        self._bag.close()

@@ -1,0 +1,44 @@
+"""One frame of a recording: what of it outlives its images, and its calibration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..bags import StereoFrame
+from ..core.calibrator import Calibrator
+from ..core.results import CalibrationResult, Rejection, RejectReason, rejected
+
+
+@dataclass(frozen=True, slots=True)
+class FrameHead:
+    """A frame without its images.
+
+    Attributes:
+        stamp_s: Header stamp of the left image [s].
+        recorded_ns: When the left image was recorded [ns].
+        name: Name of the left image where it has one.
+    """
+
+    stamp_s: float
+    recorded_ns: int
+    name: str
+
+    @classmethod
+    def of(cls, frame: StereoFrame) -> FrameHead:
+        """Return what is left of a frame."""
+        return cls(frame.stamp_s, frame.recorded_ns, frame.name)
+
+
+def calibrate_frame(calibrator: Calibrator, frame: StereoFrame) -> CalibrationResult:
+    """Calibrate a frame; one whose images could not be converted is refused for that."""
+    if not frame.problem:
+        return calibrator.calibrate_frame(frame.left, frame.right, frame.stamp_s)
+    rejection = Rejection(
+        RejectReason.IMAGE_UNREADABLE,
+        f"images that can be read ({frame.problem})",
+        0,
+        1,
+        "",
+        "check the camera driver and the disk the recording was made on",
+    )
+    return rejected(rejection, frame.stamp_s)

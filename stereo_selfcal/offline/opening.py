@@ -1,0 +1,52 @@
+"""Opening what somebody named: bags, or a folder of image pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..bags import BagError, Selection
+from ..core.rig import StereoRig
+from ..rig_file import read_rig_file
+from .bag import BagSource
+from .folder import FolderSource, is_image_folder
+from .recording import FrameSource
+
+# Looked for in a folder of image pairs when no rig is given.
+RIG_FILES = ("rig.yaml", "rig.json")
+
+
+def open_source(
+    paths: Sequence[Path],
+    left: str | None = None,
+    right: str | None = None,
+    tolerance_s: float = 0.0,
+    rig: StereoRig | None = None,
+    selection: Selection | None = None,
+) -> FrameSource:
+    """Open a recording.
+
+    Args:
+        paths: Bags, which are one recording in the order of time; or one folder of image pairs.
+        left: Image topic (in a folder of images: folder) of the left camera, None to find it.
+        right: The same of the right camera.
+        tolerance_s: Greatest difference of the header stamps of a pair [s]; 0 means equal stamps.
+        rig: The rig; None for that of the CameraInfo topics, or of a rig file beside the image folders.
+        selection: Which frames are used, None for all.
+
+    Raises:
+        SelfcalError: It cannot be read, or has no unambiguous stereo pair or no rig.
+    """
+    folders = [path for path in paths if is_image_folder(path, left, right)]
+    if not folders:
+        return BagSource(paths, left, right, tolerance_s, rig, selection)
+    if len(paths) > 1:
+        raise BagError(f"{folders[0]}: a folder of images is a recording by itself: give it alone")
+    return FolderSource(folders[0], rig or _rig_in(folders[0]), left, right, selection)
+
+
+def _rig_in(folder: Path) -> StereoRig:
+    for name in RIG_FILES:
+        if (folder / name).exists():
+            return read_rig_file(folder / name)
+    raise BagError(f"{folder}: images carry no rig: give --rig, or put {' or '.join(RIG_FILES)} beside them")

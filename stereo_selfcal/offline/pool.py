@@ -1,0 +1,171 @@
+"""Frames calibrated by several processes, with the results in order: as by one, only sooner."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections import deque
+from collections.abc import Generator, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from itertools import islice
+from multiprocessing import resource_tracker
+
+import cv2
+
+from ..bags import StereoFrame
+from ..blas import one_thread
+from ..core.calibrator import Calibrator
+from ..core.config import CalibratorConfig
+from ..core.errors import SelfcalError
+from ..core.results import CalibrationResult
+from ..core.rig import StereoRig
+from .frame import FrameHead, calibrate_frame
+
+# A worker is ready after about a second, in which as many frames are done here. Recordings of at most twice
+# as many do not pay for processes.
+_ALONE_FRAMES = 12
+# Frames that wait for a free worker, each: none of them idles, and few frames are in memory.
+_AHEAD = 3
+
+
+class WorkerError(SelfcalError):
+    """A worker process ended before its work was done. The message is one line."""
+
+
+def default_jobs() -> int:
+    """Return the number of cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def calibrate_in_order(
+    frames: Iterator[StereoFrame], calibrator: Calibrator, jobs: int, expected: int | None = None
+) -> Generator[tuple[FrameHead, CalibrationResult], None, None]:
+    """Yield the result of every frame, in their order, without the points behind it.
+
+    Reading goes on here while the workers calibrate. An error of reading is raised when the frames
+    before it are done.
+
+    Args:
+        frames: Frames of the calibrator's rig.
+        calibrator: Has the rig and the settings.
+        jobs: Processes that calibrate; with 1 it is done here.
+        expected: How many frames there are at most, None when not known.
+
+    Raises:
+        WorkerError: A worker died.
+    """
+    if jobs == 1 or (expected is not None and expected <= 2 * _ALONE_FRAMES):
+        for frame in frames:
+            yield FrameHead.of(frame), calibrate_frame(calibrator, frame).slim()
+        return
+    with _workers(jobs, calibrator.rig, calibrator.config) as workers:
+        with _for_workers():
+            for _ in range(jobs):
+                workers.submit(_get_ready)
+        for frame in islice(frames, _ALONE_FRAMES):
+            yield FrameHead.of(frame), calibrate_frame(calibrator, frame).slim()
+        yield from _by_workers(frames, workers, jobs)
+
+
+def _by_workers(
+    frames: Iterator[StereoFrame], workers: ProcessPoolExecutor, jobs: int
+) -> Iterator[tuple[FrameHead, CalibrationResult]]:
+    waiting: deque[tuple[FrameHead, Future[CalibrationResult]]] = deque()
+    failure: SelfcalError | None = None
+    while True:
+        try:
+            frame = next(frames, None)
+        except SelfcalError as error:
+            frame, failure = None, error
+        if frame is None:
+            break
+        head = FrameHead.of(frame)
+        with _death_reported(head), _for_workers():
+            waiting.append((head, workers.submit(_calibrate, frame)))
+        del frame
+        while len(waiting) > _AHEAD * jobs or (waiting and waiting[0][1].done()):
+            yield _next(waiting)
+    while waiting:
+        yield _next(waiting)
+    if failure is not None:
+        raise failure
+
+
+def _next(
+    waiting: deque[tuple[FrameHead, Future[CalibrationResult]]],
+) -> tuple[FrameHead, CalibrationResult]:
+    head, future = waiting.popleft()
+    with _death_reported(head):
+        return head, future.result()
+
+
+@contextmanager
+def _death_reported(head: FrameHead) -> Iterator[None]:
+    try:
+        yield
+    except BrokenProcessPool as error:
+        raise WorkerError(
+            f"a worker process died near the frame of {head.stamp_s:.3f} s: killed, or out of memory; "
+            "run again with fewer --jobs"
+        ) from error
+
+
+@contextmanager
+def _workers(jobs: int, rig: StereoRig, config: CalibratorConfig) -> Iterator[ProcessPoolExecutor]:
+    # Spawned, as a fork of a process with threads may hang.
+    context = multiprocessing.get_context("spawn")
+    resource_tracker.ensure_running()  # starting it later would undo the mask of _for_workers
+    workers = ProcessPoolExecutor(jobs, context, _start_worker, (rig, config))
+    try:
+        yield workers
+    finally:
+        workers.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _for_workers() -> Iterator[None]:
+    """Start processes with one thread of BLAS, and without SIGINT: ending them is our business.
+
+    They inherit the variables and the mask of signals.
+    """
+    variables = dict(os.environ)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    one_thread()
+    try:
+        yield
+    finally:
+        for name in os.environ.keys() - variables.keys():
+            del os.environ[name]
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+_calibrator: Calibrator | None = None  # of this worker
+
+
+def _start_worker(rig: StereoRig, config: CalibratorConfig) -> None:
+    global _calibrator  # noqa: PLW0603  (what an initializer leaves for its tasks has no other place)
+    _calibrator = Calibrator(rig, config)
+    cv2.setNumThreads(1)  # the cores are busy with the other workers
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """End this worker when the process that started it is gone, however that ended."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _get_ready() -> None:
+    """Do nothing: a process is started when there is something to do."""
+
+
+def _calibrate(frame: StereoFrame) -> CalibrationResult:
+    if _calibrator is None:
+        raise RuntimeError("this worker was not started by its initializer")
+    return calibrate_frame(_calibrator, frame).slim()

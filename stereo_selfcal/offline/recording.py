@@ -1,0 +1,76 @@
+"""What a recording is to the calibration: a stereo rig and its frames, one after the other."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from types import TracebackType
+
+from ..bags import Selection, StereoFrame
+from ..core.rig import StereoRig
+
+
+class FrameSource(ABC):
+    """The frames of one stereo camera; use it in a ``with`` statement.
+
+    Frames are read when they are asked for, so memory does not grow with the recording.
+
+    Attributes:
+        name: What the recording is called, without the folders above it.
+        left_name: Topic or folder of the left images.
+        right_name: The same of the right ones.
+        n_images: Number of left and of right images in the whole recording.
+        start_ns: When the recording starts [ns]; a selection counts from here.
+        rig: Intrinsics and baseline of the rectified pair.
+        selection: Which frames are used.
+        notes: What one should know of the frames, a sentence each.
+    """
+
+    name: str
+    left_name: str
+    right_name: str
+    n_images: tuple[int, int]
+    start_ns: int
+    rig: StereoRig
+    selection: Selection
+    notes: tuple[str, ...] = ()
+
+    @property
+    def count(self) -> int | None:
+        """How many frames there are at most, None where that is not known before they are read."""
+        return self.selection.count(min(self.n_images))
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What became of images that are in no frame, in sentences; known when all frames have been read."""
+        return ()
+
+    @abstractmethod
+    def frames(self) -> Iterator[StereoFrame]:
+        """Yield the selected frames in order, at least one; can be called again.
+
+        Raises:
+            SelfcalError: The recording cannot be read, or has no such frame.
+        """
+
+    @abstractmethod
+    def frame_at(self, recorded_ns: int) -> StereoFrame:
+        """Return one frame again, whether it is selected or not.
+
+        Args:
+            recorded_ns: Of the frame, or of its row.
+
+        Raises:
+            SelfcalError: There is none, or it cannot be read.
+        """
+
+    def close(self) -> None:  # noqa: B027  (not every source has something to close)
+        """Close the files."""
+
+    def __enter__(self) -> FrameSource:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

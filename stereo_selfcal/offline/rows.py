@@ -1,0 +1,75 @@
+"""What stays of a frame when its images are gone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ..core.extrinsics import Array, Extrinsics
+from ..core.results import CalibrationResult, GateReading, Rejection
+
+# The stage of a result that the asphalt has a part in.
+_ASPHALT_STAGE = "textured"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameRow:
+    """Outcome of one frame, without the images and points behind it.
+
+    Attributes:
+        stamp_s: Time stamp of the frame [s].
+        reason: Why it was refused, None when accepted.
+        extrinsics: The calibration, None when refused.
+        recorded_ns: When it was recorded [ns]; :meth:`.FrameSource.frame_at` finds it again by this.
+        name: Name of the left image where it has one.
+        rejection: The refusal with its measured value, limit and remedy; None when accepted.
+        covariance: (3, 3) covariance of (height_m, pitch_rad, roll_rad), None when refused.
+        lane_yaw_rad: Yaw of the camera against the lane [rad], > 0: points left; None when not known.
+        lane_curvature_per_m: Curvature of the lane [1/m], > 0 bends left; None when not known.
+        stages: Estimate of every stage that ran, by name, when refused too.
+        gates: Readings of all gates up to the first one that was closed.
+        notes: Sentences about what is not quite as it should be.
+    """
+
+    stamp_s: float
+    reason: str | None
+    extrinsics: Extrinsics | None
+    recorded_ns: int = 0
+    name: str = ""
+    rejection: Rejection | None = None
+    covariance: Array | None = None
+    lane_yaw_rad: float | None = None
+    lane_curvature_per_m: float | None = None
+    stages: dict[str, Extrinsics] = field(default_factory=dict)
+    gates: tuple[GateReading, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def from_result(
+        cls, result: CalibrationResult, stamp_s: float, recorded_ns: int = 0, name: str = ""
+    ) -> FrameRow:
+        """Keep of a result what reports need."""
+        accepted = result.accepted
+        return cls(
+            stamp_s,
+            None if result.reason is None else str(result.reason),
+            result.extrinsics if accepted else None,
+            recorded_ns,
+            name,
+            result.rejection,
+            result.covariance if accepted else None,
+            result.lane_yaw_rad if accepted else None,
+            result.lane_curvature_per_m if accepted else None,
+            result.stages,
+            result.gates,
+            result.notes,
+        )
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the frame gave a calibration."""
+        return self.reason is None
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether the asphalt confirmed the calibration; lines alone may be those of a kerb."""
+        return self.accepted and _ASPHALT_STAGE in self.stages

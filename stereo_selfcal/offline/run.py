@@ -1,0 +1,106 @@
+"""One recording from the first frame to the estimate: the path of replay, report and fleet alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+
+from ..bags import BagError, StereoFrame
+from ..core.calibrator import Calibrator
+from ..core.config import CalibratorConfig
+from ..core.drive import Drive, estimate_drive
+from ..core.results import CalibrationResult
+from ..core.rig import StereoRig
+from .frame import calibrate_frame
+from .pool import calibrate_in_order
+from .recording import FrameSource
+from .rows import FrameRow
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Replay:
+    """Outcome of a recording.
+
+    Attributes:
+        rows: One row per frame, in order, at least one.
+        drive: Where the mount was, and when it was moved.
+        rig: The rig of the recording.
+        config: Settings it was calibrated with.
+        damage: What ended the recording early, in one line; None when all of it was read. The rows and
+            the estimate are those of the frames before.
+        remarks: What became of images that are in no frame, in sentences.
+    """
+
+    rows: tuple[FrameRow, ...]
+    drive: Drive
+    rig: StereoRig
+    config: CalibratorConfig
+    damage: str | None = None
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def estimate(self) -> CalibrationResult:
+        """The accepted frames, fused: those since the mount was moved, if it was."""
+        return self.drive.estimate
+
+    @property
+    def shown(self) -> FrameRow:
+        """The frame for a single picture: the last accepted one, or the last one when none was."""
+        return next((row for row in reversed(self.rows) if row.accepted), self.rows[-1])
+
+
+def calibrate_recording(
+    source: FrameSource,
+    config: CalibratorConfig | None = None,
+    on_row: Callable[[FrameRow], None] = lambda row: None,
+    jobs: int = 1,
+) -> Replay:
+    """Calibrate every selected frame of a recording and fuse the accepted ones.
+
+    A few frames are in memory at a time; rows stay. The outcome is the same, to the last bit, with any
+    number of jobs.
+
+    Args:
+        source: The recording, open.
+        config: Settings, None for the defaults.
+        on_row: Called after every frame, in order.
+        jobs: Processes that calibrate; with 1, and for a recording of few frames, it is done in this one.
+
+    Raises:
+        SelfcalError: The recording cannot be read, or has no frame that is selected; or a worker died.
+    """
+    config = config or CalibratorConfig()
+    calibrator = Calibrator(source.rig, config)
+    rows: list[FrameRow] = []
+    damage = None
+    try:
+        with closing(calibrate_in_order(source.frames(), calibrator, jobs, source.count)) as results:
+            for head, result in results:
+                calibrator.remember(result)
+                rows.append(FrameRow.from_result(result, head.stamp_s, head.recorded_ns, head.name))
+                on_row(rows[-1])
+    except BagError as error:
+        if not rows:
+            raise
+        n = len(rows)
+        damage = f"{error}; it ended early, after {n} frames: --max-frames {n} calibrates from these alone"
+    if not rows:
+        raise ValueError("a recording of no frames cannot be calibrated")
+    drive = estimate_drive([row for row in rows if row.accepted], source.rig, calibrator.estimate)
+    return Replay(tuple(rows), drive, source.rig, config, damage, source.remarks)
+
+
+def look_again(
+    source: FrameSource, row: FrameRow, config: CalibratorConfig | None = None
+) -> tuple[StereoFrame, CalibrationResult]:
+    """Read a frame again and calibrate it again, for pictures: the images and all that was found in them.
+
+    Args:
+        source: The recording the row is of, open.
+        row: The row.
+        config: The settings it was calibrated with; same settings, same result.
+    """
+    frame = source.frame_at(row.recorded_ns)
+    calibrator = Calibrator(source.rig, config)
+    return frame, calibrate_frame(calibrator, frame)

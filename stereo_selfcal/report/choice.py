@@ -1,0 +1,69 @@
+"""Which frames of a drive are shown: best, median, worst by where they put the road, and refused ones."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..core.drive import Drive, DriveSegment
+from ..core.extrinsics import Array, Extrinsics
+from ..offline import FrameRow
+
+# The own lane from where most cameras see it to where a metre of road is a few pixels: there two planes are
+# compared.
+_ALONG_M = (5.0, 20.0)
+_HALF_LANE_M = 1.75
+_N_ALONG = 16
+
+
+def segment_of(row: FrameRow, drive: Drive) -> DriveSegment:
+    """Return the segment of a drive that an accepted frame belongs to."""
+    for segment in drive.segments:
+        if row.stamp_s <= segment.end_s:
+            return segment
+    return drive.segments[-1]
+
+
+def road_difference_m(a: Extrinsics, b: Extrinsics) -> float:
+    """Return how far apart two poses put the own lane's surface 5 to 20 m ahead, RMS [m]."""
+    along = np.linspace(*_ALONG_M, _N_ALONG)[:, None]
+    across = np.array([-_HALF_LANE_M, 0.0, _HALF_LANE_M])[None, :]
+    height, pitch, roll = a.as_array() - b.as_array()
+    # p_road = R p_camera + [0, 0, height], for small angles: nose down lowers what is ahead, right side down
+    # raises what is to the left.
+    difference: Array = height - along * pitch + across * roll
+    return float(np.sqrt(np.mean(difference**2)))
+
+
+def ranked(rows: Sequence[FrameRow], drive: Drive) -> list[tuple[float, FrameRow]]:
+    """Return the accepted frames with their difference from their segment's pose [m], the nearest first."""
+    ranking = []
+    for row in rows:
+        if row.extrinsics is None:
+            continue
+        pose = segment_of(row, drive).estimate.extrinsics
+        if pose is not None:
+            ranking.append((road_difference_m(row.extrinsics, pose), row))
+    return sorted(ranking, key=lambda entry: entry[0])
+
+
+def best_median_worst(ranking: Sequence[tuple[float, FrameRow]]) -> list[tuple[str, float, FrameRow]]:
+    """Return up to three frames with their names; of few frames, those there are."""
+    places = {"Best": 0, "Median": len(ranking) // 2, "Worst": len(ranking) - 1}
+    if len(ranking) == 1:
+        places = {"Only": 0}
+    elif len(ranking) == 2:
+        places = {"Best": 0, "Worst": 1}
+    return [(name, *ranking[index]) for name, index in places.items()] if ranking else []
+
+
+def refusals(rows: Sequence[FrameRow]) -> list[tuple[str, int, FrameRow]]:
+    """Return every reason with its count and the middle one of its frames, the most frequent first."""
+    counts = Counter(row.reason for row in rows if row.reason is not None)
+    found = []
+    for reason, count in sorted(counts.items(), key=lambda item: (-item[1], item[0])):
+        frames = [row for row in rows if row.reason == reason]
+        found.append((reason, count, frames[len(frames) // 2]))
+    return found

@@ -1,0 +1,117 @@
+"""What the page shows of all frames together: course, deviations, use of the gates."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..core.drive import Drive, clock
+from ..offline import FrameRow
+from .charts import Array, Level, histogram, time_series
+from .choice import segment_of
+
+PARAMETERS = ("Height", "Pitch", "Roll")
+_AXIS_UNITS = ("m", "deg", "deg")
+_READABLE = np.array([1.0, math.degrees(1.0), math.degrees(1.0)])
+MINUTE_S = 60.0
+_LONG_S = 300.0  # from here on a drive is counted in minutes
+_FEWEST_FOR_HISTOGRAM = 3
+
+
+def charts(rows: Sequence[FrameRow], drive: Drive) -> list[dict[str, str]]:
+    """Return height, pitch and roll over time."""
+    accepted = [row for row in rows if row.extrinsics is not None]
+    if not accepted:
+        return []
+    start_s = min(row.stamp_s for row in rows)
+    long = max(row.stamp_s for row in rows) - start_s > _LONG_S
+    unit_s, unit = (MINUTE_S, "min") if long else (1.0, "s")
+
+    def time(stamp_s: float) -> float:
+        return (stamp_s - start_s) / unit_s
+
+    times = np.array([time(row.stamp_s) for row in accepted])
+    refused = np.array(sorted(time(row.stamp_s) for row in rows if not row.accepted))
+    values = (
+        np.array([row.extrinsics.as_array() for row in accepted if row.extrinsics is not None]) * _READABLE
+    )
+    charts = []
+    for index, label in enumerate(PARAMETERS):
+        levels = []
+        for segment in drive.segments:
+            pose, std = segment.estimate.extrinsics, segment.estimate.std
+            if pose is not None and std is not None:
+                at, by = (float(each.as_array()[index] * _READABLE[index]) for each in (pose, std))
+                levels.append(Level(time(segment.start_s), time(segment.end_s), at, by))
+        moves = [time(change.at_s) for change in drive.changes]
+        title = f"{label} [{_AXIS_UNITS[index]}]"
+        labels = f"{label} of every accepted frame over time", f"{unit} since {clock(start_s)}"
+        svg = time_series(times, values[:, index], refused, levels, moves, labels)
+        charts.append({"title": title, "svg": svg})
+    return charts
+
+
+def _deviations(rows: Sequence[FrameRow], drive: Drive) -> Array:
+    """Return (N, 3): how far each accepted frame is from its segment, in its own standard deviations."""
+    found = []
+    for row in rows:
+        if row.extrinsics is not None and row.covariance is not None:
+            pose = segment_of(row, drive).estimate.extrinsics
+            if pose is not None:
+                std = np.sqrt(np.diag(row.covariance))
+                found.append((row.extrinsics.as_array() - pose.as_array()) / std)
+    return np.array(found).reshape(-1, 3)
+
+
+def residuals(rows: Sequence[FrameRow], drive: Drive) -> list[dict[str, str]]:
+    """Return histograms of how the frames deviate, where there are enough for one."""
+    deviations = _deviations(rows, drive)
+    if len(deviations) < _FEWEST_FOR_HISTOGRAM:
+        return []
+    charts = []
+    for index, label in enumerate(PARAMETERS):
+        values = deviations[:, index]
+        rms = float(np.sqrt(np.mean(values**2)))
+        svg = histogram(
+            values, f"{label}: deviations of the frames", "reported standard deviations of a frame"
+        )
+        charts.append({"title": f"{label}: RMS {rms:.2f}", "svg": svg})
+    return charts
+
+
+def gates(rows: Sequence[FrameRow]) -> list[dict[str, Any]]:
+    """Return, for every gate, how much of its limit the frames used: median, 90 %, most, and refusals."""
+    used: dict[str, list[float]] = {}
+    closed: dict[str, int] = {}
+    for row in rows:
+        for gate in row.gates:
+            if gate.passed and gate.value == gate.threshold:
+                continue  # a count that has to be reached says nothing
+            used.setdefault(gate.name, []).append(_use(gate.value, gate.threshold, gate.passed))
+            closed[gate.name] = closed.get(gate.name, 0) + (not gate.passed)
+    found = []
+    for name, ratios in used.items():
+        median, most = (float(np.quantile(ratios, q)) for q in (0.5, 0.9))
+        found.append(
+            {
+                "name": name,
+                "median": f"{100 * median:.0f} %",
+                "most": f"{100 * most:.0f} %",
+                "bar": f"{min(100 * median, 100):.0f}",
+                "reach": f"{min(100 * most, 100):.0f}",
+                "closed": closed[name],
+                "frames": len(ratios),
+            }
+        )
+    return found
+
+
+def _use(value: float, threshold: float, passed: bool) -> float:
+    """Return how near a value is to its limit, on whichever side: 0 far, 1 there, more beyond."""
+    if value * threshold < 0 or 0.0 in (value, threshold):
+        return 0.0 if passed else 2.0
+    ratio = abs(value / threshold)
+    return min(ratio, 1 / ratio) if passed else max(ratio, 1 / ratio)

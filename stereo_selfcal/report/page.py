@@ -1,0 +1,229 @@
+"""The page: what is said, in words and numbers, and the template it is put into."""
+
+from __future__ import annotations
+
+import math
+import platform
+from collections.abc import Sequence
+from datetime import datetime, timezone
+from importlib.resources import files
+from typing import Any
+
+import cv2
+import jinja2
+import numpy as np
+
+from .. import __version__
+from ..core.config import CalibratorConfig
+from ..core.drive import FIRST_CLOCK_S, DriveSegment, clock
+from ..core.extrinsics import Extrinsics
+from ..offline import FrameRow, FrameSource, Replay
+from .choice import refusals
+from .figures import MINUTE_S, PARAMETERS, charts, gates, residuals
+from .pictures import digits, pictures
+from .remedies import remedies
+
+_TEMPLATE = "report.html.j2"
+# Below this part of the accepted frames the verdict says that the asphalt has not confirmed them.
+_MOSTLY = 0.5
+_MOST_CAUSES = 3  # named in the verdict
+_HOUR_S = 3600.0
+_VERY_MANY = 100  # standard errors: more of them say nothing more
+
+_NAMES = ("height_m", "pitch_rad", "roll_rad")
+
+
+def render_report(source: FrameSource, replay: Replay) -> str:
+    """Return the report of a recording as HTML that needs no other file and no network.
+
+    The same recording, settings and versions give the same text.
+
+    Args:
+        source: The recording, open: the frames that are shown are read again.
+        replay: What was made of it.
+    """
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    template = (files(__package__) / "templates" / _TEMPLATE).read_text(encoding="utf-8")
+    rows, drive = replay.rows, replay.drive
+    page = environment.from_string(template).render(
+        title=source.name,
+        verdict=_verdict(replay),
+        estimates=[_estimate(segment, rows) for segment in drive.segments],
+        changes=[_change(change) for change in drive.changes],
+        judged=drive.judged,
+        counts=_counts(rows),
+        pictures=pictures(source, replay),
+        charts=charts(rows, drive),
+        residuals=residuals(rows, drive),
+        gates=gates(rows),
+        refusals=_refusals(rows),
+        provenance=_provenance(source, replay),
+        settings=_settings(replay.config),
+    )
+    return str(page)
+
+
+def _verdict(replay: Replay) -> dict[str, Any]:
+    """Return the verdict: a word, a sentence, and what stands against it."""
+    rows, drive, estimate = replay.rows, replay.drive, replay.estimate
+    doubts = [] if replay.damage is None else [f"The recording is damaged: {replay.damage}."]
+    doubts += [f"{remark[0].upper()}{remark[1:]}" for remark in replay.remarks]
+    if estimate.extrinsics is None or not estimate.accepted:
+        why = refusals(rows)
+        causes = ", ".join(f"{reason} ({count})" for reason, count, _ in why[:_MOST_CAUSES])
+        text = f"None of {_number(len(rows), 'frame')} could be used: {causes}."
+        doubts += [f"What to do: {remedies()[why[0][0]]}."] if why else []
+        return {"word": "Not calibrated", "kind": "bad", "sentence": text, "doubts": doubts}
+    pose = _in_words(estimate.extrinsics)
+    if drive.changes:
+        change = drive.changes[-1]
+        times = "once, at" if len(drive.changes) == 1 else f"{len(drive.changes)} times, last at"
+        text = f"The camera was moved {times} {clock(change.at_s)}. Since then it is {pose}; "
+        text += f"before it was {_in_words(change.before)}."
+    else:
+        text = f"The camera is {pose}"
+        span = _duration(rows[-1].stamp_s - rows[0].stamp_s)
+        text += f", and did not move during {span}." if drive.judged else "."
+        if not drive.judged:
+            doubts.append("The recording is too short to tell a move of the camera: that takes four minutes.")
+    accepted = [row for row in rows if row.accepted]
+    confirmed = sum(row.confirmed for row in accepted)
+    if confirmed < _MOSTLY * len(accepted):
+        doubts.append(
+            f"Only {confirmed} of {len(accepted)} accepted frames are confirmed by the asphalt between "
+            "the lines: lines alone can be those of a kerb, or of a road that is not level across."
+        )
+    if drive.changes:
+        kind, word = "warn", "Calibrated, and moved"
+    elif replay.damage or confirmed < _MOSTLY * len(accepted):
+        kind, word = "warn", "Calibrated, with reservations"
+    else:
+        kind, word = "good", "Calibrated"
+    return {"word": word, "kind": kind, "sentence": text, "doubts": doubts}
+
+
+def _in_words(pose: Extrinsics) -> str:
+    pitch, roll = math.degrees(pose.pitch_rad), math.degrees(pose.roll_rad)
+    nose, side = "down" if pitch >= 0 else "up", "right" if roll >= 0 else "left"
+    return (
+        f"{pose.height_m:.3f} m above the road, pitched {abs(pitch):.2f}° nose {nose} "
+        f"and rolled {abs(roll):.2f}° {side} side down"
+    )
+
+
+def _estimate(segment: DriveSegment, rows: Sequence[FrameRow]) -> dict[str, Any]:
+    """Return the table of one segment."""
+    estimate = segment.estimate
+    if estimate.extrinsics is None or estimate.std is None:
+        raise ValueError("a segment is made of accepted frames")
+    lines = []
+    for index, (label, name) in enumerate(zip(PARAMETERS, _NAMES, strict=True)):
+        value = getattr(estimate.extrinsics, name)
+        spreads = [estimate.std, segment.spread if estimate.n_frames > 1 else None, segment.standard_error]
+        shown = f"{value:.4f} m" if index == 0 else f"{math.degrees(value):+.4f}°"
+        lines.append([label, shown, *(_small(each, name) for each in spreads)])
+    inside = [row for row in rows if row.accepted and segment.start_s <= row.stamp_s <= segment.end_s]
+    span = f"{clock(segment.start_s)} to {clock(segment.end_s)}"
+    return {"span": span, "frames": len(inside), "used": estimate.n_frames, "lines": lines}
+
+
+def _small(pose: Extrinsics | None, name: str) -> str:
+    if pose is None:
+        return "–"
+    value = float(getattr(pose, name))
+    return f"{digits(value * 1e3)} mm" if name == "height_m" else f"{digits(math.degrees(value))}°"
+
+
+def _change(change: Any) -> dict[str, str]:
+    shift, sigmas = change.shift, change.sigmas
+    return {
+        "at": clock(change.at_s),
+        "within": f"{change.within_s:.1f} s" if change.within_s < MINUTE_S else _duration(change.within_s),
+        "height": f"{_signed(shift.height_m * 1e3, 1)} mm",
+        "pitch": f"{_signed(math.degrees(shift.pitch_rad), 3)}°",
+        "roll": f"{_signed(math.degrees(shift.roll_rad), 3)}°",
+        "sigmas": f"{most:.0f}" if (most := float(np.max(sigmas))) < _VERY_MANY else f"over {_VERY_MANY}",
+    }
+
+
+def _signed(value: float, digits: int) -> str:
+    """Return a number with its sign; what is rounded to zero has none."""
+    return f"{value:+.{digits}f}" if round(value, digits) else f"{0:.{digits}f}"
+
+
+def _counts(rows: Sequence[FrameRow]) -> dict[str, int]:
+    accepted = [row for row in rows if row.accepted]
+    confirmed = sum(row.confirmed for row in accepted)
+    return {"frames": len(rows), "accepted": len(accepted), "confirmed": confirmed}
+
+
+def _refusals(rows: Sequence[FrameRow]) -> list[dict[str, Any]]:
+    """Return every reason with its share, its remedy and an example."""
+    remedy, all_refused = remedies(), refusals(rows)
+    most = max((count for _, count, _ in all_refused), default=1)
+    return [
+        {
+            "reason": reason,
+            "count": count,
+            "share": f"{100 * count / len(rows):.0f} %",
+            "bar": f"{100 * count / most:.0f}",
+            "remedy": remedy[reason][0].upper() + remedy[reason][1:],
+            "example": "" if row.rejection is None else row.rejection.finding,
+        }
+        for reason, count, row in all_refused
+    ]
+
+
+def _provenance(source: FrameSource, replay: Replay) -> list[tuple[str, str]]:
+    rig, rows, selection = replay.rig, replay.rows, source.selection
+    first, last = rows[0], rows[-1]
+    chosen = [
+        text
+        for text, given in (
+            (f"from {selection.start_s:g} s", selection.start_s),
+            (f"to {selection.end_s or 0:g} s", selection.end_s is not None),
+            (f"every {selection.every}th frame", selection.every > 1),
+            (f"at most {selection.max_frames} frames", selection.max_frames is not None),
+        )
+        if given
+    ]
+    entries = [
+        ("Recording", source.name),
+        ("Left images", f"{source.left_name} ({source.n_images[0]})"),
+        ("Right images", f"{source.right_name} ({source.n_images[1]})"),
+        ("Frames", f"{len(rows)}; {', '.join(chosen) or 'all of them'}"),
+        ("First and last", f"{_date(first.stamp_s)} to {_date(last.stamp_s)}"),
+        ("Image size", f"{rig.width} x {rig.height} px"),
+        ("Focal length", f"{rig.fx:.6g}, {rig.fy:.6g} px"),
+        ("Principal point", f"{rig.cx:.6g}, {rig.cy:.6g} px"),
+        ("Baseline", f"{rig.baseline_m * 1e3:.4g} mm"),
+        ("Seed", f"{replay.config.seed}"),
+        (
+            "Versions",
+            f"stereo_selfcal {__version__}, OpenCV {cv2.__version__}, numpy {np.__version__}, "
+            f"Python {platform.python_version()}",
+        ),
+    ]
+    return entries + ([("Damage", replay.damage)] if replay.damage else [])
+
+
+def _settings(config: CalibratorConfig) -> list[tuple[str, str]]:
+    """Return the settings that are not the defaults."""
+    defaults = {name: value for name, value, _ in CalibratorConfig().settings()}
+    return [(name, str(value)) for name, value, _ in config.settings() if value != defaults[name]]
+
+
+def _date(stamp_s: float) -> str:
+    if stamp_s < FIRST_CLOCK_S:
+        return clock(stamp_s)
+    return datetime.fromtimestamp(stamp_s, timezone.utc).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 2 * MINUTE_S:
+        return f"{seconds:.0f} s"
+    return f"{seconds / MINUTE_S:.0f} min" if seconds < 2 * _HOUR_S else f"{seconds / _HOUR_S:.1f} h"
+
+
+def _number(count: int, what: str) -> str:
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"

@@ -1,0 +1,30 @@
+"""What to do about every reason for a refusal, for reports that count refusals instead of telling each."""
+
+from __future__ import annotations
+
+from ..core.gates import GATES
+from ..core.results import RejectReason
+
+_FIND_LINES = "drive on a straight road with painted lines on both sides of the camera, lens clean"
+
+# Of reasons that are found before there is an estimate; those of the gates stand beside the gates.
+_BEFORE_GATES = {
+    RejectReason.IMAGE_EMPTY: "check the camera driver: there are no pixels, or too few",
+    RejectReason.IMAGE_TYPE: "convert the images to 8-bit grey",
+    RejectReason.IMAGE_UNREADABLE: "check the camera driver and the disk the recording was made on",
+    RejectReason.IMAGE_SIZES_DIFFER: "set both cameras to one size",
+    RejectReason.RIG_SIZE_MISMATCH: "use the rig (CameraInfo) of these images",
+    RejectReason.NO_LINES_FOUND: _FIND_LINES,
+    RejectReason.LINES_NOT_MATCHED: "check that left and right are not swapped and the images are rectified, "
+    f"and {_FIND_LINES}",
+    RejectReason.LINES_NOT_CONVERGING: "the horizon must be in view: pitch the camera up",
+    RejectReason.NO_FRAMES: "record stereo frames",
+}
+
+
+def remedies() -> dict[str, str]:
+    """Return the remedy of every reason, by its word, where nothing is known of a single frame."""
+    found = {str(reason): text for reason, text in _BEFORE_GATES.items()}
+    for gate in GATES:
+        found.setdefault(str(gate.reason), gate.remedy)
+    return found

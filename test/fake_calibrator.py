@@ -1,0 +1,57 @@
+"""A calibrator that accepts what it is told to, for tests of everything around it."""
+
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+
+from stereo_selfcal.core.extrinsics import Extrinsics
+from stereo_selfcal.core.results import CalibrationResult, Rejection, RejectReason, describe, rejected
+from stereo_selfcal.offline import run as run_module
+
+POSE = Extrinsics(1.4, 0.05, -0.01)
+COVARIANCE = np.diag([1e-6, 1e-8, 1e-8])
+
+
+def refusal(stamp_s=0.0):
+    rejection = Rejection(RejectReason.NO_LINES_FOUND, "lines found", 0, 2, "", "paint some")
+    return rejected(rejection, stamp_s)
+
+
+class FakeCalibrator:
+    """Accepts what it is told to; each accepted frame is a little higher than the one before."""
+
+    accept = staticmethod(lambda index: True)
+    made: ClassVar[list] = []
+
+    def __init__(self, rig, config=None):
+        self.rig, self.config, self.stamps, self.accepted = rig, config, [], []
+        self.made.append(self)
+
+    def remember(self, result):
+        pass
+
+    def calibrate_frame(self, left, right, stamp_s=0.0):
+        self.stamps.append(stamp_s)
+        if not self.accept(len(self.stamps) - 1):
+            return refusal(stamp_s)
+        pose = replace(POSE, height_m=POSE.height_m + 0.01 * len(self.accepted))
+        self.accepted.append(pose)
+        return CalibrationResult("good", None, pose, COVARIANCE, 0.1, stamp_s=stamp_s, n_frames=1)
+
+    @property
+    def estimate(self):
+        if not self.accepted:
+            return refusal(self.stamps[-1])
+        pose = Extrinsics.from_array(np.mean([p.as_array() for p in self.accepted], axis=0))
+        result = CalibrationResult(
+            "fused", None, pose, COVARIANCE, 0.1, stamp_s=self.stamps[-1], n_frames=len(self.accepted)
+        )
+        return replace(result, message=describe(pose, result.std))
+
+
+def use_fake(monkeypatch):
+    """Put it in the place of the calibrator, for as long as ``monkeypatch`` lasts."""
+    monkeypatch.setattr(run_module, "Calibrator", FakeCalibrator)
+    monkeypatch.setattr(FakeCalibrator, "made", [])
+    return FakeCalibrator

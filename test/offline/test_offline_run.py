@@ -1,0 +1,101 @@
+"""A recording from the first frame to the estimate."""
+
+import weakref
+
+import numpy as np
+import pytest
+
+from stereo_selfcal.bags import StereoFrame
+from stereo_selfcal.core.calibrator import Calibrator
+from stereo_selfcal.core.config import CalibratorConfig
+from stereo_selfcal.offline import BagSource, FrameSource, Selection, calibrate_recording, look_again
+from stereo_selfcal.synth.bag import write_bag
+from stereo_selfcal.synth.scenes import PAPER_RIG, custom_scene
+
+
+@pytest.fixture(scope="module")
+def road(tmp_path_factory):
+    path = tmp_path_factory.mktemp("offline") / "road"
+    write_bag(path, custom_scene(name="road", n_frames=3, noise_fraction=0.02))
+    return path
+
+
+class Frames(FrameSource):
+    """Black images, whose frames know whether they are still there."""
+
+    name, left_name, right_name = "frames", "left", "right"
+    rig, selection, start_ns = PAPER_RIG, Selection(), 0
+
+    def __init__(self, n):
+        self.n_images = n, n
+        self.alive = []
+
+    def frames(self):
+        for index in range(self.n_images[0]):
+            black = np.zeros((PAPER_RIG.height, PAPER_RIG.width), np.uint8)
+            self.alive.append(weakref.ref(black))
+            yield StereoFrame(index / 10, black, black, index, f"{index}.png")
+            del black
+            assert sum(each() is not None for each in self.alive) <= 2
+
+    def frame_at(self, recorded_ns):
+        raise NotImplementedError
+
+
+def test_every_frame_is_a_row_and_the_estimate_is_that_of_one_calibrator(road):
+    calibrator = Calibrator(PAPER_RIG)
+    seen = []
+    with BagSource([road]) as source:
+        for frame in source.frames():
+            calibrator.add(frame.left, frame.right, frame.stamp_s)
+        replay = calibrate_recording(source, on_row=seen.append)
+    assert len(replay.rows) == 3
+    assert seen == list(replay.rows)
+    assert replay.estimate.accepted
+    assert replay.estimate.message == calibrator.estimate.message
+    np.testing.assert_array_equal(replay.estimate.covariance, calibrator.estimate.covariance)
+    assert replay.rig == PAPER_RIG
+
+
+def test_rows_hold_what_a_report_needs(road):
+    with BagSource([road]) as source:
+        row = calibrate_recording(source).rows[-1]
+    assert row.accepted
+    assert row.covariance.shape == (3, 3)
+    assert row.confirmed == ("textured" in row.stages)
+    assert {"genetic", "refined"} <= set(row.stages)
+    assert all(gate.passed for gate in row.gates)
+    assert row.recorded_ns > 0
+    assert abs(row.lane_yaw_rad) < 0.1
+
+
+def test_a_refused_frame_keeps_its_reason_limit_and_remedy():
+    row = calibrate_recording(Frames(1)).rows[0]
+    assert not row.accepted
+    assert not row.confirmed
+    assert row.extrinsics is row.covariance is row.lane_yaw_rad is None
+    assert row.reason == str(row.rejection.reason)
+    assert row.rejection.remedy
+    assert row.name == "0.png"
+
+
+def test_a_frame_is_found_and_calibrated_again(road):
+    config = CalibratorConfig(seed=5)
+    with BagSource([road]) as source:
+        replay = calibrate_recording(source, config)
+        for row in replay.rows:
+            frame, result = look_again(source, row, config)
+            assert frame.stamp_s == row.stamp_s
+            assert result.extrinsics == row.extrinsics
+            assert result.pattern is not None
+
+
+def test_the_last_accepted_row_is_shown():
+    replay = calibrate_recording(Frames(2))
+    assert replay.shown is replay.rows[-1]
+
+
+def test_memory_holds_two_frames_however_long_the_recording():
+    source = Frames(30)
+    assert len(calibrate_recording(source).rows) == 30
+    assert len(source.alive) == 30

@@ -1,0 +1,182 @@
+"""Frames calibrated by several processes: in order, the same to the last bit, and no child is left."""
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import worker_tasks
+
+from stereo_selfcal.bags import BagError, StereoFrame
+from stereo_selfcal.cli.report import as_json
+from stereo_selfcal.offline import FrameSource, Selection, WorkerError, as_csv, calibrate_recording, pool
+from stereo_selfcal.offline.pool import default_jobs
+from stereo_selfcal.synth.scenes import PAPER_RIG, custom_scene
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+
+
+class Road(FrameSource):
+    """A few frames of a road and black ones, over and over."""
+
+    name, left_name, right_name = "road", "left", "right"
+    rig, selection, start_ns = PAPER_RIG, Selection(), 0
+
+    def __init__(self, n, error=None):
+        self.n_images = n, n
+        self.error = error
+        scene = custom_scene(name="road", n_frames=2, noise_fraction=0.02)
+        black = np.zeros((PAPER_RIG.height, PAPER_RIG.width), np.uint8)
+        self.images = [(frame.left, frame.right) for frame in scene.frames()] + [(black, black)]
+        self.given = 0
+
+    def frames(self):
+        for index in range(self.n_images[0]):
+            self.given += 1
+            yield StereoFrame(index / 10, *self.images[index % 3], index, f"{index}.png")
+        if self.error:
+            raise self.error
+
+    def frame_at(self, recorded_ns):
+        raise NotImplementedError
+
+
+@pytest.fixture
+def soon(monkeypatch):
+    """Workers from the second frame on."""
+    monkeypatch.setattr(pool, "_ALONE_FRAMES", 1)
+
+
+def text(replay):
+    return as_json(replay.rows, replay.estimate) + as_csv(replay.rows)
+
+
+def test_the_outcome_is_the_same_with_any_number_of_jobs(soon):
+    alone, seen = calibrate_recording(Road(9)), []
+    together = calibrate_recording(Road(9), on_row=seen.append, jobs=2)
+    assert seen == list(together.rows)
+    assert text(together) == text(alone)
+    assert [row.name for row in together.rows] == [f"{index}.png" for index in range(9)]
+    assert [row.accepted for row in together.rows] == [True, True, False] * 3
+    assert together.rows[0].gates == alone.rows[0].gates
+
+
+def test_few_frames_start_no_process(monkeypatch):
+    monkeypatch.setattr(pool, "_workers", None)
+    assert len(calibrate_recording(Road(3), jobs=2).rows) == 3
+
+
+def test_frames_before_the_damage_are_done(soon):
+    replay = calibrate_recording(Road(5, BagError("bag: cut off")), jobs=2)
+    assert len(replay.rows) == 5
+    assert replay.damage == (
+        "bag: cut off; it ended early, after 5 frames: --max-frames 5 calibrates from these alone"
+    )
+
+
+def test_a_worker_that_dies_is_an_error_with_a_reason(soon, monkeypatch):
+    monkeypatch.setattr(pool, "_calibrate", worker_tasks.die)
+    with pytest.raises(WorkerError, match=r"a worker process died near the frame of \d\.\d00 s.*--jobs"):
+        calibrate_recording(Road(40), jobs=2)
+
+
+def test_a_bug_in_a_worker_is_raised_here(soon, monkeypatch):
+    monkeypatch.setattr(pool, "_calibrate", worker_tasks.fail)
+    with pytest.raises(ZeroDivisionError, match="a bug"):
+        calibrate_recording(Road(40), jobs=2)
+
+
+def test_workers_end_when_nobody_wants_the_rest(soon):
+    """A reader of standard output has gone away, say."""
+
+    def on_row(row):
+        if row.stamp_s > 0.5:
+            raise BrokenPipeError
+
+    with pytest.raises(BrokenPipeError):
+        calibrate_recording(Road(2000), on_row=on_row, jobs=2)
+    assert not multiprocessing.active_children()
+
+
+def test_few_frames_are_in_memory(soon):
+    """A decoder that is faster than the workers waits for them."""
+    road = Road(30)
+    behind = []
+    rows = iter(range(30))
+    calibrate_recording(road, on_row=lambda row: behind.append(road.given - next(rows)), jobs=2)
+    assert max(behind) <= pool._AHEAD * 2 + 2
+
+
+def test_default_jobs_are_the_cores():
+    assert default_jobs() >= 1
+
+
+# Prints its children when the workers are at work, and goes on for a minute.
+PROGRAM = """
+import multiprocessing, signal, sys
+from pathlib import Path
+sys.path.insert(0, "test/offline")
+
+def main():
+    import test_pool
+    from stereo_selfcal.cli.console import run
+    from stereo_selfcal.offline import calibrate_recording
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    seen = []
+
+    def on_row(row):
+        seen.append(row)
+        if len(seen) == 20:
+            children = [str(child.pid) for child in multiprocessing.active_children()]
+            sys.stdout.write(" ".join(children) + "\\n")
+            sys.stdout.flush()
+
+    def work(argv):
+        return len(calibrate_recording(test_pool.Road(2000), None, on_row, 2).rows)
+
+    sys.exit(run("tool", work, []))
+
+if __name__ == "__main__":
+    main()
+"""
+
+
+def alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_no_child_outlives_its_parent(tmp_path, end):
+    program = tmp_path / "program.py"
+    program.write_text(PROGRAM)
+    with subprocess.Popen(
+        [sys.executable, str(program)],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "test")])},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        children = [int(pid) for pid in process.stdout.readline().split()]
+        assert len(children) == 2
+        if end is signal.SIGINT:
+            os.killpg(process.pid, end)  # as a terminal does
+        else:
+            process.send_signal(end)
+        _, err = process.communicate(timeout=60)
+    if end is signal.SIGINT:
+        assert (process.returncode, err) == (130, "tool: interrupted\n")
+    until = time.monotonic() + 30
+    while any(map(alive, children)) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not any(map(alive, children))

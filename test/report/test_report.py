@@ -1,0 +1,242 @@
+"""The report: one file that stands alone, whatever became of the recording."""
+
+import math
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drive_making import make_drive
+
+pytest.importorskip("jinja2")
+
+from stereo_selfcal.cli.replay import main
+from stereo_selfcal.core.drive import estimate_drive, fuse_frames
+from stereo_selfcal.core.extrinsics import Extrinsics
+from stereo_selfcal.core.gates import GATES
+from stereo_selfcal.core.results import GateReading, RejectReason
+from stereo_selfcal.offline import BagSource, FrameRow, calibrate_recording
+from stereo_selfcal.report.page import render_report
+from stereo_selfcal.report.remedies import remedies
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+VOID = {"meta", "img", "br", "rect", "line", "path", "link", "input", "hr"}
+
+
+class Page(HTMLParser):
+    """Checks that elements are closed, and keeps what can be asked about."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.sections, self.sources, self.words, self.tags = [], [], [], [], []
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append(tag)
+        given = dict(attributes)
+        if tag == "section":
+            self.sections.append(given["id"])
+        self.sources += [given[name] for name in ("src", "href", "srcset", "data") if name in given]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        self.tags.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if not self.open or self.open[-1] != "style":
+            self.words.append(data)
+
+    @property
+    def text(self):
+        return " ".join(" ".join(self.words).split())
+
+
+@pytest.fixture(scope="module")
+def road():
+    with BagSource([ROOT / "bags" / "straight_road"]) as source:
+        yield source, calibrate_recording(source)
+
+
+@pytest.fixture(scope="module")
+def nothing():
+    with BagSource([ROOT / "bags" / "no_lines"]) as source:
+        yield source, calibrate_recording(source)
+
+
+@pytest.fixture(scope="module")
+def road_text(road):
+    return render_report(*road)
+
+
+def test_parts_of_a_calibrated_recording(road_text):
+    page = Page(road_text)
+    assert page.sections == [
+        "verdict", "estimate", "course", "pictures", "refusals", "residuals", "provenance"
+    ]  # fmt: skip
+    assert "The camera is 1.400 m above the road, pitched 3.00° nose down and rolled 0.80° right" in page.text
+    assert "p_road = R_z(0) R_y(pitch) R_x(roll) p_camera + [0, 0, height]" in page.text
+    assert "10 of 10 frames accepted" in page.text
+    for name in ("Best", "Median", "Worst"):
+        assert f"{name} accepted frame" in page.text
+    assert page.tags.count("img") == 6
+    for piece in ("straight_road", "/stereo/left/image_rect", "516.6", "148.1 mm", "Seed", "OpenCV"):
+        assert piece in page.text
+
+
+def test_parts_when_nothing_was_accepted(nothing):
+    page = Page(render_report(*nothing))
+    assert page.sections == ["verdict", "pictures", "refusals", "provenance"]
+    assert "None of 3 frames could be used: no_lines_found (3)." in page.text
+    assert f"What to do: {remedies()['no_lines_found']}" in page.text
+    assert "rows of the longest left lane boundary" in page.text
+    assert page.tags.count("img") == 1
+
+
+@pytest.mark.parametrize("which", ["road", "nothing"])
+def test_it_needs_no_network_and_no_other_file(which, request):
+    text = render_report(*request.getfixturevalue(which))
+    page = Page(text)
+    assert all(source.startswith("data:image/jpeg;base64,") for source in page.sources)
+    assert "script" not in page.tags
+    assert not re.search(r"https?:|@import|url\(|//[a-z]", re.sub(r"base64,[^\"]*", "", text))
+
+
+def test_same_recording_same_bytes(road, road_text):
+    assert render_report(*road) == road_text
+
+
+def test_it_is_readable_on_a_phone_and_in_the_dark(road_text):
+    assert '<meta name="viewport" content="width=device-width, initial-scale=1">' in road_text
+    assert "prefers-color-scheme: dark" in road_text
+
+
+def test_every_reason_has_a_remedy():
+    found = remedies()
+    assert set(found) == {str(reason) for reason in RejectReason}
+    assert all(found.values())
+    for gate in GATES:
+        assert found[str(gate.reason)] in {each.remedy for each in GATES if each.reason is gate.reason} or (
+            gate.reason is RejectReason.LINES_NOT_MATCHED
+        )
+
+
+def test_names_are_text_and_not_markup(road):
+    source, replay = road
+    source.name, name = "<script>alert(1)</script>&amp;", source.name
+    try:
+        page = Page(render_report(source, replay))
+    finally:
+        source.name = name
+    assert "script" not in page.tags
+    assert "<script>alert(1)</script>&amp;" in page.text
+
+
+def test_a_damaged_recording_says_so_first(road):
+    source, replay = road
+    page = Page(render_report(source, replace(replay, damage="the file ends early")))
+    assert "Calibrated, with reservations The camera" in page.text
+    assert "The recording is damaged: the file ends early." in page.text
+
+
+def drive_of(road, *, steps=(), refused=()):
+    """Return the recording with the rows of an hour's drive, each with a frame that is there."""
+    source, replay = road
+    stamps, poses, covariances = make_drive(steps=steps, rate_hz=0.2)
+    rows = [
+        replace(
+            replay.rows[index % len(replay.rows)],
+            stamp_s=float(stamp),
+            extrinsics=Extrinsics.from_array(pose),
+            covariance=covariance,
+        )
+        for index, (stamp, pose, covariance) in enumerate(zip(stamps, poses, covariances, strict=True))
+    ]
+    drive = estimate_drive(rows, replay.rig, fuse_frames(rows, replay.rig))
+    return source, replace(replay, rows=(*rows, *refused), drive=drive)
+
+
+def test_a_move_is_told_with_both_poses(road):
+    page = Page(render_report(*drive_of(road, steps=((1800.0, np.array([0.0, math.radians(1.0), 0.0])),))))
+    assert "changes" in page.sections
+    assert re.search(r"The camera was moved once, at 1(89|90)\d\.\d s. Since then it is 1\.40", page.text)
+    assert re.search(r"before it was 1\.\d+ m above the road, pitched 3\.\d+°", page.text)
+    assert page.text.count("Standard error of the mean") >= 2
+    assert 'class="moved"' in render_report(
+        *drive_of(road, steps=((1800.0, np.array([0.0, math.radians(1.0), 0.0])),))
+    )
+
+
+def test_a_long_drive_without_a_move_says_that_it_was_none(road):
+    page = Page(render_report(*drive_of(road)))
+    assert "and did not move during 60 min." in page.text
+    assert "changes" not in page.sections
+
+
+def test_refusals_are_counted_with_what_to_do(road, nothing):
+    refused = [replace(nothing[1].rows[0], recorded_ns=road[1].rows[0].recorded_ns, stamp_s=200.0)] * 3
+    page = Page(render_report(*drive_of(road, refused=refused)))
+    assert "no_lines_found 3 (0 %)" in page.text
+    assert "Drive on a straight road with painted lines" in page.text
+    assert "Refused: no_lines_found, as 3 of 723 frames" in page.text
+
+
+def test_a_frame_that_cannot_be_read_again_has_no_picture(road):
+    source, replay = road
+    rows = tuple(replace(row, recorded_ns=1) for row in replay.rows)
+    page = Page(render_report(source, replace(replay, rows=rows)))
+    assert "img" not in page.tags
+    assert page.text.count("No picture:") == 3
+
+
+@pytest.mark.parametrize(
+    ("value", "threshold", "passed"), [(0.0, 1.0, True), (-2.0, 1.0, True), (3.0, 2.0, False)]
+)
+def test_gates_of_any_kind_can_be_shown(road, value, threshold, passed):
+    source, replay = road
+    gates = (GateReading("a gate", value, threshold, "px", passed),)
+    rows = tuple(replace(row, gates=gates) for row in replay.rows)
+    page = Page(render_report(source, replace(replay, rows=rows)))
+    assert f"a gate {'0 % 0 % 0' if passed else '150 % 150 % 10'} of 10" in page.text
+
+
+def test_replay_writes_it(tmp_path, capsys):
+    path = tmp_path / "out.html"
+    assert main([str(ROOT / "bags" / "no_lines"), "--report", str(path)]) == 1
+    assert "no_lines_found" in Page(path.read_text(encoding="utf-8")).text
+    assert capsys.readouterr().err == ""
+
+
+def test_without_jinja2_replay_runs_and_says_what_a_report_needs(tmp_path):
+    code = (
+        "import sys; sys.modules['jinja2'] = None\n"
+        "from stereo_selfcal.cli.replay import main\n"
+        "sys.exit(main(sys.argv[1:]))"
+    )
+    bag = str(ROOT / "bags" / "no_lines")
+
+    def run(*options):
+        return subprocess.run(
+            [sys.executable, "-c", code, bag, *options],
+            cwd=ROOT, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+
+    assert run().returncode == 1
+    refused = run("--report", str(tmp_path / "out.html"))
+    assert refused.returncode == 2
+    assert refused.stderr.count("\n") == 1
+    assert "jinja2" in refused.stderr
+
+
+def test_row_without_gates_or_covariance_is_shown():
+    row = FrameRow(0.0, "no_lines_found", None)
+    assert remedies()[row.reason]

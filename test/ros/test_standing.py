@@ -1,0 +1,192 @@
+"""What the node stands by, and where it keeps it; without a graph."""
+
+import dataclasses
+import errno
+import time
+
+import numpy as np
+import pytest
+from result_making import COVARIANCE, EXTRINSICS, RIG, a_result, write
+
+from stereo_selfcal import Extrinsics, atomic_file
+from stereo_selfcal.core.states import Event, State
+from stereo_selfcal.node_settings import all_settings
+from stereo_selfcal.result_file import load_result
+from stereo_selfcal.ros.config import NodeConfig
+from stereo_selfcal.ros.record import InForce
+from stereo_selfcal.ros.standing import Standing
+from stereo_selfcal.ros.store import as_in_force, save
+
+DEFAULTS = {setting.name: setting.default for setting in all_settings()}
+IN_FORCE = InForce(a_result(), RIG, 0.0)
+OTHER_RIG = dataclasses.replace(RIG, fx=500.0)
+STEP_S = 3.0
+
+
+def config(**changes):
+    return NodeConfig.from_values({**DEFAULTS, "output_path": "", **changes})
+
+
+def frames(n, pose=EXTRINSICS, shift=(0.0, 0.0, 0.0), start_s=0.0):
+    """Yield n results of a road, scattered by a few millimetres and hundredths of a degree."""
+    rng = np.random.default_rng(1)
+    scatter = np.array([3e-3, 1e-3, 1e-3])
+    for i in range(n):
+        values = pose.as_array() + shift + scatter * rng.standard_normal(3)
+        yield a_result(
+            extrinsics=Extrinsics.from_array(values),
+            stamp_s=start_s + STEP_S * i,
+            n_frames=1,
+            covariance=COVARIANCE,
+        )
+
+
+def drive(standing, n, rig=RIG, **options):
+    """Return the events of n frames."""
+    events = [standing.watched(result, rig) for result in frames(n, **options)]
+    return [event for event in events if event is not None]
+
+
+@pytest.fixture
+def calibrated():
+    standing = Standing()
+    standing.begin()
+    standing.accept(IN_FORCE)
+    return standing
+
+
+def test_nothing_is_in_force_at_first():
+    standing = Standing()
+    assert (standing.state, standing.in_force, standing.wants_another) == (State.UNCALIBRATED, None, True)
+    assert standing.reason == "call ~/calibrate on a straight road with painted lines"
+
+
+def test_a_call_puts_a_result_in_force():
+    standing = Standing()
+    standing.begin()
+    assert standing.state is State.CALIBRATING
+    assert standing.reason == "a call of ~/calibrate is running"
+    standing.accept(IN_FORCE)
+    standing.fail()  # as the end of every call; means nothing now
+    assert (standing.state, standing.in_force, standing.wants_another) == (State.CALIBRATED, IN_FORCE, False)
+    assert standing.reason == "accepted when ~/calibrate was called"
+    standing.saved("saved to /x", failed=True)
+    assert (standing.in_force.saved, standing.in_force.save_failed) == ("saved to /x", True)
+
+
+def test_a_call_that_finds_nothing_leaves_what_was(calibrated):
+    calibrated.begin()
+    calibrated.fail()
+    assert (calibrated.state, calibrated.in_force) == (State.CALIBRATED, IN_FORCE)
+
+
+def test_the_last_good_calibration_stays_in_force_while_it_is_doubted(calibrated):
+    assert drive(calibrated, 60) == []
+    events = drive(calibrated, 60, shift=(0.1, 0.0, 0.0), start_s=200.0)
+    assert events == [Event.DOUBTED, Event.REFUTED]
+    assert (calibrated.state, calibrated.in_force) == (State.INVALID, IN_FORCE)
+    assert calibrated.reason.startswith("height over the road has changed by +")
+    assert calibrated.explain().startswith("drift, proven by the frames since the alarm: height")
+    assert calibrated.wants_another
+    calibrated.begin()
+    calibrated.fail()
+    assert calibrated.state is State.INVALID
+
+
+def test_a_drift_that_ends_makes_it_calibrated_again(calibrated):
+    drive(calibrated, 100)
+    drive(calibrated, 30, shift=(0.1, 0.0, 0.0), start_s=300.0)
+    assert calibrated.state is State.INVALID
+    assert drive(calibrated, 100, start_s=400.0)[-1] is Event.CONFIRMED
+    assert calibrated.state is State.CALIBRATED
+    assert calibrated.reason == "the road shows the pose of before the drift again"
+
+
+def test_the_watch_proposes_a_better_one(calibrated):
+    drive(calibrated, 60)
+    assert calibrated.proposal(RIG) is None
+    drive(calibrated, 60, shift=(0.1, 0.0, 0.0), start_s=200.0)
+    better = InForce(calibrated.proposal(RIG), RIG, 0.0)
+    assert better.result.extrinsics.height_m == pytest.approx(EXTRINSICS.height_m + 0.1, abs=5e-3)
+    calibrated.accept(better, settled=True)
+    assert (calibrated.state, calibrated.in_force) == (State.CALIBRATED, better)
+    assert calibrated.reason == "proven better by the watch"
+    assert drive(calibrated, 200, shift=(0.1, 0.0, 0.0), start_s=400.0) == []
+
+
+def test_withdrawn_is_uncalibrated_and_says_why(calibrated):
+    calibrated.withdraw("other cameras")
+    assert (calibrated.state, calibrated.in_force) == (State.UNCALIBRATED, None)
+    assert calibrated.reason == "other cameras"
+    assert drive(calibrated, 60) == []
+
+
+def test_frames_of_two_rigs_make_no_mean():
+    standing = Standing()
+    drive(standing, 15)
+    drive(standing, 15, rig=OTHER_RIG, start_s=45.0)
+    assert standing.proposal(OTHER_RIG) is None
+    drive(standing, 15, rig=OTHER_RIG, start_s=90.0)
+    assert standing.proposal(OTHER_RIG) is not None
+
+
+def test_restored_has_the_age_of_its_stamp(tmp_path):
+    path = tmp_path / "out.yaml"
+    write(path)
+    saved = load_result(path)
+    restored = as_in_force(saved, path, saved.stamp_s + 500.0)
+    assert time.monotonic() - restored.since_s == pytest.approx(500.0, abs=60.0)
+    assert restored.saved == f"restored from {path}"
+    assert (restored.rig, restored.result.extrinsics) == (RIG, EXTRINSICS)
+    for now_s in (saved.stamp_s - 5.0, saved.stamp_s + 1e10):  # of another clock
+        assert time.monotonic() - as_in_force(saved, path, now_s).since_s < 60.0
+
+
+def test_saved_with_its_exports(tmp_path):
+    path = tmp_path / "out.yaml"
+    text, failed = save(IN_FORCE, config(output_path=str(path), exports="urdf,autoware"), "topics")
+    assert (text, failed) == (f"saved to {path} and exported as urdf, autoware", False)
+    assert load_result(path).extrinsics == EXTRINSICS
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["out.autoware.yaml", "out.urdf.xml", "out.yaml"]
+
+
+def test_without_a_path_nothing_is_saved():
+    assert save(IN_FORCE, config(), "topics") == ("not saved, as output_path is empty", False)
+
+
+def test_exports_that_fail_leave_the_result_saved(tmp_path):
+    path = tmp_path / "out.yaml"
+    (tmp_path / "out.urdf.xml").mkdir()
+    text, failed = save(IN_FORCE, config(output_path=str(path), exports="urdf"), "topics")
+    assert failed
+    assert text.startswith(f"saved to {path}, but not exported: ")
+    assert load_result(path).extrinsics == EXTRINSICS
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [(errno.ENOSPC, "no space left on device; make room"), (errno.EROFS, "read-only file system; choose")],
+)
+def test_full_disk_and_read_only_folder_are_named(tmp_path, monkeypatch, code, words):
+    path = tmp_path / "out.yaml"
+    write(path)
+
+    def fails(*_):
+        raise OSError(code, atomic_file.os.strerror(code))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(atomic_file.os, "write", fails)
+        better = dataclasses.replace(IN_FORCE, result=a_result(n_frames=9))
+        text, failed = save(better, config(output_path=str(path)), "topics")
+    assert failed
+    assert text.startswith("in effect, but not saved: ")
+    assert words in text
+    assert load_result(path).n_frames == 3  # the old one
+    assert [p.name for p in tmp_path.iterdir()] == ["out.yaml"]
+
+
+def test_a_strange_file_is_kept_aside_before_saving(tmp_path):
+    path = tmp_path / "out.yaml"
+    path.write_text("my diary")
+    assert save(IN_FORCE, config(output_path=str(path)), "topics") == (f"saved to {path}", False)
+    assert (tmp_path / "out.yaml.rejected").read_text() == "my diary"

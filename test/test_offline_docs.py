@@ -1,0 +1,35 @@
+"""docs/offline.md names every option of replay, every column of its table, and has a program that runs."""
+
+import re
+from pathlib import Path
+
+from stereo_selfcal.cli.replay_options import replay_parser
+from stereo_selfcal.offline.csv_table import COLUMNS
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGE = (ROOT / "docs" / "offline.md").read_text(encoding="utf-8")
+
+
+def test_options():
+    known = {option for action in replay_parser()._actions for option in action.option_strings} - {
+        "-h",
+        "--help",
+    }
+    table = PAGE[PAGE.index("| option | does |") : PAGE.index("Seconds count from")]
+    assert set(re.findall(r"`(--[a-z-]+)", table)) == known
+
+
+def test_columns():
+    text = PAGE[PAGE.index("The columns of `--csv`") : PAGE.index("### Damaged recordings")]
+    for name in COLUMNS:
+        if not name.endswith(("_std_m", "_std_rad")) and not name.startswith("gate_"):
+            assert name in text
+
+
+def test_the_program_runs(capsys, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    program = re.search(r"```python\n(.*?)```", PAGE, re.DOTALL).group(1)
+    exec(compile(program, "docs/offline.md", "exec"), {"__name__": "__main__"})
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("calibrated from 5 frames: height 1.4")
+    assert len(lines) == 6
