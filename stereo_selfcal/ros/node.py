@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import ctypes
 import sys
 import time
 import traceback
 from collections.abc import Sequence
-from contextlib import suppress
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
@@ -16,6 +14,7 @@ from rclpy.utilities import remove_ros_args
 
 from ..core.errors import ConfigError, SelfcalError
 from ..result_file import NODE_NAME
+from .memory import use_one_heap
 from .selfcal import SelfcalNode
 
 # Parameter services and timer, images, one call of ~/calibrate that waits, and one that is told "busy".
@@ -25,7 +24,6 @@ _THREADS = 4
 _CALM_S = 0.2
 _EXIT_BAD_USAGE = 2
 _LOG_PERIOD_S = 5.0
-_M_ARENA_MAX = -8  # of mallopt(3), malloc.h of glibc
 
 
 class _Executor(MultiThreadedExecutor):  # type: ignore[misc]
@@ -59,7 +57,7 @@ def _spin(executor: MultiThreadedExecutor) -> None:
 
 def _run(arguments: list[str]) -> None:
     """Start ROS and run the node until it is told to end."""
-    _use_one_heap()
+    use_one_heap()
     try:
         rclpy.init(args=arguments)
     except RuntimeError as error:
@@ -78,17 +76,6 @@ def _run(arguments: list[str]) -> None:
             selfcal.node.destroy_node()
     finally:
         rclpy.try_shutdown()
-
-
-def _use_one_heap() -> None:
-    """Have all threads take their memory from one heap, where the C library is glibc.
-
-    By default each thread has its own, which keeps what a calibration took for the next one in that
-    thread: it took minutes until every thread had had one, and 30 MiB. Python's own lock lets one thread
-    allocate at a time anyway.
-    """
-    with suppress(AttributeError, OSError):
-        ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 1)
 
 
 def _without_ros_arguments(arguments: list[str]) -> list[str]:
