@@ -1,9 +1,10 @@
 # Everything runs from this checkout; the package itself is never installed into .venv: its console script `node`
 # would shadow Node.js there. The names below that are lower case are meant for typing: `make` lists them.
 
-REQUIREMENTS := $(addprefix requirements/,base.txt ros.txt test.txt lint.txt)
+REQUIREMENTS := $(addprefix requirements/,base.txt fleet.txt ros.txt test.txt lint.txt)
 FLOOR_REQUIREMENTS := $(addprefix requirements/,floor.txt test.txt)
-BENCH_REQUIREMENTS := $(addprefix requirements/,base.txt bench.txt)
+BENCH_REQUIREMENTS := $(addprefix requirements/,base.txt fleet.txt bench.txt)
+DOCS_REQUIREMENTS := requirements/docs.txt
 
 # The first Python on the path that can make a virtual environment and is one of the versions named.
 # Both can be set: make PYTHON=/opt/python3.12/bin/python3 demo
@@ -53,13 +54,22 @@ lint: .venv  ## check style and types
 bench: .venv-bench/ready .venv  ## measure accuracy, time and the alternatives (ARGS="--quick", ARGS="noise seeds": sections)
 	.venv-bench/bin/python -m benchmarks $(ARGS)
 
+.PHONY: docs
+docs: .venv-docs/ready  ## build the site of docs/ into site/; warnings are errors
+	NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs build --strict --quiet
+	@echo "site/index.html"
+
+.PHONY: figures
+figures: .venv  ## make the figures of the docs anew
+	.venv/bin/python -m benchmarks.figures
+
 .PHONY: bags
 bags: .venv  ## make the bags in bags/ anew, byte for byte
 	.venv/bin/python -m stereo_selfcal synth --named-all bags
 
 .PHONY: clean
 clean:  ## remove everything the other targets made, but for bags/
-	rm -rf .venv .venv-floor .venv-bench demo build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-floor .venv-bench .venv-docs site demo build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 .venv/ready: $(REQUIREMENTS)
@@ -78,4 +88,10 @@ clean:  ## remove everything the other targets made, but for bags/
 	@test -n "$(PYTHON)" || { echo "No Python 3.10 to 3.14 with venv and ensurepip found; name one: make PYTHON=..." >&2; exit 1; }
 	$(PYTHON) -m venv --clear .venv-bench
 	.venv-bench/bin/python -m pip --disable-pip-version-check install --quiet $(addprefix -r ,$(BENCH_REQUIREMENTS))
+	touch $@
+
+.venv-docs/ready: $(DOCS_REQUIREMENTS)
+	@test -n "$(PYTHON)" || { echo "No Python 3.10 to 3.14 with venv and ensurepip found; name one: make PYTHON=..." >&2; exit 1; }
+	$(PYTHON) -m venv --clear .venv-docs
+	.venv-docs/bin/python -m pip --disable-pip-version-check install --quiet $(addprefix -r ,$(DOCS_REQUIREMENTS))
 	touch $@

@@ -31,7 +31,11 @@ setup(
     ],
     python_requires=">=3.10",
     install_requires=["setuptools"],
-    extras_require={"test": ["pytest", "hypothesis"]},
+    extras_require={
+        "fleet": ["distributed>=2024.8"],
+        "parquet": ["pyarrow"],
+        "test": ["pytest", "hypothesis"],
+    },
     zip_safe=True,
     author="Seed 64efc911 maintainers",
     author_email="maintainers@users.noreply.h-seed-64efc911.example",
@@ -43,6 +47,7 @@ setup(
         "console_scripts": [
             f"node = {NAME}.ros.node:main",
             f"replay = {NAME}.cli.replay:main",
+            f"fleet = {NAME}.cli.fleet:main",
             f"synth = {NAME}.cli.synth:main",
             f"limits = {NAME}.cli.limits:main",
         ],

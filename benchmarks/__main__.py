@@ -17,6 +17,7 @@ import numpy as np
 from .bias import bias_table
 from .drives import drive_table
 from .false_alarms import false_alarm_table
+from .fleet import fleet_table
 from .idle import idle_tables
 from .kills import kill_table
 from .limit import limit_table
@@ -55,6 +56,7 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "idle": idle_tables,
     "watch": watch_tables,
     "soak": soak_table,
+    "fleet": fleet_table,
     "drives": drive_table,
     "offline": offline_tables,
 }

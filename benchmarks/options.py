@@ -23,6 +23,7 @@ class Options:
         watch_hours: Hours the watch is driven without a change, for each ride.
         bumps: Drives with each bump.
         soak_s: How long the node is soaked [s].
+        fleet_bags: Recordings of the fleet.
         drives: Simulated drives of each kind.
         drive_frames: Frames of the rendered drive.
         all_sizes: Whether to go through all image sizes, or the smallest two only.
@@ -39,6 +40,7 @@ class Options:
     watch_hours: int = 60
     bumps: int = 30
     soak_s: float = 600.0
+    fleet_bags: int = 200
     drives: int = 200
     drive_frames: int = 900
     all_sizes: bool = True
@@ -57,6 +59,7 @@ QUICK = Options(
     watch_hours=2,
     bumps=3,
     soak_s=60.0,
+    fleet_bags=12,
     drives=5,
     drive_frames=60,
     all_sizes=False,

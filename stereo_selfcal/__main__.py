@@ -11,6 +11,10 @@ from importlib import import_module
 COMMANDS = {
     "node": ("stereo_selfcal.ros.node", "calibrate a running stereo camera (needs ROS 2)"),
     "replay": ("stereo_selfcal.cli.replay", "calibrate from a recording, without ROS"),
+    "fleet": (
+        "stereo_selfcal.cli.fleet",
+        "calibrate many recordings on many processes (needs Dask), without ROS",
+    ),
     "synth": ("stereo_selfcal.cli.synth", "write a synthetic recording with its truth, without ROS"),
     "limits": (
         "stereo_selfcal.cli.limits",

@@ -12,7 +12,7 @@ from stereo_selfcal import __main__ as program
 ROOT = Path(__file__).resolve().parent.parent
 
 
-@pytest.mark.parametrize("name", ["node", "replay", "synth", "limits", "demo"])
+@pytest.mark.parametrize("name", ["node", "replay", "fleet", "synth", "limits", "demo"])
 def test_command_gets_the_rest_of_the_line(name, monkeypatch):
     seen = []
 
@@ -48,7 +48,7 @@ def test_missing_ros_is_said_in_one_line(monkeypatch, capsys):
     assert "node needs the Python module rclpy" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", ["replay", "synth", "limits"])
+@pytest.mark.parametrize("name", ["replay", "fleet", "synth", "limits"])
 def test_offline_programs_import_no_ros(name):
     code = (
         f"import sys; from stereo_selfcal.__main__ import main; main([{name!r}, '--help']);"

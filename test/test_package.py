@@ -15,7 +15,7 @@ import stereo_selfcal
 
 ROOT = Path(__file__).resolve().parent.parent
 NAME = "stereo_selfcal"
-PROGRAMS = ("node", "replay", "synth", "limits")
+PROGRAMS = ("node", "replay", "fleet", "synth", "limits")
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from typing import Any
 
 from ..core.errors import ImageError, RigError
 from ..core.images import Image, message_to_grey
-from ..core.pairing import PairCounts, StampedPair, StampPairer, message_stamp_ns, stamp_to_s
+from ..core.pairing import StampedPair, StampPairer, message_stamp_ns, stamp_to_s
 from ..core.rig import StereoRig
 from .errors import BagError
 from .frame import StereoFrame, readable
@@ -157,7 +157,8 @@ class StereoBag:
         yield from pairer.flush()
         counts = pairer.counts
         if start_ns is None and stop_ns is None:
-            self.remarks = tuple(self._remarks(counts))
+            said = self.topics.left.count, self.topics.right.count
+            self.remarks = remarks_on((counts.left, counts.right), said, counts.pairs)
         if counts.pairs == 0 and counts.left + counts.right > 0:
             nearest = "none" if pairer.nearest_s is None else f"{pairer.nearest_s:.6f} s"
             raise BagError(
@@ -165,18 +166,6 @@ class StereoBag:
                 f"{counts.right} on {self.topics.right.name}: nearest difference of their header stamps "
                 f"{nearest}, allowed {self._tolerance_s:g} s; see --approximate-sync-tolerance"
             )
-
-    def _remarks(self, counts: PairCounts) -> Iterator[str]:
-        topics = self.topics
-        read, said = (counts.left, counts.right), (topics.left.count, topics.right.count)
-        if read != said:
-            yield (
-                f"{read[0]} left and {read[1]} right images were read, the recording should have "
-                f"{said[0]} and {said[1]}: it may be damaged"
-            )
-        alone = [count - counts.pairs for count in read]
-        if any(alone):
-            yield f"{alone[0]} left and {alone[1]} right images have no partner of the same time"
 
     def _frame(self, pair: StampedPair[Message]) -> StereoFrame:
         return StereoFrame.from_images(
@@ -207,6 +196,26 @@ class StereoBag:
         """Yield messages in the order of the recording; of two at one time that of the earlier bag first."""
         streams = (part.messages(topics, start_ns, stop_ns) for part in self._parts)
         return merge(*streams, key=lambda message: message.recorded_ns)
+
+
+def remarks_on(read: tuple[int, int], said: tuple[int, int], pairs: int) -> tuple[str, ...]:
+    """Return what is to be said of images that are in no frame.
+
+    Args:
+        read: Left and right images that were read.
+        said: How many there are by the index of the recording.
+        pairs: Frames.
+    """
+    remarks = []
+    if read != said:
+        remarks.append(
+            f"{read[0]} left and {read[1]} right images were read, the recording should have "
+            f"{said[0]} and {said[1]}: it may be damaged"
+        )
+    if read != (pairs, pairs):
+        alone = read[0] - pairs, read[1] - pairs
+        remarks.append(f"{alone[0]} left and {alone[1]} right images have no partner of the same time")
+    return tuple(remarks)
 
 
 def stereo_pairs(paths: Sequence[Path]) -> list[StereoTopics]:

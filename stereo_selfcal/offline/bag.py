@@ -48,6 +48,11 @@ class BagSource(FrameSource):
             raise
 
     @property
+    def length_s(self) -> float:
+        """How long the recording is, from its first message to its last [s]."""
+        return (self._bag.end_ns - self._bag.start_ns) * 1e-9
+
+    @property
     def remarks(self) -> tuple[str, ...]:
         """What became of images that are in no frame."""
         return self._bag.remarks

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..bags import BagError, StereoFrame
 from ..core.calibrator import Calibrator
@@ -12,7 +12,7 @@ from ..core.config import CalibratorConfig
 from ..core.drive import Drive, estimate_drive
 from ..core.results import CalibrationResult
 from ..core.rig import StereoRig
-from .frame import calibrate_frame
+from .frame import FrameHead, calibrate_frame
 from .pool import calibrate_in_order
 from .recording import FrameSource
 from .rows import FrameRow
@@ -72,14 +72,33 @@ def calibrate_recording(
     """
     config = config or CalibratorConfig()
     calibrator = Calibrator(source.rig, config)
+    with closing(calibrate_in_order(source.frames(), calibrator, jobs, source.count)) as frames:
+        replay = assemble_replay(frames, calibrator, on_row)
+    return replace(replay, remarks=source.remarks)  # known when all is read
+
+
+def assemble_replay(
+    frames: Iterable[tuple[FrameHead, CalibrationResult]],
+    calibrator: Calibrator,
+    on_row: Callable[[FrameRow], None] = lambda row: None,
+) -> Replay:
+    """Make the outcome of a recording from its frames, wherever they were calibrated.
+
+    Args:
+        frames: Results of all frames, in order; where a BagError ends them, those before it count.
+        calibrator: A calibrator of the rig, which has seen no frame.
+        on_row: Called after every frame.
+
+    Raises:
+        SelfcalError: It ended before the first frame.
+    """
     rows: list[FrameRow] = []
     damage = None
     try:
-        with closing(calibrate_in_order(source.frames(), calibrator, jobs, source.count)) as results:
-            for head, result in results:
-                calibrator.remember(result)
-                rows.append(FrameRow.from_result(result, head.stamp_s, head.recorded_ns, head.name))
-                on_row(rows[-1])
+        for head, result in frames:
+            calibrator.remember(result)
+            rows.append(FrameRow.from_result(result, head.stamp_s, head.recorded_ns, head.name))
+            on_row(rows[-1])
     except BagError as error:
         if not rows:
             raise
@@ -87,8 +106,8 @@ def calibrate_recording(
         damage = f"{error}; it ended early, after {n} frames: --max-frames {n} calibrates from these alone"
     if not rows:
         raise ValueError("a recording of no frames cannot be calibrated")
-    drive = estimate_drive([row for row in rows if row.accepted], source.rig, calibrator.estimate)
-    return Replay(tuple(rows), drive, source.rig, config, damage, source.remarks)
+    drive = estimate_drive([row for row in rows if row.accepted], calibrator.rig, calibrator.estimate)
+    return Replay(tuple(rows), drive, calibrator.rig, calibrator.config, damage)
 
 
 def look_again(

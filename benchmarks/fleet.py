@@ -1,0 +1,189 @@
+"""A fleet of small recordings: time against one process, a worker killed in the middle, a run interrupted.
+
+Each run is the command as a user types it, in a process of its own; the numbers of every run are compared
+with those of `replay`'s own function, in this process.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from stereo_selfcal.fleet.outcome import Outcome
+from stereo_selfcal.offline import BagSource, calibrate_recording
+from stereo_selfcal.synth.bag import write_bag
+from stereo_selfcal.synth.scenes import custom_scene, random_scene
+
+from .options import Options
+from .table import Table
+
+_N_FRAMES = 3
+_NOISE = 0.02
+_POLL_S = 0.05
+_ROOT = Path(__file__).resolve().parents[1]
+# Columns that may differ from run to run: none of them is a number that was measured.
+_NAMES = ("bag", "report")
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """One run of the command.
+
+    Attributes:
+        status: Exit status.
+        wall_s: From its start to its end [s].
+        killed: Workers killed.
+        done: Recordings that were finished when it ended.
+        wrong: Finished recordings whose row differs from that of `replay`.
+    """
+
+    status: int
+    wall_s: float
+    killed: int
+    done: int
+    wrong: int
+
+
+def fleet_table(options: Options) -> Iterator[Table]:
+    """Time and outcome of the same recordings done in several ways."""
+    table = Table(
+        "fleet",
+        f"{options.fleet_bags} recordings of {_N_FRAMES} frames (640 x 480) on this machine",
+        ["run", "exit status", "finished", "rows unlike replay's", "wall time [s]", "recordings/s"],
+        "'one process': `calibrate_recording`, the function behind `replay`, one recording after the other "
+        "in a process that is up. The others are the command `fleet --no-report` from its start to its end; "
+        "about 3 s of it are the start and the end of Dask's processes. 'killed': SIGKILL to one of two "
+        "workers when a third of the recordings is done. 'interrupted': SIGINT to the command when half of "
+        f"them is done, and the same command again. {os.cpu_count()} cores, which other work may have used "
+        "as well.",
+    )
+    # Where SIGINT is ignored, as in the background of a shell, so it would be in the runs.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    with tempfile.TemporaryDirectory(prefix="fleet_bench.") as folder:
+        bags = _make_bags(Path(folder) / "bags", options.fleet_bags)
+        start_s = time.perf_counter()
+        expected = {bag.name: _row(bag) for bag in bags}
+        wall_s = time.perf_counter() - start_s
+        n = len(bags)
+        table.add("one process", "", f"{n}", "", f"{wall_s:.1f}", f"{n / wall_s:.2f}")
+        fleet = _Fleet(Path(folder), expected)
+        _add(table, "2 workers", fleet.run("2 workers", 2), 0)
+        killed = fleet.run("killed", 2, _when_done(n // 3, _kill_worker))
+        _add(table, f"2 workers, {killed.killed} killed", killed, 0)
+        first = fleet.run("interrupted", 2, _when_done(n // 2, lambda run: run.send_signal(signal.SIGINT)))
+        _add(table, "2 workers, interrupted", first, 0)
+        _add(table, "the same again", fleet.run("interrupted", 2), first.done)
+        _add(table, "and again", fleet.run("interrupted", 2), n)
+    yield table
+
+
+def _add(table: Table, name: str, run: _Run, before: int) -> None:
+    finished = f"{run.done} ({before} before)" if before else f"{run.done}"
+    rate = f"{(run.done - before) / run.wall_s:.2f}" if run.done > before else ""
+    table.add(name, f"{run.status}", finished, f"{run.wrong}", f"{run.wall_s:.1f}", rate)
+
+
+def _make_bags(folder: Path, n: int) -> list[Path]:
+    """Write recordings of random poses."""
+    folder.mkdir()
+    paths = []
+    for index in range(n):
+        scene = random_scene(np.random.default_rng([7, index]), _NOISE)
+        made = custom_scene(name=f"drive{index:03d}", n_frames=_N_FRAMES, seed=index, noise_fraction=_NOISE)
+        paths.append(folder / made.name)
+        write_bag(paths[-1], replace(made, scene=scene))
+    return paths
+
+
+def _row(bag: Path) -> Outcome:
+    """Return the row of a recording, calibrated here."""
+    with BagSource([bag]) as source:
+        return Outcome.from_replay(
+            bag.name, calibrate_recording(source), (source.left_name, source.right_name)
+        )
+
+
+class _Fleet:
+    """Runs the command on the recordings of a folder."""
+
+    def __init__(self, folder: Path, expected: dict[str, Outcome]) -> None:
+        self._folder = folder
+        self._expected = expected
+
+    def run(
+        self,
+        name: str,
+        workers: int,
+        meddle: Callable[[subprocess.Popen[bytes], Path], int] = lambda run, results: 0,
+    ) -> _Run:
+        """Run it once, and look at what it has left.
+
+        Args:
+            name: Name of the output folder.
+            workers: Number of workers.
+            meddle: Called once it runs, with the process and the folder of its results; returns kills.
+        """
+        output = self._folder / name
+        command = [sys.executable, "-m", "stereo_selfcal", "fleet", str(self._folder / "bags")]
+        command += ["--output", str(output), "--workers", str(workers), "--dashboard-port", "0"]
+        command += ["--no-report"]  # as little as the process it is compared with
+        start_s = time.perf_counter()
+        with subprocess.Popen(
+            command, cwd=_ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        ) as run:
+            killed = meddle(run, output / "results")
+            status = run.wait()
+        wall_s = time.perf_counter() - start_s
+        with (output / "table.csv").open(newline="", encoding="utf-8") as file:
+            rows = [row for row in csv.DictReader(file) if row["status"] != "not_done"]
+        wrong = sum(not self._as_expected(row) for row in rows)
+        return _Run(status, wall_s, killed, len(rows), wrong)
+
+    def _as_expected(self, row: dict[str, str]) -> bool:
+        values = self._expected[Path(row["bag"]).name].to_mapping()
+        # A float is written with all its digits, so equal texts are equal numbers.
+        return all(
+            text == ("" if values[name] is None else str(values[name]))
+            for name, text in row.items()
+            if name not in _NAMES
+        )
+
+
+def _when_done(
+    n: int, act: Callable[[subprocess.Popen[bytes]], None]
+) -> Callable[[subprocess.Popen[bytes], Path], int]:
+    """Return what waits for so many results and then acts once."""
+
+    def meddle(run: subprocess.Popen[bytes], results: Path) -> int:
+        while run.poll() is None:
+            if results.is_dir() and len(list(results.glob("*.json"))) >= n:
+                act(run)
+                return 1
+            time.sleep(_POLL_S)
+        return 0
+
+    return meddle
+
+
+def _kill_worker(run: subprocess.Popen[bytes]) -> None:
+    """Kill one of the workers of a run, by its process id."""
+    children = Path(f"/proc/{run.pid}/task/{run.pid}/children")
+    found = children.read_text(encoding="ascii").split()
+    # Those started by threads are children of the thread.
+    for task in Path(f"/proc/{run.pid}/task").iterdir():
+        found += (task / "children").read_text(encoding="ascii").split()
+    for pid in found:
+        if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes():
+            os.kill(int(pid), signal.SIGKILL)
+            return
+    raise RuntimeError("the run has no worker to kill")

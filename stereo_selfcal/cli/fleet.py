@@ -1,0 +1,336 @@
+"""``fleet``: calibrate many recordings on many processes, as ``replay`` calibrates each."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from ..atomic_file import write_atomically
+from ..core.config import CalibratorConfig
+from ..fleet.bags import find_bags
+from ..fleet.index import index_page
+from ..fleet.outcome import Outcome, Status
+from ..fleet.store import Bag, Store
+from ..fleet.table import check_table, write_table
+from ..fleet.work import FleetSettings, make_report, versions
+from ..offline import Selection, default_jobs
+from ..parameter_file import load_calibrator_config
+from ..rig_file import read_rig_file
+from .console import EXIT_NOT_ACCEPTED, EXIT_OK, Parser, Progress, UsageError, check_writable, run
+from .report import as_dict
+
+_DESCRIPTION = """\
+Calibrate many recordings, one task each, on the cores of this machine or on a Dask cluster.
+
+BAG is what 'replay' takes, or a folder of such; @FILE is a file with one BAG a line. OUTPUT gets
+table.csv, index.html, and for each recording results/*.json and reports/*.html. A run that was
+interrupted goes on where it was; what has changed since is done again.
+"""
+_EPILOG = """\
+exit status: 0 all are calibrated; 1 some are not (refused, damaged); 2 bad usage, or no cluster.
+Numbers are those of 'replay', to the last digit, on any number of workers.
+"""
+_DEFAULT_OUTPUT = Path("fleet")
+_TABLE = "table.csv"
+# Longer recordings are done in stretches: at 10 Hz about a minute of work.
+_STRETCH_S = 120.0
+_DASHBOARD_PORT = 8787  # Dask's own
+# Loggers of Dask's that repeat in many lines what is said here in one; the nanny's, which says that a worker
+# died and is replaced, is none of them.
+_CHATTY = ("client", "comm", "core", "scheduler", "worker")
+_TICK_S = 0.5  # between two looks of the progress bar at the clock
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit status of docs/fleet.md."""
+    return run("fleet", _fleet, argv)
+
+
+def _fleet(argv: list[str]) -> int:
+    arguments = _parser().parse_args(argv)
+    _check_dask()
+    settings = _settings(arguments)
+    if arguments.table is not None:
+        check_table(arguments.table)
+        check_writable(arguments.table, "--table")
+    if arguments.reports and find_spec("jinja2") is None:
+        raise UsageError("reports need the Python module jinja2, which is not installed; or give --no-report")
+    bags = [Bag.of(path, settings) for path in find_bags(arguments.bags)]
+    try:
+        store = Store(arguments.output, arguments.reports)
+    except OSError as error:
+        raise UsageError(
+            f"--output {arguments.output}: {error.strerror}; choose a writable folder"
+        ) from error
+    outcomes = _Outcomes(bags, store, arguments.table)
+    waiting = outcomes.resume()
+    try:
+        if waiting:
+            _run(waiting, settings, outcomes, arguments)
+    finally:
+        # Interrupted or not: what is done is in the table, and what is not is said to be so.
+        outcomes.write()
+    sys.stdout.write(outcomes.summary())
+    return EXIT_OK if outcomes.all_calibrated else EXIT_NOT_ACCEPTED
+
+
+class _Outcomes:
+    """What is known of each recording, in memory and in the output folder."""
+
+    def __init__(self, bags: Sequence[Bag], store: Store, table: Path | None) -> None:
+        self._store = store
+        self._table = table
+        self._bags = bags
+        self._rows = {bag.path: Outcome(bag.name, Status.NOT_DONE) for bag in bags}
+        self._resumed = 0
+
+    def resume(self) -> list[Bag]:
+        """Take over what a former run has done; return the rest."""
+        self._look()
+        waiting = [bag for bag in self._bags if self._rows[bag.path].status is Status.NOT_DONE]
+        self._resumed = len(self._bags) - len(waiting)
+        return waiting
+
+    def _look(self) -> None:
+        """Take over what is in the folder."""
+        for bag in self._bags:
+            if self._rows[bag.path].status is Status.NOT_DONE:
+                found = self._store.finished(bag)
+                self._rows[bag.path] = self._rows[bag.path] if found is None else found
+
+    def take(self, done: Any) -> Outcome:
+        """Keep a recording that is done (:class:`~stereo_selfcal.fleet.scheduling.Done`)."""
+        report = "" if done.report is None else self._store.save_report(done.bag, done.report)
+        outcome: Outcome = done.outcome.named(done.bag.name, report)
+        replay = None
+        if done.calibrated is not None:
+            found = done.calibrated.replay
+            replay = as_dict(found.rows, found.estimate, found.damage, found.remarks, found.drive)
+        self._store.save(done.bag, outcome, replay)
+        self._rows[done.bag.path] = outcome
+        return outcome
+
+    @property
+    def counts(self) -> Counter[Status]:
+        """How many recordings have which status."""
+        return Counter(row.status for row in self._rows.values())
+
+    @property
+    def all_calibrated(self) -> bool:
+        """Whether there is nothing to complain about."""
+        return set(self.counts) == {Status.CALIBRATED}
+
+    def write(self) -> None:
+        """Write the tables and the index page."""
+        self._look()  # Ctrl-C may have come between a result and the note of it
+        rows = list(self._rows.values())
+        write_table(self._store.folder / _TABLE, rows)
+        if self._table is not None:
+            write_table(self._table, rows)
+        about = "Made by " + ", ".join(f"{name} {version}" for name, version in versions().items()) + "."
+        write_atomically(self._store.folder / "index.html", index_page(rows, about).encode())
+
+    def summary(self) -> str:
+        """Return what is said at the end."""
+        counts = self.counts
+        parts = [f"{counts[status]} {status}" for status in Status if counts[status]]
+        before = f" ({self._resumed} of them before)" if self._resumed else ""
+        text = f"{len(self._bags)} recordings{before}: {', '.join(parts)}\n"
+        reasons = Counter(row.reason for row in self._rows.values() if row.status is Status.REFUSED)
+        text += "".join(f"  {count} x {reason}\n" for reason, count in reasons.most_common())
+        for row in self._rows.values():
+            if row.status in (Status.FAILED, Status.DAMAGED):
+                text += f"  {row.bag}: {row.reason}\n"
+        return f"{text}{self._store.folder / 'index.html'}\n"
+
+
+def _run(
+    waiting: Sequence[Bag], settings: FleetSettings, outcomes: _Outcomes, arguments: argparse.Namespace
+) -> None:
+    """Calibrate what is left, with a progress bar."""
+    from ..fleet.scheduling import Done, FleetRun  # noqa: PLC0415  (needs Dask)
+
+    for name in _CHATTY:
+        logging.getLogger(f"distributed.{name}").setLevel(logging.CRITICAL)
+    progress = Progress(len(waiting))
+    start_s = shown_s = time.monotonic()
+    done_count = 0
+
+    def show() -> None:
+        nonlocal shown_s
+        shown_s = time.monotonic()
+        progress.show(done_count, _note(outcomes.counts, done_count, len(waiting), shown_s - start_s))
+
+    def on_done(done: Done) -> None:
+        nonlocal done_count
+        done_count += 1
+        outcome = outcomes.take(done)
+        if outcome.status in (Status.FAILED, Status.DAMAGED) or done.problem:
+            progress.clear()
+            problem = outcome.reason or f"no report: {done.problem}"
+            sys.stderr.write(f"fleet: {outcome.bag}: {problem}\n")
+        show()
+
+    def on_wait() -> None:
+        if time.monotonic() - shown_s > _TICK_S:
+            show()
+
+    with _cluster(arguments) as client:
+        sys.stderr.write(f"{len(waiting)} recordings to do; dashboard {client.dashboard_link}\n")
+        show()
+        try:
+            report = make_report if arguments.reports else None
+            FleetRun(client, settings, arguments.stretch_s, report).run(waiting, on_done, on_wait)
+        except KeyboardInterrupt:
+            progress.clear()
+            sys.stderr.write(
+                f"fleet: {done_count} of {len(waiting)} done; the same command goes on from here\n"
+            )
+            raise
+        finally:
+            progress.clear()
+
+
+def _note(counts: Counter[Status], done: int, total: int, elapsed_s: float) -> str:
+    """Return what stands behind the bar."""
+    parts = [
+        f"{counts[status]} {status}"
+        for status in (Status.REFUSED, Status.DAMAGED, Status.FAILED)
+        if counts[status]
+    ]
+    if done:
+        left_s = elapsed_s / done * (total - done)
+        parts.append(f"{left_s / 60:.0f} min left" if left_s > 90 else f"{left_s:.0f} s left")
+    return ", ".join(parts)
+
+
+def _cluster(arguments: argparse.Namespace) -> AbstractContextManager[Any]:
+    from ..fleet import cluster  # noqa: PLC0415  (needs Dask)
+
+    if arguments.scheduler is not None:
+        return cluster.existing_cluster(arguments.scheduler)
+    return cluster.local_cluster(arguments.workers or default_jobs(), arguments.dashboard_port)
+
+
+def _check_dask() -> None:
+    try:
+        import distributed  # noqa: F401, PLC0415
+    except ModuleNotFoundError as error:
+        raise UsageError(
+            f"Dask is not installed ({error.name} is missing): pip install 'distributed>=2024.8', "
+            "or calibrate one recording at a time with replay"
+        ) from error
+
+
+def _settings(arguments: argparse.Namespace) -> FleetSettings:
+    config = CalibratorConfig() if arguments.config is None else load_calibrator_config(arguments.config)
+    if arguments.seed is not None:
+        settings = {name: value for name, value, _ in config.settings()}
+        config = CalibratorConfig.from_mapping(settings | {"seed": arguments.seed})
+    return FleetSettings(
+        config,
+        arguments.left,
+        arguments.right,
+        arguments.tolerance_s,
+        None if arguments.rig is None else read_rig_file(arguments.rig),
+        Selection(arguments.start_s, arguments.end_s, arguments.every, arguments.max_frames),
+    )
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{value} is less than 1")
+    return value
+
+
+def _time_s(text: str) -> float:
+    value = float(text)
+    if not 0 <= value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is not a time of 0 s or more")
+    return value
+
+
+def _stretch_s(text: str) -> float | None:
+    return _time_s(text) or None
+
+
+def _parser() -> Parser:
+    parser = Parser(
+        prog="fleet",
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+        fromfile_prefix_chars="@",
+    )
+    add = parser.add_argument
+    add("bags", metavar="BAG", nargs="+", type=Path, help="a recording, or a folder of recordings")
+    add(
+        "--output",
+        metavar="DIR",
+        type=Path,
+        default=_DEFAULT_OUTPUT,
+        help="folder of results (default: fleet)",
+    )
+    add("--table", metavar="FILE", type=Path, help="write the table here as well, .csv or .parquet")
+    add(
+        "--no-report",
+        dest="reports",
+        action="store_false",
+        help="make no reports, which cost three frames each",
+    )
+    add(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="an existing Dask cluster, tcp://HOST:PORT (default: this machine)",
+    )
+    add("--workers", metavar="N", type=_count, help="processes on this machine (default: one a core)")
+    add(
+        "--dashboard-port",
+        metavar="PORT",
+        type=int,
+        default=_DASHBOARD_PORT,
+        help="of Dask's dashboard on the loopback interface (default: %(default)s)",
+    )
+    add(
+        "--stretch",
+        dest="stretch_s",
+        metavar="S",
+        type=_stretch_s,
+        default=_STRETCH_S,
+        help="divide recordings that are longer into stretches of about S seconds, 0: never (default: 120)",
+    )
+    add("--left", metavar="TOPIC", help="image topic of the left camera (default: found by type and name)")
+    add("--right", metavar="TOPIC", help="image topic of the right camera")
+    add("--rig", metavar="FILE", type=Path, help="rig file (YAML or JSON) of all recordings")
+    add("--config", metavar="FILE", type=Path, help="settings of the calibrator (YAML)")
+    add("--seed", metavar="N", type=int, help="seed of the random numbers (default: that of the settings)")
+    add(
+        "--approximate-sync-tolerance",
+        dest="tolerance_s",
+        metavar="S",
+        type=_time_s,
+        default=0.0,
+        help="pair images whose stamps differ by at most S seconds (default: equal stamps)",
+    )
+    add(
+        "--start",
+        dest="start_s",
+        metavar="S",
+        type=_time_s,
+        default=0.0,
+        help="leave out the first S seconds",
+    )
+    add("--end", dest="end_s", metavar="S", type=_time_s, help="stop S seconds after the start")
+    add("--every", metavar="N", type=_count, default=1, help="use every N-th frame")
+    add("--max-frames", metavar="N", type=_count, help="use N frames of each recording at most")
+    return parser

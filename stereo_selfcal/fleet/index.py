@@ -1,0 +1,141 @@
+"""The index page of a fleet: one row a recording, each with a link to its report. One file, no network."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from html import escape
+
+from .outcome import Outcome, Status
+
+# Colours of Okabe and Ito, which people with any kind of colour vision tell apart; the word is there as well.
+_STYLE = """
+:root { color-scheme: light dark; font: 15px/1.45 system-ui, sans-serif; }
+body { margin: 0 auto; max-width: 82rem; padding: 1rem; }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
+th, td { padding: .3rem .6rem; text-align: left; vertical-align: top; border-bottom: 1px solid #8884; }
+th { cursor: pointer; white-space: nowrap; }
+th[aria-sort=ascending]::after { content: " \\2191"; }
+th[aria-sort=descending]::after { content: " \\2193"; }
+td.n { text-align: right; white-space: nowrap; }
+h1 { font-size: 1.4rem; }
+td.why { min-width: 20rem; font-size: .85rem; }
+b.status { border-left: .5rem solid var(--c); padding-left: .4rem; white-space: nowrap; }
+.calibrated { --c: #009e73; } .refused { --c: #e69f00; } .damaged { --c: #cc79a7; }
+.failed { --c: #d55e00; } .not_done { --c: #999; }
+.note { border-left: .5rem solid #d55e00; padding: .4rem .8rem; }
+"""
+
+# Sorts by the column that is clicked: by data-v where a cell has one.
+_SCRIPT = """
+document.querySelectorAll("th").forEach((head, column) => head.addEventListener("click", () => {
+  const up = head.getAttribute("aria-sort") !== "ascending";
+  document.querySelectorAll("th").forEach(other => other.removeAttribute("aria-sort"));
+  head.setAttribute("aria-sort", up ? "ascending" : "descending");
+  const value = row => {
+    const cell = row.cells[column], number = parseFloat(cell.dataset.v);
+    return isNaN(number) ? cell.textContent : number;
+  };
+  const body = document.querySelector("tbody");
+  [...body.rows].sort((a, b) => {
+    const x = value(a), y = value(b);
+    const order = typeof x === typeof y ? (x > y) - (x < y) : typeof x === "number" ? -1 : 1;
+    return up ? order : -order;
+  }).forEach(row => body.append(row));
+}));
+"""
+
+_HEADS = (
+    "recording",
+    "verdict",
+    "frames",
+    "accepted",
+    "confirmed",
+    "moves",
+    "height [m]",
+    "pitch [deg]",
+    "roll [deg]",
+    "what was said",
+)
+_EQUATION = "p_road = R_z(0) R_y(pitch) R_x(roll) p_camera + [0, 0, height]"
+
+
+def index_page(outcomes: Sequence[Outcome], about: str) -> str:
+    """Return the page.
+
+    Args:
+        outcomes: All recordings, in order.
+        about: One line on how they were made: versions, settings.
+    """
+    counts = Counter(outcome.status for outcome in outcomes)
+    summary = ", ".join(f"{counts[status]} {_words(status)}" for status in Status if counts[status])
+    left = counts[Status.NOT_DONE]
+    note = f'<p class="note">Interrupted: {left} recordings are not done yet.</p>' if left else ""
+    heads = "".join(f"<th>{escape(head)}</th>" for head in _HEADS)
+    rows = "\n".join(_row(outcome) for outcome in outcomes)
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{len(outcomes)} recordings: {escape(summary)}</title>
+<style>{_STYLE}</style>
+</head>
+<body>
+<h1>{len(outcomes)} recordings: {escape(summary)}</h1>
+{note}
+<p><code>{_EQUATION}</code>; REP-103: pitch &gt; 0 is nose down, roll &gt; 0 is right side down.
+Confirmed are accepted frames whose asphalt agrees with the lines. The whole table is in
+<a href="table.csv">table.csv</a>. A click on a heading sorts.</p>
+<div class="scroll">
+<table>
+<thead><tr>{heads}</tr></thead>
+<tbody>
+{rows}
+</tbody>
+</table>
+</div>
+<p>{escape(about)}</p>
+<script>{_SCRIPT}</script>
+</body>
+</html>
+"""
+
+
+def _row(outcome: Outcome) -> str:
+    name = escape(outcome.bag)
+    link = f'<a href="{escape(outcome.report, quote=True)}">{name}</a>' if outcome.report else name
+    if outcome.status is Status.CALIBRATED:
+        said = outcome.message.partition("; ")[2]  # the numbers are in the other cells
+    else:
+        said = ": ".join(dict.fromkeys(filter(None, (outcome.reason, outcome.message))))
+    cells = [
+        f"<td>{link}</td>",
+        f'<td><b class="status {outcome.status}">{_words(outcome.status)}</b></td>',
+        _number(outcome.frames, "d"),
+        _number(outcome.accepted, "d"),
+        _number(outcome.confirmed, "d"),
+        _number(outcome.moves, "d"),
+        _number(outcome.height_m, ".4f", outcome.height_std_m),
+        _number(_degrees(outcome.pitch_rad), "+.3f", _degrees(outcome.pitch_std_rad)),
+        _number(_degrees(outcome.roll_rad), "+.3f", _degrees(outcome.roll_std_rad)),
+        f'<td class="why">{escape(said)}</td>',
+    ]
+    return f"<tr>{''.join(cells)}</tr>"
+
+
+def _number(value: float | None, form: str, std: float | None = None) -> str:
+    if value is None:
+        return '<td class="n"></td>'
+    spread = "" if std is None else f" &plusmn; {std:.2g}"
+    return f'<td class="n" data-v="{value!r}">{value:{form}}{spread}</td>'
+
+
+def _degrees(value_rad: float | None) -> float | None:
+    return None if value_rad is None else math.degrees(value_rad)
+
+
+def _words(status: Status) -> str:
+    return str(status).replace("_", " ")

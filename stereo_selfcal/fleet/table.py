@@ -1,0 +1,70 @@
+"""The table of a fleet: one row a recording, as CSV or as Parquet."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import fields
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from ..atomic_file import write_atomically
+from ..core.errors import OutputError
+from .outcome import COLUMNS, Outcome
+
+CSV, PARQUET = ".csv", ".parquet"
+
+
+def check_table(path: Path) -> None:
+    """Refuse a table that cannot be written, before any work is done for it.
+
+    Raises:
+        OutputError: The kind is unknown, or what writes it is not installed.
+    """
+    if path.suffix not in (CSV, PARQUET):
+        raise OutputError(f"{path}: tables are written as CSV or Parquet; end the name in {CSV} or {PARQUET}")
+    if path.suffix == PARQUET and find_spec("pyarrow") is None:
+        raise OutputError(
+            f"{path}: Parquet is written by pyarrow, which is not installed; "
+            f"pip install pyarrow, or end the name in {CSV}"
+        )
+
+
+def write_table(path: Path, outcomes: Sequence[Outcome]) -> None:
+    """Write the table, in the order given, whole or not at all; numbers with all their digits.
+
+    Raises:
+        OutputError: It cannot be written.
+    """
+    check_table(path)
+    content = _parquet(outcomes) if path.suffix == PARQUET else csv_of(outcomes).encode()
+    write_atomically(path, content)
+
+
+def csv_of(outcomes: Sequence[Outcome]) -> str:
+    """Return the table as comma-separated values with a header; what is not known is empty."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for outcome in outcomes:
+        values = outcome.to_mapping()
+        writer.writerow(["" if values[name] is None else values[name] for name in COLUMNS])
+    return text.getvalue()
+
+
+def _parquet(outcomes: Sequence[Outcome]) -> bytes:
+    pyarrow: Any = import_module("pyarrow")
+    parquet: Any = import_module("pyarrow.parquet")
+    kinds = {"str": pyarrow.string(), "int": pyarrow.int64(), "float | None": pyarrow.float64()}
+    # The type of a field is its text; a status is a word.
+    schema = pyarrow.schema(
+        [(each.name, kinds.get(str(each.type), kinds["str"])) for each in fields(Outcome)]
+    )
+    table = pyarrow.Table.from_pylist([outcome.to_mapping() for outcome in outcomes], schema=schema)
+    sink = pyarrow.BufferOutputStream()
+    parquet.write_table(table, sink)
+    content: bytes = sink.getvalue().to_pybytes()
+    return content

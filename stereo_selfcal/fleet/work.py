@@ -1,0 +1,242 @@
+"""What a worker does: calibrate one recording, or a stretch of a long one, and hand back all that is kept."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from .. import __version__
+from ..bags.reader import remarks_on
+from ..core.calibrator import Calibrator
+from ..core.config import CalibratorConfig
+from ..core.errors import SelfcalError
+from ..core.results import CalibrationResult
+from ..core.rig import StereoRig
+from ..offline import BagSource, FrameSource, Replay, Selection, calibrate_recording
+from ..offline.frame import FrameHead
+from ..offline.opening import open_source
+from ..offline.pool import calibrate_in_order
+from ..offline.run import assemble_replay
+
+
+@dataclass(frozen=True, slots=True)
+class FleetSettings:
+    """How every recording of a fleet is calibrated; the same as the options of ``replay``.
+
+    Attributes:
+        config: Settings of the calibrator.
+        left: Image topic of the left camera, None to find it.
+        right: The same of the right camera.
+        tolerance_s: Greatest difference of the header stamps of a pair [s].
+        rig: The rig of all recordings, None for that of each.
+        selection: Which frames are used of each.
+    """
+
+    config: CalibratorConfig
+    left: str | None = None
+    right: str | None = None
+    tolerance_s: float = 0.0
+    rig: StereoRig | None = None
+    selection: Selection = field(default_factory=Selection)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return all of it as plain values: equal settings give equal results."""
+        return {
+            "config": {name: value for name, value, _ in self.config.settings()},
+            "left": self.left,
+            "right": self.right,
+            "tolerance_s": self.tolerance_s,
+            "rig": None if self.rig is None else self.rig.to_mapping(),
+            "selection": [
+                self.selection.start_s,
+                self.selection.end_s,
+                self.selection.every,
+                self.selection.max_frames,
+            ],
+        }
+
+    def open(self, path: Path) -> FrameSource:
+        """Open a recording with these settings.
+
+        Raises:
+            SelfcalError: It cannot be read.
+        """
+        return open_source([path], self.left, self.right, self.tolerance_s, self.rig, self.selection)
+
+
+@dataclass(frozen=True, slots=True)
+class Stretches:
+    """A recording that is too long for one task.
+
+    Attributes:
+        selections: The stretches, one after the other.
+    """
+
+    selections: tuple[Selection, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stretch:
+    """The frames of one stretch, calibrated.
+
+    Attributes:
+        frames: Results of all its frames, in order.
+        rig: The rig of the recording.
+        topics: Topics of the left and of the right images.
+        n_images: Left and right images of the whole recording.
+    """
+
+    frames: list[tuple[FrameHead, CalibrationResult]]
+    rig: StereoRig
+    topics: tuple[str, str]
+    n_images: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """Why a recording could not be calibrated.
+
+    Attributes:
+        reason: One line.
+    """
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibrated:
+    """A recording, calibrated.
+
+    Attributes:
+        replay: Rows and estimate, as of ``replay``.
+        topics: Topics of the left and of the right images.
+    """
+
+    replay: Replay
+    topics: tuple[str, str]
+
+
+def versions() -> dict[str, str]:
+    """Return what the numbers of a result depend on besides the settings."""
+    return {"stereo_selfcal": __version__, "numpy": np.__version__, "opencv": cv2.__version__}
+
+
+def calibrate_bag(
+    path: str, settings: FleetSettings, stretch_s: float | None = None
+) -> Calibrated | Stretches | Failure:
+    """Calibrate one recording, or say that it is better done in stretches.
+
+    Args:
+        path: The recording; this process sees it under the same name as the one that asks.
+        settings: How.
+        stretch_s: A recording that is longer than this is to be done in stretches [s]; None for never.
+
+    Returns:
+        The outcome, always: a recording that cannot be read is none of the other recordings' business.
+    """
+    _be_a_worker()
+    try:
+        with settings.open(Path(path)) as source:
+            stretches = None if stretch_s is None else stretches_of(source, settings, stretch_s)
+            if stretches is not None:
+                return stretches
+            replay = calibrate_recording(source, settings.config)
+            return Calibrated(replay, (source.left_name, source.right_name))
+    except (SelfcalError, OSError) as error:
+        return Failure(one_line(error))
+    except Exception as error:  # noqa: BLE001  (a fault of ours must not end the other 10 000 recordings)
+        return Failure(f"internal error: {type(error).__name__}: {one_line(error)}")
+
+
+def stretches_of(source: FrameSource, settings: FleetSettings, stretch_s: float) -> Stretches | None:
+    """Return the stretches of a long recording; None where it is short or cannot be divided.
+
+    It can where no frame depends on those before it: images pair by equal stamps, frames are not counted.
+    """
+    selection = settings.selection
+    countless = selection.every == 1 and selection.max_frames is None
+    if not (isinstance(source, BagSource) and countless and settings.tolerance_s == 0):
+        return None
+    start_s = selection.start_s
+    end_s = source.length_s if selection.end_s is None else min(selection.end_s, source.length_s)
+    n = math.ceil((end_s - start_s) / stretch_s)
+    if n < 2:
+        return None
+    # Counted in nanoseconds, borders fall between frames; the last one is as open as the selection.
+    borders = [start_s + (end_s - start_s) * index / n for index in range(n)]
+    ends = [*borders[1:], selection.end_s]
+    return Stretches(
+        tuple(replace(selection, start_s=a, end_s=b) for a, b in zip(borders, ends, strict=True))
+    )
+
+
+def calibrate_stretch(path: str, settings: FleetSettings, selection: Selection) -> Stretch | Failure:
+    """Calibrate the frames of one stretch of a recording.
+
+    Args:
+        path: The recording.
+        settings: How.
+        selection: The stretch.
+
+    Returns:
+        All its frames; a failure where even one could not be read, or there is none: such a
+        recording is to be done as a whole, so that it ends where it would have ended.
+    """
+    _be_a_worker()
+    settings = replace(settings, selection=selection)
+    try:
+        with settings.open(Path(path)) as source:
+            calibrator = Calibrator(source.rig, settings.config)
+            frames = list(calibrate_in_order(source.frames(), calibrator, jobs=1))
+            return Stretch(frames, source.rig, (source.left_name, source.right_name), source.n_images)
+    except Exception as error:  # noqa: BLE001  (whatever it is, the whole recording shows it again)
+        return Failure(one_line(error))
+
+
+def join(stretches: Sequence[Stretch], settings: FleetSettings) -> Calibrated:
+    """Return what comes out of the stretches of a recording, which is what comes out of the whole.
+
+    Args:
+        stretches: All of them, in order.
+        settings: How they were calibrated.
+    """
+    first = stretches[0]
+    frames = [frame for stretch in stretches for frame in stretch.frames]
+    replay = assemble_replay(frames, Calibrator(first.rig, settings.config))
+    if settings.selection.whole:  # nothing was amiss, so all images there are were read
+        replay = replace(replay, remarks=remarks_on(first.n_images, first.n_images, len(frames)))
+    return Calibrated(replay, first.topics)
+
+
+def make_report(path: str, settings: FleetSettings, calibrated: Calibrated) -> bytes | Failure:
+    """Return the report of a calibrated recording as HTML.
+
+    Args:
+        path: The recording: the frames that are shown are read again.
+        settings: How it was calibrated.
+        calibrated: What came out.
+    """
+    from ..report.page import render_report  # noqa: PLC0415  (Jinja2 is for who wants reports)
+
+    _be_a_worker()
+    try:
+        with settings.open(Path(path)) as source:
+            return render_report(source, calibrated.replay).encode()
+    except Exception as error:  # noqa: BLE001  (the numbers are there, whatever becomes of the report)
+        return Failure(f"{type(error).__name__}: {one_line(error)}")
+
+
+def one_line(error: BaseException) -> str:
+    """Return the text of an error as one line, its type where it has none."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _be_a_worker() -> None:
+    """Set what holds for the process: the cores are busy with other workers."""
+    cv2.setNumThreads(1)

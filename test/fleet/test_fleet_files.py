@@ -1,0 +1,225 @@
+"""What a fleet keeps: outcomes, result files, tables, the index page, and which recordings are meant."""
+
+import csv
+import io
+import json
+import os
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fleet_making import make_bags
+
+from stereo_selfcal.core.config import CalibratorConfig
+from stereo_selfcal.core.errors import ConfigError, OutputError
+from stereo_selfcal.core.rig import StereoRig
+from stereo_selfcal.fleet.bags import find_bags
+from stereo_selfcal.fleet.index import index_page
+from stereo_selfcal.fleet.outcome import COLUMNS, Outcome, Status
+from stereo_selfcal.fleet.store import Bag, Store
+from stereo_selfcal.fleet.table import check_table, csv_of, write_table
+from stereo_selfcal.fleet.work import FleetSettings, Stretches, calibrate_bag, calibrate_stretch, stretches_of
+from stereo_selfcal.offline import BagSource, Selection, calibrate_recording
+
+SETTINGS = FleetSettings(CalibratorConfig())
+GOOD = Outcome(
+    "a, b",
+    Status.CALIBRATED,
+    message="calibrated",
+    frames=3,
+    accepted=2,
+    height_m=1.4000000000000001,
+    pitch_rad=0.1 + 0.2,
+    roll_rad=-0.0,
+    height_std_m=1e-3,
+    pitch_std_rad=1e-5,
+    roll_std_rad=1e-4,
+    report="reports/a.html",
+)
+BAD = Outcome("<b>", Status.FAILED, "no such file", "no such file")
+
+
+@pytest.fixture(scope="module")
+def road(tmp_path_factory):
+    return make_bags(tmp_path_factory.mktemp("fleet"), 1, n_frames=3)[0]
+
+
+def touch(path):
+    state = path.stat()
+    os.utime(path, ns=(state.st_atime_ns, state.st_mtime_ns + 1))
+
+
+def test_a_finished_recording_is_not_done_again(road, tmp_path):
+    store = Store(tmp_path)
+    bag = Bag.of(road, SETTINGS)
+    assert store.finished(bag) is None
+    store.save(bag, replace(GOOD, report=""), {"accepted": True})
+    assert store.finished(bag) == replace(GOOD, bag=str(road), report="")
+
+
+def test_it_is_done_again_when_files_or_settings_change(road, tmp_path):
+    store = Store(tmp_path)
+    store.save(Bag.of(road, SETTINGS), replace(GOOD, report=""), None)
+    others = [
+        FleetSettings(CalibratorConfig(seed=1)),
+        replace(SETTINGS, tolerance_s=0.01),
+        replace(SETTINGS, left="/left"),
+        replace(SETTINGS, rig=StereoRig(64, 48, 50.0, 50.0, 31.5, 23.5, 0.15)),
+        replace(SETTINGS, selection=Selection(max_frames=1)),
+    ]
+    keys = {Bag.of(road, settings).key for settings in others}
+    assert len(keys) == len(others)
+    assert all(store.finished(Bag.of(road, settings)) is None for settings in others)
+    assert store.finished(Bag.of(road, SETTINGS)) is not None
+    touch(next(road.glob("*.mcap")))
+    assert store.finished(Bag.of(road, SETTINGS)) is None
+
+
+@pytest.mark.parametrize("status", [Status.FAILED, Status.NOT_DONE])
+def test_what_failed_is_tried_again(road, tmp_path, status):
+    store = Store(tmp_path)
+    store.save(Bag.of(road, SETTINGS), replace(BAD, status=status), None)
+    assert store.finished(Bag.of(road, SETTINGS)) is None
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"{", b"[]", b"{}", b'{"key": 1}', b"\xff", b'{"key": "KEY", "outcome": {"bag": "x"}}']
+)
+def test_a_result_file_that_is_none_is_made_anew(road, tmp_path, content):
+    store = Store(tmp_path)
+    bag = Bag.of(road, SETTINGS)
+    store.save(bag, replace(GOOD, report=""), None)
+    (file,) = (tmp_path / "results").iterdir()
+    file.write_bytes(content.replace(b"KEY", bag.key.encode()))
+    assert store.finished(bag) is None
+
+
+def test_a_recording_whose_report_is_gone_is_done_again(road, tmp_path):
+    store = Store(tmp_path, reports=True)
+    bag = Bag.of(road, SETTINGS)
+    name = store.save_report(bag, b"<p>")
+    store.save(bag, replace(GOOD, report=name), None)
+    assert store.finished(bag).report == name
+    (tmp_path / name).unlink()
+    assert store.finished(bag) is None
+    assert Store(tmp_path).finished(bag).report == ""
+
+
+def test_recordings_of_one_name_in_two_folders_have_files_of_their_own(tmp_path):
+    stems = {Bag.of(tmp_path / folder / "drive", SETTINGS).stem for folder in "ab"}
+    assert len(stems) == 2
+    assert all(stem.startswith("drive-") for stem in stems)
+
+
+def test_names_of_files_are_plain(tmp_path):
+    assert Bag.of(tmp_path / ("ü b/".strip("/") + "x" * 300), SETTINGS).stem.isascii()
+
+
+def test_table_keeps_every_digit():
+    rows = list(csv.DictReader(io.StringIO(csv_of([GOOD, BAD]))))
+    assert tuple(rows[0]) == COLUMNS
+    assert [row["bag"] for row in rows] == ["a, b", "<b>"]
+    assert float(rows[0]["pitch_rad"]) == GOOD.pitch_rad
+    assert rows[1]["height_m"] == ""
+    assert rows[1]["reason"] == "no such file"
+
+
+def test_parquet_has_the_types_of_the_columns(tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    write_table(tmp_path / "x.parquet", [GOOD, BAD])
+    table = parquet.read_table(tmp_path / "x.parquet")
+    assert tuple(table.column_names) == COLUMNS
+    assert table.to_pylist() == [GOOD.to_mapping(), BAD.to_mapping()]
+    assert str(table.schema.field("height_m").type) == "double"
+    assert str(table.schema.field("frames").type) == "int64"
+
+
+def test_parquet_without_pyarrow_is_refused_with_a_remedy(tmp_path, monkeypatch):
+    monkeypatch.setattr("stereo_selfcal.fleet.table.find_spec", lambda name: None)
+    with pytest.raises(OutputError, match="pip install pyarrow"):
+        check_table(tmp_path / "x.parquet")
+    with pytest.raises(OutputError, match=r"\.csv or \.parquet"):
+        check_table(tmp_path / "x.xlsx")
+
+
+@pytest.mark.parametrize(
+    "change", [{"height_m": float("nan")}, {"height_m": "1"}, {"status": "fine"}, {"more": 1}]
+)
+def test_a_row_is_checked_when_it_is_read(change):
+    assert Outcome.from_mapping(GOOD.to_mapping()) == GOOD
+    with pytest.raises(ConfigError):
+        Outcome.from_mapping(GOOD.to_mapping() | change)
+
+
+def test_index_links_every_report_and_escapes_names():
+    page = index_page([GOOD, BAD, replace(BAD, status=Status.NOT_DONE)], "made by <us>")
+    assert '<a href="reports/a.html">a, b</a>' in page
+    assert "&lt;b&gt;" in page
+    assert "<b>" not in page.replace("<b class", "")
+    assert "Interrupted: 1 recordings are not done yet." in page
+    assert "http" not in page
+    assert "1 calibrated, 1 failed, 1 not done" in page
+
+
+def test_recordings_are_found_below_folders_once_each(tmp_path):
+    for name in ("b/metadata.yaml", "a/metadata.yaml", "split/x_0.mcap", "split/x_1.mcap", "loose/x.mcap"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    (tmp_path / "loose" / "y_0.mcap").touch()
+    (tmp_path / "old.bag").touch()
+    (tmp_path / "notes.txt").touch()
+    names = ["a", "b", "loose/x.mcap", "loose/y_0.mcap", "old.bag", "split"]
+    assert find_bags([tmp_path]) == [tmp_path / name for name in names]
+    (tmp_path / "link").symlink_to("a")
+    given = [tmp_path / "b", tmp_path / "b", tmp_path / "a", tmp_path / "link", tmp_path / "nowhere"]
+    assert find_bags(given) == [tmp_path / "b", tmp_path / "a", tmp_path / "nowhere"]
+
+
+def test_a_row_is_made_of_what_replay_found(road):
+    with BagSource([road]) as source:
+        replay = calibrate_recording(source)
+    outcome = Outcome.from_replay("road", replay, ("l", "r"))
+    assert outcome.status is Status.CALIBRATED
+    assert (outcome.frames, outcome.accepted, outcome.left) == (3, 3, "l")
+    assert outcome.height_m == replay.estimate.extrinsics.height_m
+    assert outcome.roll_std_rad == replay.estimate.std.roll_rad
+    assert outcome.message == replay.estimate.message
+    assert json.loads(json.dumps(outcome.to_mapping()))["status"] == "calibrated"
+
+
+def test_stretches_hold_every_frame_once(road):
+    with BagSource([road]) as source:
+        stretches = stretches_of(source, SETTINGS, 0.1)
+        expected = [frame.recorded_ns for frame in source.frames()]
+    assert isinstance(stretches, Stretches)
+    parts = [calibrate_stretch(str(road), SETTINGS, selection) for selection in stretches.selections]
+    assert [head.recorded_ns for part in parts for head, _ in part.frames] == expected
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"tolerance_s": 0.01},
+        {"selection": Selection(every=2)},
+        {"selection": Selection(max_frames=2)},
+    ],
+)
+def test_where_frames_depend_on_those_before_there_are_no_stretches(road, change):
+    with BagSource([road]) as source:
+        assert stretches_of(source, replace(SETTINGS, **change), 0.05) is None
+
+
+def test_selected_time_is_divided(road):
+    with BagSource([road]) as source:
+        stretches = stretches_of(source, replace(SETTINGS, selection=Selection(0.05, 0.15)), 0.05)
+    borders = [(each.start_s, each.end_s) for each in stretches.selections]
+    np.testing.assert_allclose(borders, [(0.05, 0.1), (0.1, 0.15)])
+
+
+def test_a_fault_of_ours_is_a_reason_as_well(road, monkeypatch):
+    def fail(*arguments, **more):
+        raise ZeroDivisionError("by zero")
+
+    monkeypatch.setattr(sys.modules["stereo_selfcal.fleet.work"], "calibrate_recording", fail)
+    assert "internal error: ZeroDivisionError: by zero" in calibrate_bag(str(road), SETTINGS).reason

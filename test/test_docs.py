@@ -1,0 +1,195 @@
+"""The docs say what is so: their commands run, their links lead somewhere, their figures can be made anew."""
+
+import os
+import re
+import runpy
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import pytest
+import yaml
+
+from stereo_selfcal.__main__ import COMMANDS
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = [*sorted((ROOT / "docs").glob("*.md")), ROOT / "README.md"]
+HOOKS = runpy.run_path(str(ROOT / "docs" / "site_hooks.py"))
+
+FENCE = re.compile(r"^```([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
+# Run here, and named after what runs them; what needs a vehicle or takes minutes is compared by its names.
+RUN, NAMES = "test", "ros"
+RUNNERS = {"bash": ["bash", "-e"], "python": [sys.executable]}
+TRANSCRIPT = re.compile(r"^\$ (.+)$", re.MULTILINE)
+NEEDS_ROS = ("node", "demo")
+
+
+@dataclass(frozen=True)
+class Block:
+    page: Path
+    info: str
+    text: str
+
+    @property
+    def words(self) -> list[str]:
+        return self.info.split()
+
+
+def blocks(page: Path) -> Iterator[Block]:
+    for match in FENCE.finditer(page.read_text(encoding="utf-8")):
+        yield Block(page, match[1].strip(), match[2])
+
+
+ALL = [block for page in PAGES for block in blocks(page)]
+
+
+def runnable(page: Path) -> list[Block]:
+    return [block for block in blocks(page) if block.words[1:] == [RUN]]
+
+
+def commands() -> Iterator[str]:
+    """Yield every command line that is not run: of marked blocks, of transcripts, of the README's blocks."""
+    for block in ALL:
+        if block.words[1:] == [NAMES]:
+            yield from joined(block.text)
+        elif not block.info:
+            yield from (match.rstrip() for match in TRANSCRIPT.findall(block.text))
+            yield from (line for line in joined(block.text) if line.startswith(("ros2 ", "make ")))
+
+
+def joined(text: str) -> list[str]:
+    lines = text.replace("\\\n", " ").splitlines()
+    return [line for line in (re.sub(r"\s+# .*", "", each).strip() for each in lines) if line]
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if runnable(p)], ids=lambda page: page.name)
+def test_commands_of_a_page_run(page: Path, tmp_path: Path):
+    """One after the other, in one folder, as somebody who follows the page does."""
+    (tmp_path / "bags").symlink_to(ROOT / "bags")
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin" / "python").symlink_to(sys.executable)
+    python_path = os.pathsep.join(dict.fromkeys([str(ROOT), *filter(None, sys.path)]))
+    path = os.pathsep.join([str(tmp_path / "bin"), os.environ["PATH"]])
+    environment = os.environ | {"PATH": path, "PYTHONPATH": python_path}
+    for block in runnable(page):
+        command = [*RUNNERS[block.words[0]], "/dev/stdin"]
+        run = subprocess.run(
+            command,
+            cwd=tmp_path,
+            env=environment,
+            input=block.text,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert run.returncode == 0, f"{block.text}\n{run.stdout}\n{run.stderr}"
+
+
+def test_every_block_of_code_in_docs_is_run_or_compared():
+    loose = [
+        (block.page.name, block.text)
+        for block in ALL
+        if block.page.parent.name == "docs"
+        and block.words[:1] in (["bash"], ["sh"], ["console"], ["python"])
+        and block.words[1:] not in ([RUN], [NAMES])
+    ]
+    assert not loose
+
+
+@cache
+def help_of(command: str) -> str:
+    run = subprocess.run(
+        [sys.executable, "-m", "stereo_selfcal", command, "--help"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return run.stdout
+
+
+def check_program(name: str, rest: str) -> None:
+    assert name in COMMANDS
+    if name not in NEEDS_ROS:
+        assert set(OPTION.findall(rest)) <= set(OPTION.findall(help_of(name))) | {"--ros-args"}
+
+
+def test_commands_that_are_not_run_name_what_exists():
+    targets = set(
+        re.findall(r"^([a-z.][a-z-]*):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    )
+    parameters = re.findall(
+        r"[a-z_]+(?=:)", (ROOT / "config/stereo_selfcal.yaml").read_text(encoding="utf-8")
+    )
+    seen = 0
+    for line in commands():
+        seen += 1
+        words = line.split()
+        if words[0] == "make":
+            assert words[1] in targets, line
+        elif words[:3] == ["ros2", "run", "stereo_selfcal"] or words[:3] == [
+            "python",
+            "-m",
+            "stereo_selfcal",
+        ]:
+            check_program(words[3], " ".join(words[4:]))
+        elif words[:3] == ["ros2", "launch", "stereo_selfcal"]:
+            assert (ROOT / "launch" / words[3]).is_file(), line
+            names = {word.partition(":=")[0].split(".")[-1] for word in words[4:] if ":=" in word}
+            assert names <= {*parameters, "camera"}, line
+        elif words[:2] == ["ros2", "param"]:
+            assert words[3] == "/stereo_selfcal", line
+            name = words[4].removeprefix("extrinsics.")
+            assert name in {*parameters, "height_m", "pitch_rad", "roll_rad"}, line
+        elif words[:3] == ["ros2", "service", "call"]:
+            assert words[3].startswith("/stereo_selfcal/"), line
+    assert seen
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_to_files_and_headings(page: Path):
+    for link in HOOKS["links_of"](page.read_text(encoding="utf-8")):
+        path, _, anchor = link.partition("#")
+        target = (page.parent / path).resolve() if path else page
+        assert target.is_file(), f"{page.name}: {link}"
+        if anchor and target.suffix == ".md":
+            text = HOOKS["CODE"].sub("", target.read_text(encoding="utf-8"))
+            assert anchor in {HOOKS["slug"](heading) for _, heading in HOOKS["HEADING"].findall(text)}, link
+
+
+def test_what_is_included_is_there():
+    included = 0
+    for page in HOOKS["pages"]():
+        for match in HOOKS["INCLUDE"].finditer(page.read_text(encoding="utf-8")):
+            assert HOOKS["section"](match[1], match[2]).strip(), match[0]
+            included += 1
+    assert included
+
+
+def test_included_links_lead_on_from_the_page_they_are_shown_on():
+    text = "[node](docs/node.md#pictures) [table](benchmarks/results/limit.md) [code](#how-it-works) `[a](b)`"
+    shown = HOOKS["relinked"](text, "README.md", "docs/accuracy.md")
+    targets = ("node.md#pictures", "benchmarks/results/limit.md", "index.md#how-it-works")
+    assert re.findall(r"\]\(([^)]+)\)", shown) == [*targets, "b"]
+
+
+def test_every_page_is_on_the_site():
+    nav = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"]
+    without = [entry for entry in nav if "Extending" not in entry]
+    whole = HOOKS["with_all_pages"](without)
+    assert "extending.md" in next(
+        part for entry in whole for title, part in entry.items() if title == "Reference"
+    )
+    for page in HOOKS["pages"]():
+        assert repr(whole).count(f"'{page.name}'") == 1
+
+
+def test_drawing_of_the_frames_shows_the_signs_of_the_code():
+    figures = pytest.importorskip("benchmarks.figures")
+    assert (ROOT / "docs" / "figures" / "frames.svg").read_bytes() == figures.frames_svg()
+    made = {path.name for path in (ROOT / "docs" / "figures").iterdir()}
+    assert made == set(figures.FIGURES)
