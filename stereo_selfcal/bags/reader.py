@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
 from heapq import merge
 from pathlib import Path
 from types import TracebackType
@@ -13,6 +14,7 @@ from ..core.errors import ImageError, RigError
 from ..core.images import Image, message_to_grey
 from ..core.pairing import StampedPair, StampPairer, message_stamp_ns, stamp_to_s
 from ..core.rig import StereoRig
+from ..core.undistort import StereoRectifier
 from .errors import BagError
 from .frame import StereoFrame, readable
 from .part import Message, Part, recordings_at
@@ -37,6 +39,7 @@ class StereoBag:
         paths: The bags of the recording.
         topics: The image topics of the two cameras.
         remarks: What became of images that are in no frame, in sentences; known when all have been read.
+        rectifier: What is done with the images of a frame; None, before :meth:`read_rig`, nothing.
     """
 
     def __init__(
@@ -45,6 +48,7 @@ class StereoBag:
         left: str | None = None,
         right: str | None = None,
         tolerance_s: float = 0.0,
+        raw: bool = False,
     ) -> None:
         """Open a recording and find its cameras.
 
@@ -54,16 +58,19 @@ class StereoBag:
             left: Image topic of the left camera, None to find it.
             right: Image topic of the right camera, None to find it.
             tolerance_s: Greatest difference of the header stamps of a pair [s]; 0 means equal stamps.
+            raw: Whether the images are raw ones, to be undistorted and rectified.
 
         Raises:
             BagError: The recording cannot be read or has no unambiguous stereo pair.
         """
         self.paths = tuple(Path(each) for each in ([path] if isinstance(path, str | Path) else path))
         self.remarks: tuple[str, ...] = ()
+        self.rectifier: StereoRectifier | None = None
         self._tolerance_s = tolerance_s
+        self._raw = raw
         self._parts = _open(self.paths)
         try:
-            self.topics = find_stereo_topics(_topics(self._parts), left, right)
+            self.topics = find_stereo_topics(_topics(self._parts), left, right, raw)
         except BagError as error:
             self.close()
             raise BagError(f"{self._name}: {error}") from error
@@ -97,19 +104,20 @@ class StereoBag:
         return max(part.end_ns for part in self._parts)
 
     def read_rig(self) -> StereoRig:
-        """Return the rig from the first CameraInfo of each camera.
+        """Return the rig from the first CameraInfo of each camera; the images are made to fit it from now on.
 
         Raises:
-            BagError: A CameraInfo is missing, or does not describe a rectified pair.
+            BagError: A CameraInfo is missing, or does not describe a stereo pair.
         """
         left, right = (self._first_info(topic) for topic in (self.topics.left, self.topics.right))
         try:
-            return StereoRig.from_camera_info(left, right)
+            self.rectifier = StereoRectifier.from_camera_info(left, right, rectified=not self._raw)
         except RigError as error:
             raise BagError(
                 f"{self._name}: {error} (topics {self.topics.left.camera_info} and "
-                f"{self.topics.right.camera_info}, or give --rig)"
+                f"{self.topics.right.camera_info}{'' if self._raw else ', or give --rig'})"
             ) from error
+        return self.rectifier.rig
 
     def frames(self, selection: Selection | None = None) -> Iterator[StereoFrame]:
         """Yield the paired images in the order of the recording.
@@ -168,12 +176,16 @@ class StereoBag:
             )
 
     def _frame(self, pair: StampedPair[Message]) -> StereoFrame:
-        return StereoFrame.from_images(
+        frame = StereoFrame.from_images(
             stamp_to_s(pair.stamp_ns),
             lambda: _grey(self.topics.left, pair.left.content),
             lambda: _grey(self.topics.right, pair.right.content),
             pair.left.recorded_ns,
         )
+        if self.rectifier is None or frame.problem:
+            return frame
+        left, right = self.rectifier.apply(frame.left, frame.right)
+        return replace(frame, left=left, right=right)
 
     @property
     def _name(self) -> str:
@@ -218,18 +230,19 @@ def remarks_on(read: tuple[int, int], said: tuple[int, int], pairs: int) -> tupl
     return tuple(remarks)
 
 
-def stereo_pairs(paths: Sequence[Path]) -> list[StereoTopics]:
+def stereo_pairs(paths: Sequence[Path], raw: bool = False) -> list[StereoTopics]:
     """Return the topics of all stereo cameras of a recording, ordered by their names.
 
     Args:
         paths: Its bags.
+        raw: Whether raw images are preferred to rectified ones.
 
     Raises:
         BagError: A bag cannot be read, or there is no stereo pair.
     """
     parts = _open(paths)
     try:
-        return find_stereo_pairs(_topics(parts))
+        return find_stereo_pairs(_topics(parts), raw)
     except BagError as error:
         raise BagError(f"{_name(paths)}: {error}") from error
     finally:

@@ -67,7 +67,7 @@ class StereoTopics:
 
 
 def find_stereo_topics(
-    topics: Iterable[Topic], left: str | None = None, right: str | None = None
+    topics: Iterable[Topic], left: str | None = None, right: str | None = None, raw: bool = False
 ) -> StereoTopics:
     """Return the image topics of the left and the right camera.
 
@@ -79,6 +79,7 @@ def find_stereo_topics(
         topics: All topics of the recording.
         left: Name of the left image topic, None to find it.
         right: The same of the right one.
+        raw: Whether raw images are preferred to rectified ones.
 
     Raises:
         BagError: There is no pair, or several cameras could be meant; the candidates are listed.
@@ -100,7 +101,7 @@ def find_stereo_topics(
         pairs = [pair for pair in pairs if pair.right == wanted]
     if not pairs:
         raise BagError(_no_pair(usable, left, right))
-    best = _best(pairs)
+    best = _best(pairs, raw)
     if len(best) > 1:
         candidates = "; ".join(f"{pair.left.name} with {pair.right.name}" for pair in best)
         raise BagError(
@@ -109,7 +110,7 @@ def find_stereo_topics(
     return best[0]
 
 
-def find_stereo_pairs(topics: Iterable[Topic]) -> list[StereoTopics]:
+def find_stereo_pairs(topics: Iterable[Topic], raw: bool = False) -> list[StereoTopics]:
     """Return the image topics of every stereo camera, ordered by name; as :func:`find_stereo_topics`.
 
     Raises:
@@ -121,7 +122,7 @@ def find_stereo_pairs(topics: Iterable[Topic]) -> list[StereoTopics]:
     pairs = _pairs_by_side(usable) or _pairs_by_number(usable)
     if not pairs:
         raise BagError(_no_pair(usable, None, None))
-    return _best(pairs)
+    return _best(pairs, raw)
 
 
 def _images(topics: Iterable[Topic]) -> tuple[list[Topic], list[Topic]]:
@@ -191,21 +192,22 @@ def _pairs_by_number(topics: Sequence[Topic]) -> list[StereoTopics]:
     return pairs
 
 
-def _rectification(topic: Topic) -> int:
-    """Return 0 for a name that says rectified, 2 for one that says raw, 1 for neither."""
+def _rectification(topic: Topic, raw: bool) -> int:
+    """Return 0 for a name that says what is wanted, 2 for the contrary, 1 for neither."""
     leaf = topic.base.rpartition("/")[2].lower()
-    return 0 if "rect" in leaf else 2 if "raw" in leaf else 1
+    kind = 0 if "rect" in leaf else 2 if "raw" in leaf else 1
+    return 2 - kind if raw else kind
 
 
-def _rank(pair: StereoTopics) -> tuple[int, bool, int]:
+def _rank(pair: StereoTopics, raw: bool) -> tuple[int, bool, int]:
     """Order of preference among the topics of one camera, smallest first."""
     leaf = pair.left.base.rpartition("/")[2].lower()
     colour = 2 if _COLOUR.search(leaf) else 1 if _GREY.search(leaf) else 0
-    return _rectification(pair.left), pair.left.msgtype == COMPRESSED_IMAGE, colour
+    return _rectification(pair.left, raw), pair.left.msgtype == COMPRESSED_IMAGE, colour
 
 
-def _best(pairs: Sequence[StereoTopics]) -> list[StereoTopics]:
-    """Return the preferred pair of every camera, only the rectified ones when there are any."""
+def _best(pairs: Sequence[StereoTopics], raw: bool) -> list[StereoTopics]:
+    """Return the preferred pair of every camera, only the rectified (raw) ones when there are any."""
     cameras: dict[str, list[StereoTopics]] = {}
     for pair in pairs:
         namespace, _, leaf = pair.left.base.rpartition("/")
@@ -213,9 +215,9 @@ def _best(pairs: Sequence[StereoTopics]) -> list[StereoTopics]:
         cameras.setdefault(camera, []).append(pair)
     chosen = []
     for group in cameras.values():
-        first = min(_rank(pair) for pair in group)
-        chosen += [pair for pair in group if _rank(pair) == first]
-    rectified = min(_rectification(pair.left) for pair in chosen)
+        first = min(_rank(pair, raw) for pair in group)
+        chosen += [pair for pair in group if _rank(pair, raw) == first]
+    rectified = min(_rectification(pair.left, raw) for pair in chosen)
     return sorted(
-        (pair for pair in chosen if _rectification(pair.left) == rectified), key=lambda p: p.left.name
+        (pair for pair in chosen if _rectification(pair.left, raw) == rectified), key=lambda p: p.left.name
     )

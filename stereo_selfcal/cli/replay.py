@@ -89,7 +89,8 @@ def _replay(argv: list[str]) -> int:
 def _replay_one(arguments: argparse.Namespace, settings: _Settings) -> Replay:
     """Calibrate one pair, and write its files before the end of its table: a reader of that may go away."""
     a = arguments
-    with open_source(a.bags, a.left, a.right, a.tolerance_s, settings.rig, settings.selection) as source:
+    given = (a.bags, a.left, a.right, a.tolerance_s, settings.rig, settings.selection, a.raw)
+    with open_source(*given) as source:
         replay = _run_with_output(source, settings.config, arguments)
         _write_files(source, replay, arguments, settings.frames)
     return replay
@@ -99,7 +100,7 @@ def _replay_all(arguments: argparse.Namespace, settings: _Settings) -> int:
     """Calibrate every pair of the recording, one after the other; one that fails does not end the run."""
     outcomes: list[dict[str, Any]] = []
     status = EXIT_OK
-    pairs = stereo_pairs(arguments.bags)
+    pairs = stereo_pairs(arguments.bags, arguments.raw)
     for name, pair in zip(pair_names(pairs), pairs, strict=True):
         files = {option: _of_pair(getattr(arguments, option), name) for option in _FILES}
         topics = {"left": pair.left.name, "right": pair.right.name}

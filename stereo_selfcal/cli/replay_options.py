@@ -41,6 +41,7 @@ def replay_parser() -> Parser:
     add("--left", metavar="TOPIC", help="image topic of the left camera (default: found by type and name)")
     add("--right", metavar="TOPIC", help="image topic of the right camera; of image pairs: the folder")
     add("--all", dest="all_pairs", action="store_true", help="calibrate every stereo pair of the recording")
+    add("--raw", action="store_true", help="the images are raw: undistort and rectify them by CameraInfo")
     add("--rig", metavar="FILE", type=Path, help="rig file (YAML or JSON) instead of the CameraInfo topics")
     add("--config", metavar="FILE", type=Path, help="settings of the calibrator (YAML)")
     add("--seed", metavar="N", type=int, help="seed of the random numbers (default: that of the settings)")

@@ -33,7 +33,7 @@ _MIN_EDGE_RATIO = 0.5
 
 # Painted lines are brighter than their road by at least this, however little noise there is:
 # worn paint in deep shadow has about 10 grey levels, the texture of asphalt 3.
-_MIN_CONTRAST_GREY = 8.0
+MIN_CONTRAST_GREY = 8.0
 
 # Rows above and below in which a stripe should go on, along its own direction.
 _CONTINUITY_ROWS = (-4, -2, 2, 4)  # even, as the wide filters see every second row
@@ -199,7 +199,7 @@ def _points_of_response(
 ) -> tuple[npt.NDArray[np.intp], Array, Array, Array, Array]:
     """Return rows, columns, widths, contrasts and row counts of the stripes 2 ... 4 filter lengths wide."""
     # Mean of length pixels minus mean of length pixels.
-    threshold = max(_MIN_CONTRAST_GREY, config.min_contrast_sigma * noise * np.sqrt(2.0 / length))
+    threshold = max(MIN_CONTRAST_GREY, config.min_contrast_sigma * noise * np.sqrt(2.0 / length))
     narrowest, widest = 2 * length, 4 * length + 1
     # From here on only pixels over the threshold are looked at, a few in a hundred.
     strong = cv2.findNonZero(cv2.compare(response, threshold, cv2.CMP_GT))

@@ -18,10 +18,11 @@ from .rectification import VerticalOffset, combine_cells, measure_cells, with_sl
 from .rig import StereoRig
 from .sampling import half_disparity, sample
 
-# Half the height of the band over the width of the image: a horizon tilted by 7 deg stays in it. Where
-# the horizon is close to the border of the image, less will do: a tilt of 2 deg.
-_HALF_BAND, _LEAST_HALF_BAND = 0.0625, 0.018
-_ROWS = 81  # of the band: every one of an image 640 px wide
+# Half the height of the band over the width of the image: a horizon tilted by 3.4 deg stays in it, of another
+# what is nearer to the middle; a higher one would take in the road near by. Where the horizon is close to the
+# border of the image, less will do.
+_HALF_BAND, _LEAST_HALF_BAND = 0.03, 0.018
+_ROWS = 39  # of the band: every one of an image 640 px wide
 _CELLS = 24  # side by side: four times what is needed for the offset and the turn
 _CELL_COLUMNS = 4  # in each, farther apart than the blur reaches
 # Searched to either side, over the width of the image: a turn by 2 deg moves rows at its border so far.

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from .corridor import plane_of
-from .extraction import Image
+from .extraction import MIN_CONTRAST_GREY, Image
 from .extrinsics import Array
 from .pattern import ImageLine, LanePattern
 from .refinement import RefinedFit
@@ -24,6 +24,8 @@ from .rig import StereoRig
 # to begin, but a second line may lie there, which takes less than half of what is wider.
 _NEAR_M, _LANES_M = (0.02, 0.08), ((0.20, 0.40), (0.15, 0.90))
 _NEAR_SAMPLES, _LANE_SAMPLES = 4, 9  # across each
+_HALVES = ((0.2, 0.4), (0.6, 0.8))  # of a stripe from the lane on, without its edges
+_ALIKE = 0.06  # of the contrast, by which both sides of a stripe in a shadow may differ
 _BLUR_PX = 2.0  # what a lens and the width of a pixel smear: nearer to the edge nothing is read
 _LEAST_PX = 3.0  # the near strip must be as wide: else it is all smear
 _LEAST_ROWS, _MOST_ROWS = 12, 48
@@ -33,15 +35,21 @@ _SIGMA_OVER_MAD = 1.4826
 
 @dataclass(frozen=True, slots=True)
 class Rim:
-    """What lies between a stripe and its lane, mean of both cameras.
+    """What speaks against a stripe being paint, mean of both cameras, over the contrast of the stripe.
 
     Attributes:
-        step: Grey of the strip beside the stripe less that of the lane, over the contrast of the paint.
-        std: Its standard deviation by the scatter of the rows.
+        step: Grey of the strip beside the stripe less that of the lane: the face of a kerb. 0 where a shadow
+            darkens both sides of the stripe.
+        step_std: Its standard deviation by the scatter of the rows.
+        tone: Grey of the half of the stripe that is turned to the lane less that of the other: a face that
+            passes for a part of the stripe, the halves of a rail.
+        tone_std: Its standard deviation.
     """
 
     step: float
-    std: float
+    step_std: float
+    tone: float = 0.0
+    tone_std: float = 0.0
 
 
 def measure_rims(
@@ -68,16 +76,18 @@ def measure_rims(
             if (rim := _rim(image, line, width_m, index == 0, plane, rig)) is not None
         ]
         if seen:
-            step = float(np.mean([rim.step for rim in seen]))
-            rims.append(Rim(step, float(np.sqrt(np.mean([rim.std**2 for rim in seen]) / len(seen)))))
+            values = np.array([[rim.step, rim.step_std, rim.tone, rim.tone_std] for rim in seen])
+            means = values.mean(axis=0)
+            stds = np.sqrt((values**2).mean(axis=0) / len(seen))
+            rims.append(Rim(float(means[0]), float(stds[1]), float(means[2]), float(stds[3])))
     return tuple(rims)
 
 
 def _rim(
     image: Image, line: ImageLine, width_m: float, lane_is_right: bool, plane: Array, rig: StereoRig
 ) -> Rim | None:
-    first, last = int(np.ceil(line.rows.min())), int(line.rows.max())
-    rows = np.arange(first, last + 1, max(1, (last - first) // _MOST_ROWS)).astype(np.float64)
+    top, bottom = int(np.ceil(line.rows.min())), int(line.rows.max())
+    rows = np.arange(top, bottom + 1, max(1, (bottom - top) // _MOST_ROWS)).astype(np.float64)
     edge = line.column_at(rows)
     disparity = plane[0] - plane[1] * (edge - rig.cx) / rig.fx - plane[2] * (rows - rig.cy) / rig.fy
     px_per_m = disparity / rig.baseline_m
@@ -100,11 +110,30 @@ def _rim(
     near = read(np.linspace(*_NEAR_M, _NEAR_SAMPLES), _BLUR_PX).mean(axis=1)
     lanes = [np.median(read(np.linspace(*reach, _LANE_SAMPLES), _BLUR_PX), axis=1) for reach in _LANES_M]
     lane = min(lanes, key=lambda each: abs(float(np.median(near - each))))
-    steps = near - lane
-    paint = read(np.linspace(-0.7 * width_m, -0.3 * width_m, _NEAR_SAMPLES), 0.0).mean(axis=1)
-    contrast = float(np.percentile(paint - lane, _CONTRAST_PERCENTILE))
-    if contrast <= 0.0:
+    beyond = read(-np.linspace(*_NEAR_M, _NEAR_SAMPLES) - width_m, -_BLUR_PX).mean(axis=1)
+    halves = [
+        read(-width_m * np.linspace(first, last, _NEAR_SAMPLES), 0.0).mean(axis=1) for first, last in _HALVES
+    ]
+    painted = np.mean(halves, axis=0) - near
+    contrast = float(np.percentile(painted, _CONTRAST_PERCENTILE))
+    if contrast < MIN_CONTRAST_GREY:
         return None
-    step = float(np.median(steps))
-    scatter = _SIGMA_OVER_MAD * float(np.median(np.abs(steps - step)))
-    return Rim(step / contrast, scatter / contrast / float(np.sqrt(len(steps))))
+    step, step_std = _middle(near - lane)
+    dark, _ = _middle(near - beyond)
+    if step < 0.0 and abs(dark) <= _ALIKE * contrast:
+        step = 0.0
+    # Only where there is paint, and enough of it between its edges.
+    wide = (painted > contrast / 2.0) & (
+        (_HALVES[0][1] - _HALVES[0][0]) * width_m * px_per_m[:, 0] >= _BLUR_PX
+    )
+    tone, tone_std = (
+        _middle((halves[0] - halves[1])[wide]) if np.count_nonzero(wide) >= _LEAST_ROWS else (0.0, 0.0)
+    )
+    return Rim(step / contrast, step_std / contrast, tone / contrast, tone_std / contrast)
+
+
+def _middle(values: Array) -> tuple[float, float]:
+    """Return the median and its standard deviation by the scatter."""
+    middle = float(np.median(values))
+    scatter = _SIGMA_OVER_MAD * float(np.median(np.abs(values - middle)))
+    return middle, scatter / float(np.sqrt(len(values)))

@@ -303,9 +303,11 @@ def painted(evidence: Evidence) -> Reading | None:
     """Read what lies between the stripes and the lane."""
     if not evidence.rims:
         return None
-    steps = [(abs(rim.step), max(_MAX_RIM, _SHAPE_SIGMAS * rim.std)) for rim in evidence.rims]
-    step, limit = max(steps, key=lambda pair: pair[0] / pair[1])
-    what = "step of grey between a stripe and the lane, over the contrast of the stripe"
+    steps = [(rim.step, rim.step_std, "between a stripe and the lane") for rim in evidence.rims]
+    steps += [(rim.tone, rim.tone_std, "within a stripe") for rim in evidence.rims]
+    limits = [(abs(step), max(_MAX_RIM, _SURELY_SIGMAS * std), where) for step, std, where in steps]
+    step, limit, where = max(limits, key=lambda each: each[0] / each[1])
+    what = f"step of grey {where}, over the contrast of the stripe"
     return Reading(what, step, limit, "", step <= limit)
 
 

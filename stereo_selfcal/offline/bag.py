@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from ..bags import Selection, StereoBag, StereoFrame
+from ..bags import BagError, Selection, StereoBag, StereoFrame
 from ..core.rig import StereoRig
 from .recording import FrameSource
 
@@ -20,6 +20,7 @@ class BagSource(FrameSource):
         tolerance_s: Greatest difference of the header stamps of a pair [s]; 0 means equal stamps.
         rig: The rig, None for that of the CameraInfo topics.
         selection: Which frames are used, None for all.
+        raw: Whether the images are raw ones, to be undistorted and rectified.
 
     Raises:
         BagError: A bag cannot be read, or there is no unambiguous stereo pair or no rig.
@@ -33,8 +34,14 @@ class BagSource(FrameSource):
         tolerance_s: float = 0.0,
         rig: StereoRig | None = None,
         selection: Selection | None = None,
+        raw: bool = False,
     ) -> None:
-        self._bag = StereoBag(paths, left, right, tolerance_s)
+        if raw and rig is not None:
+            raise BagError(
+                "a rig file describes rectified cameras: K, D, R and P of raw ones come from CameraInfo; "
+                "leave out --rig or --raw"
+            )
+        self._bag = StereoBag(paths, left, right, tolerance_s, raw)
         try:
             topics = self._bag.topics
             self.name = " ".join(path.resolve().name for path in paths)
@@ -42,6 +49,8 @@ class BagSource(FrameSource):
             self.n_images = topics.left.count, topics.right.count
             self.start_ns = self._bag.start_ns
             self.rig = self._bag.read_rig() if rig is None else rig
+            if self._bag.rectifier is not None:
+                self.notes = tuple(doubt.message for doubt in self._bag.rectifier.doubts)
             self.selection = selection or Selection()
         except BaseException:
             self.close()

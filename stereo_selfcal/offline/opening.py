@@ -23,6 +23,7 @@ def open_source(
     tolerance_s: float = 0.0,
     rig: StereoRig | None = None,
     selection: Selection | None = None,
+    raw: bool = False,
 ) -> FrameSource:
     """Open a recording.
 
@@ -33,15 +34,20 @@ def open_source(
         tolerance_s: Greatest difference of the header stamps of a pair [s]; 0 means equal stamps.
         rig: The rig; None for that of the CameraInfo topics, or of a rig file beside the image folders.
         selection: Which frames are used, None for all.
+        raw: Whether the images are raw ones, to be undistorted and rectified with their CameraInfo.
 
     Raises:
         SelfcalError: It cannot be read, or has no unambiguous stereo pair or no rig.
     """
     folders = [path for path in paths if is_image_folder(path, left, right)]
     if not folders:
-        return BagSource(paths, left, right, tolerance_s, rig, selection)
+        return BagSource(paths, left, right, tolerance_s, rig, selection, raw)
     if len(paths) > 1:
         raise BagError(f"{folders[0]}: a folder of images is a recording by itself: give it alone")
+    if raw:
+        raise BagError(
+            f"{folders[0]}: raw images need CameraInfo, which a folder of images has not: rectify them"
+        )
     return FolderSource(folders[0], rig or _rig_in(folders[0]), left, right, selection)
 
 

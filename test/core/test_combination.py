@@ -9,15 +9,20 @@ from independent_camera import ideal_pattern
 
 from stereo_selfcal import Extrinsics
 from stereo_selfcal.core.combination import (
+    MAX_DIFFERENCE,
     MAX_LINE_HEIGHT_M,
     combine,
+    covariance_by_paint,
     covariance_by_rectification,
     covariance_by_road,
     heights_over,
+    heights_over_asphalt,
     lies_on,
     same_road,
+    surely_right,
 )
 from stereo_selfcal.core.corridor import extrinsics_of, plane_of
+from stereo_selfcal.core.geometry import apply_homography, road_from_image
 from stereo_selfcal.core.texture import AGREEMENT, TextureFit, TextureQuality
 from stereo_selfcal.core.unevenness import RoadShape
 from stereo_selfcal.synth.scenes import PAPER_RIG
@@ -126,3 +131,52 @@ def test_a_road_that_may_be_a_plane_makes_the_lines_no_worse():
     for evidence, uneven in ((math.log(99.0), False), (math.log(101.0), True)):
         covariance = covariance_by_road(PATTERN, PAPER_RIG, POSE, replace(rough, evidence=evidence))
         assert bool(covariance.any()) == uneven
+
+
+def asphalt(height_beside_m, height_beyond_m):
+    """Return a road whose cells between the lines (at 1.75 m) and beyond lie this high over its plane."""
+    places = np.array([(x, y) for x in np.arange(6.0, 25.0, 2.0) for y in (-2.3, -1.2, 0.0, 1.2, 2.3)])
+    heights = np.where(np.abs(places[:, 1]) < 1.75, height_beside_m, height_beyond_m)
+    quality = TextureQuality(50.0, 0.9, 0.9, 0.9, 0.1, (1e-3, 1e-4, 1e-4))
+    shape = replace(PLANE, roughness=1e-4, profile=1.0)
+    sure = np.full(len(places), 1e-3**2)
+    return TextureFit(POSE, np.eye(3), quality, shape, places, heights, np.ones(len(places)), sure)
+
+
+def test_a_line_in_a_hollow_of_the_asphalt_lies_in_it():
+    lower = moved(height_m=0.03)
+    np.testing.assert_allclose(heights_over(PATTERN, PAPER_RIG, lower, POSE), -0.03, rtol=0.05)
+    heights = heights_over_asphalt(PATTERN, PAPER_RIG, lower, asphalt(-0.03, 0.03))
+    np.testing.assert_allclose(heights, 0.0, atol=0.012)  # the nearest cell is half a metre away
+
+
+def test_a_kerb_is_higher_than_the_lane_however_high_the_pavement_is():
+    higher = moved(height_m=-0.06)
+    heights = heights_over_asphalt(PATTERN, PAPER_RIG, higher, asphalt(0.0, 0.06))
+    np.testing.assert_allclose(heights, 0.06, rtol=0.1)
+
+
+def test_lines_painted_not_quite_parallel_leave_a_valley():
+    """One standard deviation along it, lines that are parallel meet at 5 mrad; a plane's lines are."""
+    covariance = covariance_by_paint(PATTERN, PAPER_RIG, POSE, PLANE)
+    assert np.linalg.matrix_rank(covariance, tol=1e-9 * covariance.max()) == 1
+    std = np.sqrt(np.diag(covariance))
+    along = std * np.sign(covariance[1])
+    to_road = road_from_image(PAPER_RIG, Extrinsics.from_array(POSE.as_array() + along), "left")
+    directions = []
+    for line in PATTERN.left:
+        rows = np.array([line.rows.min(), line.rows.max()])
+        far, near = apply_homography(to_road, np.column_stack([line.column_at(rows), rows]))
+        directions.append(math.atan2(far[1] - near[1], far[0] - near[0]))
+    assert abs(directions[0] - directions[1]) == pytest.approx(0.005, rel=0.05)
+    even = covariance_by_paint(PATTERN, PAPER_RIG, POSE, replace(PLANE, evidence=0.0))
+    assert not even.any()
+
+
+@pytest.mark.parametrize("place", range(3))
+def test_surely_right_is_wrong_once_in_hundreds(place):
+    std = np.full(3, 1e-6)
+    std[place] = 0.99 * MAX_DIFFERENCE[place] / 3
+    assert surely_right(np.diag(std**2))
+    std[place] = 1.01 * MAX_DIFFERENCE[place] / 3
+    assert not surely_right(np.diag(std**2))

@@ -105,7 +105,7 @@ def test_exposure_and_vignetting_do_not_matter():
         align_texture((left, r), PAPER_RIG, scene.extrinsics, scene.lane_yaw_rad) for r in (right, darker)
     ]
     change = fits[0].extrinsics.as_array() - fits[1].extrinsics.as_array()
-    assert np.all(np.abs(change) < np.sqrt(np.diag(fits[1].covariance)))
+    assert np.all(np.abs(change) < 2.0 * np.sqrt(np.diag(fits[1].covariance)))
 
 
 def test_a_lane_of_paint_only_tells_nothing_unless_asked_for():

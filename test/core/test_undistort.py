@@ -6,6 +6,8 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from independent_lens import raw_image, raw_pixel
 
 from stereo_selfcal import CalibratorConfig, RigError, StereoRig, calibrate
@@ -100,6 +102,46 @@ def test_another_cx_of_the_right_camera(shift_px):
     assert found.accepted, found.message
     change = np.abs(found.extrinsics.as_array() - expected.extrinsics.as_array())
     assert (change < [2e-3, 2e-4, 1e-3]).all(), change
+
+
+@pytest.mark.parametrize("rectified", [True, False])
+def test_cx_that_leaves_nothing_in_common_is_refused(rectified):
+    left, right = pair_of("plumb_bob")
+    right.p[2] = left.p[2] - 640.0
+    StereoRectifier.from_camera_info(left, right, rectified=rectified)
+    right.p[2] -= 1.0
+    with pytest.raises(CameraInfoError, match="differ in cx"):
+        StereoRectifier.from_camera_info(left, right, rectified=rectified)
+
+
+NUMBERS = (
+    st.floats(allow_nan=True, allow_infinity=True) | st.floats(-2, 2) | st.sampled_from([0.0, 1.0, 500.0])
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.data())
+def test_whatever_the_numbers_are_images_come_out_or_a_reason(data):
+    """Numbers no camera has: finite ones may give any picture, but no crash and no other exception."""
+    rig = StereoRig(48, 32, 40.0, 40.0, 20.0, 15.0, 0.2)
+    infos = []
+    for side in ("left", "right"):
+        info = raw_info(side, data.draw(st.sampled_from([*MODELS, "", "fov"])), rig)
+        for name in data.draw(st.lists(st.sampled_from("kdrp"), max_size=2)):
+            values = list(getattr(info, name))
+            if values:
+                values[data.draw(st.integers(0, len(values) - 1))] = data.draw(NUMBERS)
+            setattr(info, name, values)
+        infos.append(info)
+    image = np.arange(48 * 32, dtype=np.uint8).reshape(32, 48)
+    for rectified in (True, False):
+        try:
+            rectifier = StereoRectifier.from_camera_info(*infos, rectified=rectified)
+        except RigError as error:
+            assert str(error)
+            continue
+        for out in rectifier.apply(image, image):
+            assert (out.shape, out.dtype) == (image.shape, np.uint8)
 
 
 def test_another_cx_of_a_raw_camera_is_mended_by_the_maps():
