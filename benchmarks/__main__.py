@@ -83,7 +83,6 @@ def main(arguments: list[str]) -> int:
     unknown = [name for name in chosen.sections if name not in SECTIONS]
     if unknown:
         parser.error(f"there is no section {unknown[0]!r}: they are {', '.join(SECTIONS)}")
-    names = ("poses", "draws", "seeds", "worlds", "watch_hours", "bumps")
     names = ("poses", "draws", "seeds", "worlds", "drives", "watch_hours", "bumps")
     sizes = {name: getattr(chosen, name) for name in names if getattr(chosen, name)}
     options = replace(QUICK if chosen.quick else Options(), **sizes)
