@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stereo_selfcal import CalibrationResult, Extrinsics
+from stereo_selfcal import CalibrationResult, Calibrator, Extrinsics
 from stereo_selfcal.core.extrinsics import Array
 from stereo_selfcal.core.watch import ALARM_SIGMAS, Watch
 from stereo_selfcal.node_settings import NODE_SETTINGS
-from stereo_selfcal.synth.scenes import PAPER_RIG
+from stereo_selfcal.synth.renderer import render
+from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene
 
 from .options import Options
 from .table import Table, number
@@ -38,6 +39,8 @@ _PAUSE_COUNTS_S = PERIOD_S  # as good road
 # Braking and driving off: a part of the variance of the pitch.
 _BRAKING_PART = 0.3
 _BRAKING_EVERY_S, _BRAKING_S = 40.0, 4.0
+# Rendered frames before and after a bump.
+_RENDERED_BEFORE, _RENDERED_AFTER = 150, 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,17 +80,8 @@ BUMPS = {
 
 def drive(ride: Ride, seconds: float, rng: np.random.Generator) -> tuple[Array, Array]:
     """Return times (N,) [s] and measured poses (N, 3) of the usable frames of a drive."""
-    n = int(seconds / PERIOD_S)
-    times = np.arange(n) * PERIOD_S
-    height_m, pitch_deg, roll_deg = ride.std
-    springs = math.sqrt(1.0 - _BRAKING_PART)
-    motion = np.column_stack(
-        [
-            height_m * _wander(n, ride.memory_s, rng),
-            math.radians(pitch_deg) * (springs * _wander(n, ride.memory_s, rng) + _brakings(times, rng)),
-            math.radians(roll_deg) * _wander(n, 2.0 * ride.memory_s, rng),
-        ]
-    )
+    times = np.arange(int(seconds / PERIOD_S)) * PERIOD_S
+    n, motion = len(times), moved(ride, times, rng)
     wrong = rng.random(n) < _WRONG_FRACTION
     wrong[0] = False  # a calibration that is wrong is rightly doubted
     poses = _POSE + motion + _NOISE_STD * rng.standard_normal((n, 3))
@@ -99,6 +93,20 @@ def drive(ride: Ride, seconds: float, rng: np.random.Generator) -> tuple[Array, 
         now_s = end_s + rng.exponential(_PAUSE_S)
     usable[0] = True
     return times[usable], poses[usable]
+
+
+def moved(ride: Ride, times: Array, rng: np.random.Generator) -> Array:
+    """Return (N, 3) what suspension and road do to height, pitch and roll at some times."""
+    n = len(times)
+    height_m, pitch_deg, roll_deg = ride.std
+    springs = math.sqrt(1.0 - _BRAKING_PART)
+    return np.column_stack(
+        [
+            height_m * _wander(n, ride.memory_s, rng),
+            math.radians(pitch_deg) * (springs * _wander(n, ride.memory_s, rng) + _brakings(times, rng)),
+            math.radians(roll_deg) * _wander(n, 2.0 * ride.memory_s, rng),
+        ]
+    )
 
 
 def _wander(n: int, memory_s: float, rng: np.random.Generator) -> Array:
@@ -158,11 +166,11 @@ def run(ride: Ride, seed: int, bump: Array | None = None) -> Run:
     watch, outcome, bumped_s, road_s = Watch(), Run(), 0.0, 0.0
     watch.start(frame(poses[0], 0.0))
     for i in range(1, len(times)):
-        moved = times[i] >= at_s
+        bumped = times[i] >= at_s
         road_s += min(times[i] - times[i - 1], _PAUSE_COUNTS_S)
-        bumped_s = bumped_s if moved else road_s
-        verdict = watch.add(frame(poses[i] + bump if moved and bump is not None else poses[i], times[i]))
-        if not moved:
+        bumped_s = bumped_s if bumped else road_s
+        verdict = watch.add(frame(poses[i] + bump if bumped and bump is not None else poses[i], times[i]))
+        if not bumped:
             outcome.greatest = max(outcome.greatest, watch.deviation)
             if verdict.doubted:
                 outcome.false_alarm = True
@@ -232,6 +240,51 @@ def watch_tables(options: Options) -> Iterator[Table]:
             limit_s = 60.0 if "0.3" in name else 300.0
             bumps.add(ride.describe(), name, *_cells(runs, limit_s))
     yield bumps
+    if options.all_sizes:
+        yield _rendered_table()
+
+
+def _rendered_table() -> Table:
+    table = Table(
+        "watch_rendered",
+        "The watch over rendered images",
+        ["ride", "bump", "accepted", "alarm", "proof", "better calibration", "its error: mm, deg, deg"],
+        f"The pipeline as it is: the country road of bags/straight_road is rendered every {PERIOD_S:g} s "
+        f"with the motion named and calibrated; the camera is moved after {_RENDERED_BEFORE * PERIOD_S:g} s. "
+        "Every tenth frame shows no lines. One drive each.",
+    )
+    for ride, name in ((RIDES[0], "pitch 0.1°"), (RIDES[1], "pitch 0.3°"), (RIDES[1], "height 2 cm")):
+        table.add(ride.describe(), name, *_rendered(ride, BUMPS[name]))
+    return table
+
+
+def _rendered(ride: Ride, bump: Array) -> list[str]:
+    rng = np.random.default_rng(0)
+    road, empty = named_scene("straight_road"), named_scene("no_lines")
+    base = road.scene.extrinsics.as_array()
+    times = np.arange(_RENDERED_BEFORE + _RENDERED_AFTER) * PERIOD_S
+    motion, watch = moved(ride, times, rng), Watch()
+    accepted, told = 0, dict.fromkeys(("alarm", "proof"), "-")
+    for i, time_s in enumerate(times):
+        pose = base + motion[i] + (bump if i >= _RENDERED_BEFORE else 0.0)
+        scene = empty.scene if i % 10 == 9 else replace(road.scene, extrinsics=Extrinsics.from_array(pose))
+        scene = replace(scene, travelled_m=road.speed_mps * time_s)
+        result = Calibrator(scene.rig).add(*render(scene, rng), time_s)
+        accepted += result.accepted
+        if i == 0:
+            watch.start(result)
+            continue
+        verdict = watch.add(result)
+        after = f"{time_s - times[_RENDERED_BEFORE]:.0f} s"
+        for key, is_so in (("alarm", verdict.doubted), ("proof", verdict.proven)):
+            if is_so and told[key] == "-":
+                told[key] = after
+        better = watch.proposal(scene.rig)
+        if better is not None and better.extrinsics is not None:
+            error = better.extrinsics.as_array() - base - bump
+            shown = f"{error[0] * 1e3:+.1f}, {math.degrees(error[1]):+.3f}, {math.degrees(error[2]):+.3f}"
+            return [f"{accepted} of {i + 1}", *told.values(), after, shown]
+    return [f"{accepted} of {len(times)}", *told.values(), "-", "-"]
 
 
 def _cells(runs: list[Run], limit_s: float) -> list[str]:

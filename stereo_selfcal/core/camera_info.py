@@ -225,6 +225,8 @@ def pair_geometry(left: CameraModel, right: CameraModel) -> PairGeometry:
             "give the rig by parameters",
         )
     shift_px = left.p[2] - right.p[2]
+    if abs(shift_px) > left.width:  # no column of one image would be left in the other
+        raise projections_differ(left, right, "cx", 2)
     return PairGeometry(baseline_m, shift_px if abs(shift_px) > _RECTIFIED_TOLERANCE_PX else 0.0)
 
 

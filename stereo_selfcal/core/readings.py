@@ -305,7 +305,7 @@ def painted(evidence: Evidence) -> Reading | None:
         return None
     steps = [(rim.step, rim.step_std, "between a stripe and the lane") for rim in evidence.rims]
     steps += [(rim.tone, rim.tone_std, "within a stripe") for rim in evidence.rims]
-    limits = [(abs(step), max(_MAX_RIM, _SHAPE_SIGMAS * std), where) for step, std, where in steps]
+    limits = [(abs(step), max(_MAX_RIM, _SURELY_SIGMAS * std), where) for step, std, where in steps]
     step, limit, where = max(limits, key=lambda each: each[0] / each[1])
     what = f"step of grey {where}, over the contrast of the stripe"
     return Reading(what, step, limit, "", step <= limit)

@@ -202,13 +202,15 @@ class Watch:
             np.append(old.used, True),
         )
         self._series = replace(series, used=mark_outliers(series, settled_outliers(len(old))))
-        if len(self._series) > _MOST_FRAMES and self._doubt is None:
+        if len(self._series) > _MOST_FRAMES:
             self._shorten()
 
     def _shorten(self) -> None:
-        """Take the oldest frames into the reference."""
+        """Take the oldest frames into the reference; those since an alarm are only forgotten."""
         oldest, rest = self._series.part(slice(0, _DROPPED)), slice(_DROPPED, None)
-        if self._reference is not None:
+        if self._doubt is not None:
+            self._doubt = replace(self._doubt, n_before=max(0, self._doubt.n_before - _DROPPED))
+        elif self._reference is not None:
             scatter = self._change.scatter if self._change else prior_scatter()
             mean, variance = mean_of(oldest, scatter)
             known, new = 1.0 / reference_variance(self._reference, scatter), 1.0 / variance
@@ -274,7 +276,7 @@ class Watch:
         drift, std = mean - change.before, np.sqrt(variance + change.before_variance)
         least = (np.abs(drift) - _BOUND_SIGMAS * std) / LIMITS
         most = (np.abs(drift) + _BOUND_SIGMAS * std) / LIMITS
-        axis = change.axis
+        axis = int(np.argmax(least)) if least.max() >= 1.0 else change.axis
         self._verdict = Verdict(
             doubted=True,
             proven=proven,

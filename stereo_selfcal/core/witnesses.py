@@ -70,35 +70,36 @@ def ask_road(
     Returns:
         Lines and asphalt combined; the estimate with a note, where the asphalt has no say; or a refusal.
     """
-    if result.pattern is None or result.extrinsics is None or result.covariance is None:
+    pattern, lines, of_lines = result.pattern, result.extrinsics, result.covariance
+    if pattern is None or lines is None or of_lines is None:
         raise ValueError("only an accepted result can be compared with the road")
     if not config.texture.check:
         return _ask_rest(result, evidence, seen, rig, config)
-    _, left_m, right_m = lane_in_road(result.pattern.boundaries, rig, result.extrinsics)
+    _, left_m, right_m = lane_in_road(pattern.boundaries, rig, lines)
     limits_m = (float(right_m) - _BESIDE_M, float(left_m) + _BESIDE_M)
     yaw = result.lane_yaw_rad or 0.0
-    fit = align_texture(seen.images, rig, result.extrinsics, yaw, limits_m=limits_m)
+    fit = align_texture(seen.images, rig, lines, yaw, limits_m=limits_m)
     if seen.shown is not None and (fit is None or fit.sufficiency < 1.0):
         fit = seen.shown
+    if fit is not None:  # a road that is no plane is so for the lines, be it a witness or not
+        known_road = (pattern, rig, lines, fit.shape)
+        of_lines = of_lines + covariance_by_road(*known_road) + covariance_by_paint(*known_road)
     if fit is None or not fit.enough_texture or not fit.even_enough:
         lacking = "too uneven" if fit is not None and fit.enough_texture else "too little texture"
         if config.texture.required:
             evidence = replace(evidence, witness=0.0 if fit is None else fit.sufficiency)
-        note = f"not checked against the asphalt: {lacking}"
-        return _ask_rest(replace(result, notes=(*result.notes, note)), evidence, seen, rig, config)
+        notes = (*result.notes, f"not checked against the asphalt: {lacking}")
+        return _ask_rest(replace(result, notes=notes, covariance=of_lines), evidence, seen, rig, config)
     evidence = replace(
         evidence,
         texture=fit,
-        heights_m=heights_over_asphalt(result.pattern, rig, result.extrinsics, fit),
+        heights_m=heights_over_asphalt(pattern, rig, lines, fit),
         vertical=vertical_offset(seen.images, rig, fit.extrinsics, yaw, limits_m=limits_m),
     )
     result = _judged(replace(result, stages={**result.stages, "textured": fit.extrinsics}), evidence)
     if not result.accepted:
         return result
-    assert result.pattern is not None and result.extrinsics is not None and result.covariance is not None
-    known_road = (result.pattern, rig, result.extrinsics, fit.shape)
-    by_road = covariance_by_road(*known_road) + covariance_by_paint(*known_road)
-    extrinsics, covariance = combine(result.extrinsics, result.covariance + by_road, fit)
+    extrinsics, covariance = combine(lines, of_lines, fit)
     covariance = covariance + covariance_by_rectification(rig, extrinsics)
     stages = {**result.stages, "combined": extrinsics}
     return replace(result, stages=stages, extrinsics=extrinsics, covariance=covariance)

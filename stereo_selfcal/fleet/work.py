@@ -95,12 +95,14 @@ class Stretch:
         rig: The rig of the recording.
         topics: Topics of the left and of the right images.
         n_images: Left and right images of the whole recording.
+        remarks: What is strange about its cameras.
     """
 
     frames: list[tuple[FrameHead, CalibrationResult]]
     rig: StereoRig
     topics: tuple[str, str]
     n_images: tuple[int, int]
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +201,8 @@ def calibrate_stretch(path: str, settings: FleetSettings, selection: Selection) 
         with settings.open(Path(path)) as source:
             calibrator = Calibrator(source.rig, settings.config)
             frames = list(calibrate_in_order(source.frames(), calibrator, jobs=1))
-            return Stretch(frames, source.rig, (source.left_name, source.right_name), source.n_images)
+            topics = source.left_name, source.right_name
+            return Stretch(frames, source.rig, topics, source.n_images, source.remarks)
     except Exception as error:  # noqa: BLE001  (whatever it is, the whole recording shows it again)
         return Failure(one_line(error))
 
@@ -214,9 +217,10 @@ def join(stretches: Sequence[Stretch], settings: FleetSettings) -> Calibrated:
     first = stretches[0]
     frames = [frame for stretch in stretches for frame in stretch.frames]
     replay = assemble_replay(frames, Calibrator(first.rig, settings.config))
+    remarks = first.remarks
     if settings.selection.whole:  # nothing was amiss, so all images there are were read
-        replay = replace(replay, remarks=remarks_on(first.n_images, first.n_images, len(frames)))
-    return Calibrated(replay, first.topics)
+        remarks += remarks_on(first.n_images, first.n_images, len(frames))
+    return Calibrated(replace(replay, remarks=remarks), first.topics)
 
 
 def make_report(path: str, settings: FleetSettings, calibrated: Calibrated) -> bytes | Failure:

@@ -39,7 +39,10 @@ class BagSource(FrameSource):
         raw: bool = False,
     ) -> None:
         if raw and rig is not None:
-            raise BagError("raw images need their CameraInfo: a rig file describes rectified cameras")
+            raise BagError(
+                "a rig file describes rectified cameras: K, D, R and P of raw ones come from CameraInfo; "
+                "leave out --rig or --raw"
+            )
         self._bag = StereoBag(paths, left, right, tolerance_s, raw)
         try:
             topics = self._bag.topics

@@ -44,7 +44,7 @@ def open_source(
         return BagSource(paths, left, right, tolerance_s, rig, selection, raw)
     if raw:
         raise BagError(
-            f"{folders[0]}: raw images need a CameraInfo, which files do not have: rectify them first"
+            f"{folders[0]}: raw images need CameraInfo, which a folder of images has not: rectify them"
         )
     if len(paths) > 1:
         raise BagError(f"{folders[0]}: a folder of images is a recording by itself: give it alone")

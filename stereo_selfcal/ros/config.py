@@ -68,8 +68,9 @@ class NodeConfig:
         """
         for name, setting in SETTINGS.items():
             if setting.choices and values[name] not in setting.choices:
+                remedy = "; have others republished as raw" if name == "image_transport" else ""
                 raise ConfigError(
-                    f"{name} is {values[name]!r}: it must be one of {', '.join(setting.choices)}"
+                    f"{name} is {values[name]!r}: it must be one of {', '.join(setting.choices)}{remedy}"
                 )
         for name in ("road_frame", "camera_frame"):
             if not values[name].strip():

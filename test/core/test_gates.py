@@ -310,10 +310,10 @@ def test_between_a_stripe_and_its_lane_there_is_nothing():
         "kerb",
     )
     assert refusal(rims=(Rim(0.0, 0.001), Rim(0.055, 0.001))) is None
-    assert refusal(rims=(Rim(0.07, 0.024),)) is None
+    assert refusal(rims=(Rim(0.07, 0.018),)) is None
     rejection = refusal(rims=(Rim(0.0, 0.001, 0.07, 0.001),))
     assert_refuses(rejection, RejectReason.LINE_NOT_PAINTED, 0.07, 0.06, "within a stripe")
-    assert refusal(rims=(Rim(0.0, 0.001, 0.07, 0.024),)) is None
+    assert refusal(rims=(Rim(0.0, 0.001, 0.07, 0.018),)) is None
 
 
 def test_lines_alone_show_both_edges():

@@ -6,6 +6,9 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from independent_lens import raw_image, raw_pixel
 
 from stereo_selfcal import CalibratorConfig, RigError, StereoRig, calibrate
 from stereo_selfcal.core.camera_info import CameraInfoError, CameraModel, InfoReason
@@ -42,43 +45,6 @@ def raw_info(side="left", model="plumb_bob", rig=RIG, **changes):
         "p": p,
     }
     return SimpleNamespace(**{**values, **changes})
-
-
-def distorted(model, d, x, y):
-    """Return the normalised image point of a ray (x, y, 1) by the formulas of the models' papers."""
-    r2 = x * x + y * y
-    if model == "equidistant":
-        r = np.sqrt(r2)
-        theta = np.arctan(r)
-        bent = theta * (1 + d[0] * theta**2 + d[1] * theta**4 + d[2] * theta**6 + d[3] * theta**8)
-        factor = np.where(r > 1e-12, bent / np.maximum(r, 1e-12), 1.0)
-        return x * factor, y * factor
-    d = (*d, *[0.0] * (8 - len(d)))
-    factor = (1 + d[0] * r2 + d[1] * r2**2 + d[4] * r2**3) / (1 + d[5] * r2 + d[6] * r2**2 + d[7] * r2**3)
-    return (
-        x * factor + 2 * d[2] * x * y + d[3] * (r2 + 2 * x * x),
-        y * factor + d[2] * (r2 + 2 * y * y) + 2 * d[3] * x * y,
-    )
-
-
-def raw_pixel(info, columns, rows, p=None):
-    """Return where the raw camera sees what the rectified one sees at these pixels."""
-    p = info.p if p is None else p
-    rays = np.stack([(columns - p[2]) / p[0], (rows - p[6]) / p[5], np.ones_like(columns)])
-    x, y, z = np.tensordot(np.array(info.r).reshape(3, 3).T, rays, 1)
-    x, y = distorted(info.distortion_model, info.d, x / z, y / z)
-    return info.k[0] * x + info.k[2], info.k[4] * y + info.k[5]
-
-
-def raw_image(info, rectified, scale=1):
-    """Return the image the raw camera takes of what the rectified one sees, by inversion of raw_pixel."""
-    rows, columns = np.mgrid[0 : info.height, 0 : info.width].astype(float)
-    u, v = columns.copy(), rows.copy()
-    for _ in range(40):  # a fixed point: the mapping is near the identity
-        at_u, at_v = raw_pixel(info, u, v)
-        u, v = u + columns - at_u, v + rows - at_v
-    assert max(np.abs(at_u - columns).max(), np.abs(at_v - rows).max()) < 1e-6
-    return cv2.remap(rectified, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
 
 
 def pair_of(model, **changes):
@@ -136,6 +102,46 @@ def test_another_cx_of_the_right_camera(shift_px):
     assert found.accepted, found.message
     change = np.abs(found.extrinsics.as_array() - expected.extrinsics.as_array())
     assert (change < [2e-3, 2e-4, 1e-3]).all(), change
+
+
+@pytest.mark.parametrize("rectified", [True, False])
+def test_cx_that_leaves_nothing_in_common_is_refused(rectified):
+    left, right = pair_of("plumb_bob")
+    right.p[2] = left.p[2] - 640.0
+    StereoRectifier.from_camera_info(left, right, rectified=rectified)
+    right.p[2] -= 1.0
+    with pytest.raises(CameraInfoError, match="differ in cx"):
+        StereoRectifier.from_camera_info(left, right, rectified=rectified)
+
+
+NUMBERS = (
+    st.floats(allow_nan=True, allow_infinity=True) | st.floats(-2, 2) | st.sampled_from([0.0, 1.0, 500.0])
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.data())
+def test_whatever_the_numbers_are_images_come_out_or_a_reason(data):
+    """Numbers no camera has: finite ones may give any picture, but no crash and no other exception."""
+    rig = StereoRig(48, 32, 40.0, 40.0, 20.0, 15.0, 0.2)
+    infos = []
+    for side in ("left", "right"):
+        info = raw_info(side, data.draw(st.sampled_from([*MODELS, "", "fov"])), rig)
+        for name in data.draw(st.lists(st.sampled_from("kdrp"), max_size=2)):
+            values = list(getattr(info, name))
+            if values:
+                values[data.draw(st.integers(0, len(values) - 1))] = data.draw(NUMBERS)
+            setattr(info, name, values)
+        infos.append(info)
+    image = np.arange(48 * 32, dtype=np.uint8).reshape(32, 48)
+    for rectified in (True, False):
+        try:
+            rectifier = StereoRectifier.from_camera_info(*infos, rectified=rectified)
+        except RigError as error:
+            assert str(error)
+            continue
+        for out in rectifier.apply(image, image):
+            assert (out.shape, out.dtype) == (image.shape, np.uint8)
 
 
 def test_another_cx_of_a_raw_camera_is_mended_by_the_maps():

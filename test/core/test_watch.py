@@ -192,6 +192,29 @@ def test_old_frames_are_kept_in_the_reference_only(watch, monkeypatch):
     assert drive.into(watch, 40, until=doubted)
 
 
+def test_frames_since_an_alarm_are_bounded_too(watch, monkeypatch):
+    drive = Drive(outliers=0.1)
+    drive.into(watch, 100)
+    drive.pose = TRUTH + BUMPS["pitch"]
+    assert drive.into(watch, 60, until=proven)
+    monkeypatch.setattr(watch_module, "_MOST_FRAMES", 60)
+    monkeypatch.setattr(watch_module, "_DROPPED", 20)
+    assert drive.into(watch, 300, until=lambda verdict: not verdict.proven) is None
+    assert watch.n_frames <= 60
+    assert watch.proposal(RIG) is not None
+    drive.pose = TRUTH.copy()
+    assert drive.into(watch, 300, until=lambda verdict: not verdict.doubted)
+
+
+def test_the_quantity_that_is_beyond_its_limit_is_named(watch):
+    drive = Drive()
+    drive.into(watch, 100)
+    drive.pose = TRUTH + np.array([0.02, math.radians(0.6), 0.0])
+    drive.into(watch, 100)
+    assert watch.verdict.least > 1.0
+    assert watch.verdict.message.startswith("pitch over the road has changed by +0.")
+
+
 def test_proposal_only_once_the_drift_is_proven(watch):
     drive = Drive(outliers=0.1)
     drive.into(watch, 100)
