@@ -74,15 +74,16 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--draws", type=int, help="noise draws of the bias table")
     parser.add_argument("--seeds", type=int, help="runs of every optimiser")
     parser.add_argument("--worlds", type=int, help="random worlds")
+    parser.add_argument("--drives", type=int, help="simulated drives of each kind")
     parser.add_argument(
-        "--drives", type=int, help="hours the watch is driven without a change, for each ride"
+        "--watch-hours", type=int, help="hours the watch is driven without a change, for each ride"
     )
     parser.add_argument("--bumps", type=int, help="drives the watch is driven with each bump, for each ride")
     chosen = parser.parse_args(arguments)
     unknown = [name for name in chosen.sections if name not in SECTIONS]
     if unknown:
         parser.error(f"there is no section {unknown[0]!r}: they are {', '.join(SECTIONS)}")
-    names = ("poses", "draws", "seeds", "worlds", "drives", "bumps")
+    names = ("poses", "draws", "seeds", "worlds", "drives", "watch_hours", "bumps")
     sizes = {name: getattr(chosen, name) for name in names if getattr(chosen, name)}
     options = replace(QUICK if chosen.quick else Options(), **sizes)
     cv2.setNumThreads(1)

@@ -42,7 +42,7 @@ class Options:
     soak_s: float = 600.0
     fleet_bags: int = 200
     drives: int = 200
-    drive_frames: int = 900
+    drive_frames: int = 450
     all_sizes: bool = True
     folder: Path = RESULTS
 

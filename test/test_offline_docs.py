@@ -28,7 +28,7 @@ def test_columns():
 
 def test_the_program_runs(capsys, monkeypatch):
     monkeypatch.chdir(ROOT)
-    program = re.search(r"```python\n(.*?)```", PAGE, re.DOTALL).group(1)
+    program = re.search(r"```python[^\n]*\n(.*?)```", PAGE, re.DOTALL).group(1)
     exec(compile(program, "docs/offline.md", "exec"), {"__name__": "__main__"})
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("calibrated from 5 frames: height 1.4")

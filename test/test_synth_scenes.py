@@ -125,3 +125,33 @@ def test_random_scenes_fill_their_ranges_and_repeat():
     assert random_scene(np.random.default_rng(0), 0.05) == drawn[0]
     # The noise level changes the noise alone.
     assert random_scene(np.random.default_rng(0), 0.2).extrinsics == drawn[0].extrinsics
+
+
+def test_a_bump_moves_the_mount_and_leaves_it_there():
+    drive = custom_scene(
+        rig=SMALL_RIG,
+        n_frames=5,
+        rate_hz=0.5,
+        bump_at_s=4.0,
+        bump_height_m=-0.02,
+        bump_pitch_rad=0.01,
+        bump_roll_rad=0.005,
+    )
+    poses = [drive.scene_at(index).extrinsics for index in range(5)]
+    before, after = drive.scene.extrinsics, drive.bump.extrinsics
+    assert poses == [before, before, after, after, after]
+    assert after.as_array() - before.as_array() == pytest.approx([-0.02, 0.01, 0.005])
+    assert [frame.stamp_s for frame in drive.frames()] == [100.0, 102.0, 104.0, 106.0, 108.0]
+    assert drive.truth()["bump"] == {
+        "stamp_s": 104.0,
+        "height_m": after.height_m,
+        "pitch_rad": after.pitch_rad,
+        "roll_rad": after.roll_rad,
+    }
+    assert "knocked after 4 s to height 1.3800 m" in drive.description
+    assert "bump" not in custom_scene(rig=SMALL_RIG).truth()
+
+
+def test_a_bump_has_a_time():
+    with pytest.raises(ConfigError, match="bump_at_s"):
+        custom_scene(rig=SMALL_RIG, bump_pitch_rad=0.01)

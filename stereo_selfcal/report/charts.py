@@ -14,10 +14,11 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-# Units of the view box; the page scales it to its width. Text of 13 is legible on a phone then, as charts
-# there scroll rather than shrink below 480 px.
-WIDTH, HEIGHT = 720, 190
-_LEFT, _RIGHT, _TOP, _BOTTOM = 64, 12, 10, 34
+# Units of the view box; the page scales it to its width. On a phone that is half of it, so the style has
+# larger letters there, for which the margins have room.
+WIDTH, HEIGHT = 720, 204
+_LEFT, _RIGHT, _TOP, _BOTTOM = 88, 14, 12, 48
+_TICK_BELOW, _LABEL_ABOVE_EDGE = 21, 3
 _RUG = 7  # height of the marks of refused frames
 MOST_POINTS = 1500  # more dots than pixels make a file heavy and show nothing more
 _FEW = 200  # so few dots are drawn larger
@@ -176,11 +177,10 @@ def _axes(x_range: tuple[float, float], y_range: tuple[float, float], x_label: s
                 parts.append(_line("grid", _LEFT, y(value), WIDTH - _RIGHT, y(value)))
                 parts.append(f'<text class="end" x="{_LEFT - 6}" y="{y(value) + 4:.1f}">{text}</text>')
             else:
-                parts.append(
-                    f'<text class="middle" x="{x(value):.1f}" y="{HEIGHT - _BOTTOM + 16}">{text}</text>'
-                )
+                below = HEIGHT - _BOTTOM + _TICK_BELOW
+                parts.append(f'<text class="middle" x="{x(value):.1f}" y="{below}">{text}</text>')
     parts.append(_line("axis", _LEFT, HEIGHT - _BOTTOM, WIDTH - _RIGHT, HEIGHT - _BOTTOM))
-    parts.append(f'<text class="end" x="{WIDTH - _RIGHT}" y="{HEIGHT - 3}">{x_label}</text>')
+    parts.append(f'<text class="end" x="{WIDTH - _RIGHT}" y="{HEIGHT - _LABEL_ABOVE_EDGE}">{x_label}</text>')
     return "".join(parts)
 
 

@@ -89,9 +89,10 @@ def _verdict(replay: Replay) -> dict[str, Any]:
     accepted = [row for row in rows if row.accepted]
     confirmed = sum(row.confirmed for row in accepted)
     if confirmed < _MOSTLY * len(accepted):
+        share = f"Only {confirmed}" if confirmed else "None"
         doubts.append(
-            f"Only {confirmed} of {len(accepted)} accepted frames are confirmed by the asphalt between "
-            "the lines: lines alone can be those of a kerb, or of a road that is not level across."
+            f"{share} of {_number(len(accepted), 'accepted frame')} could be confirmed by the asphalt "
+            "between the lines: lines alone can be those of a kerb, or of a road that is not level across."
         )
     if drive.changes:
         kind, word = "warn", "Calibrated, and moved"

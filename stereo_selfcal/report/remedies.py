@@ -14,6 +14,7 @@ _BEFORE_GATES = {
     RejectReason.IMAGE_UNREADABLE: "check the camera driver and the disk the recording was made on",
     RejectReason.IMAGE_SIZES_DIFFER: "set both cameras to one size",
     RejectReason.RIG_SIZE_MISMATCH: "use the rig (CameraInfo) of these images",
+    RejectReason.CAMERAS_SWAPPED: "exchange the topics of the left and the right image",
     RejectReason.NO_LINES_FOUND: _FIND_LINES,
     RejectReason.LINES_NOT_MATCHED: "check that left and right are not swapped and the images are rectified, "
     f"and {_FIND_LINES}",

@@ -35,6 +35,19 @@ def test_options_reach_the_bag_and_its_truth(tmp_path, capsys, storage):
         assert len(list(bag.frames())) == 2
 
 
+def test_a_bump_reaches_the_truth(tmp_path):
+    path = tmp_path / "bag"
+    options = ["--rate-hz", "2", "--bump-at-s", "0.5", "--bump-pitch-deg", "0.4", "--bump-roll-deg", "1"]
+    assert main([str(path), "--frames", "2", "--bump-height-m", "-0.02", *options]) == 0
+    truth = yaml.safe_load((path / "truth.yaml").read_text())
+    assert truth["bump"]["stamp_s"] == 100.5
+    assert truth["bump"]["height_m"] == pytest.approx(truth["height_m"] - 0.02)
+    assert truth["bump"]["pitch_rad"] == pytest.approx(truth["pitch_rad"] + math.radians(0.4))
+    assert truth["bump"]["roll_rad"] == pytest.approx(math.radians(1))
+    with StereoBag(path) as bag:
+        assert [frame.stamp_s for frame in bag.frames()] == [100.0, 100.5]
+
+
 def test_no_lines(tmp_path):
     assert main([str(tmp_path / "bag"), "--no-lines", "--frames", "1"]) == 0
     truth = yaml.safe_load((tmp_path / "bag" / "truth.yaml").read_text())

@@ -1,0 +1,41 @@
+"""A rendered drive with a bump, from the images on: when, and both poses."""
+
+import math
+
+import numpy as np
+import pytest
+
+from stereo_selfcal.offline import BagSource, calibrate_recording
+from stereo_selfcal.synth.bag import write_bag
+from stereo_selfcal.synth.scenes import custom_scene
+
+
+@pytest.fixture(scope="module")
+def bumped(tmp_path_factory):
+    path = tmp_path_factory.mktemp("drive") / "bumped"
+    scene = custom_scene(
+        name="bumped",
+        n_frames=26,
+        rate_hz=0.1,
+        noise_fraction=0.02,
+        bump_at_s=130.0,
+        bump_height_m=-0.012,
+        bump_pitch_rad=math.radians(0.4),
+    )
+    write_bag(path, scene)
+    return path, scene
+
+
+def test_the_bump_is_found_with_both_poses(bumped):
+    path, scene = bumped
+    with BagSource([path]) as source:
+        replay = calibrate_recording(source)
+    (change,) = replay.drive.changes
+    assert change.at_s == pytest.approx(225.0), "between the frames before and after it"
+    assert change.within_s == pytest.approx(5.0, abs=0.1)
+    for segment, truth in zip(
+        replay.drive.segments, (scene.scene.extrinsics, scene.bump.extrinsics), strict=True
+    ):
+        error = segment.estimate.extrinsics.as_array() - truth.as_array()
+        assert np.all(np.abs(error) <= 3 * segment.estimate.std.as_array())
+    assert replay.estimate.extrinsics == replay.drive.segments[-1].estimate.extrinsics
