@@ -28,7 +28,7 @@ class NodeInProcess:
 
     def __init__(self, **parameters):
         self.sent, self.logged, self._failures = deque(maxlen=1000), deque(maxlen=1000), []
-        self._parameters = {"output_path": "", "timeout_s": 0.1, **parameters}
+        self._parameters = {"output_path": "", "timeout_s": 0.1, "monitor_period_s": 0.0, **parameters}
         self._write_log = rcutils_logger._rclpy.rclpy_logging_rcutils_log
 
     def __enter__(self):
@@ -111,6 +111,11 @@ class NodeInProcess:
             thread.join(0.01)
         (result,) = results  # none: the function raised
         return result
+
+    @property
+    def calibrated_frames(self):
+        """How many frames went through the calibrator."""
+        return self.selfcal._record.statistics.total
 
     def draw(self, messages=()):
         """Have both pictures drawn as if somebody looked at them, while messages come."""
