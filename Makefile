@@ -56,7 +56,7 @@ bench: .venv-bench/ready .venv  ## measure accuracy, time and the alternatives (
 
 .PHONY: docs
 docs: .venv-docs/ready  ## build the site of docs/ into site/; warnings are errors
-	NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs build --strict  # --quiet would silence what is to be an error
 	@echo "site/index.html"
 
 .PHONY: figures

@@ -43,7 +43,7 @@ POSE = Extrinsics(1.4, math.radians(3.0), math.radians(0.8))
 _N_FRAMES = 3
 _NOISE = 0.01
 _START_S = 60.0
-_MEBIBYTE = 2**20
+_KIBIBYTES = 1024
 _STAMP = struct.Struct("<iI")
 _STAMP_OFFSET = 4  # in a serialized message: behind the representation of the encapsulation
 
@@ -177,7 +177,9 @@ class _Soak:
         report.log_bytes = self._log.stat().st_size
 
     def _measure(self, minute: Minute, second: int) -> None:
-        minute.rss_mib.append(_rss_mib(self._process.pid))
+        own, resident = _memory_mib(self._process.pid)
+        minute.own_mib.append(own)
+        minute.rss_mib.append(resident)
         minute.log_lines = self._log.read_bytes().count(b"\n")
         self._ask.ask(GetParameters.Request(names=["frames"]), lambda _, s: minute.asked_s.append(s))
         if second % CALL_EVERY_S == 0:
@@ -234,9 +236,12 @@ def _start_node(folder: Path, log: Path) -> subprocess.Popen[bytes]:
         return subprocess.Popen(command, stdout=output, stderr=output)
 
 
-def _rss_mib(pid: int) -> float:
-    pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / _MEBIBYTE
+def _memory_mib(pid: int) -> tuple[float, float]:
+    """Return what a process has in memory of its own, and with what it shares with others [MiB]."""
+    lines = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
+    values = dict(line.split(":", 1) for line in lines)
+    own, shared = (int(values[name].split()[0]) / _KIBIBYTES for name in ("RssAnon", "VmRSS"))
+    return own, shared
 
 
 def _cpu_s(pid: int) -> float:

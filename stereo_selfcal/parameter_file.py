@@ -69,6 +69,19 @@ def load_calibrator_config(path: Path | str) -> CalibratorConfig:
         raise ConfigError(f"{path}: {error}") from error
 
 
+def chosen_config(path: Path | None, seed: int | None) -> CalibratorConfig:
+    """Return the settings of a file, or the defaults without one, with a seed of their own or that given.
+
+    Raises:
+        ConfigError: The file cannot be read, or holds something else.
+    """
+    config = CalibratorConfig() if path is None else load_calibrator_config(path)
+    if seed is None:
+        return config
+    settings = {name: value for name, value, _ in config.settings()}
+    return CalibratorConfig.from_mapping(settings | {"seed": seed})
+
+
 def load_frames(path: Path | str | None) -> tuple[str, str]:
     """Return the names of the road and the camera frame: those of a parameter file, or the node's defaults.
 

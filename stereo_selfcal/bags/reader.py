@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from heapq import merge
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
 from ..core.errors import ImageError, RigError
 from ..core.images import Image, message_to_grey
@@ -20,6 +19,8 @@ from .frame import StereoFrame, readable
 from .part import Message, Part, recordings_at
 from .selection import Selection
 from .topics import CAMERA_INFO, StereoTopics, Topic, find_stereo_pairs, find_stereo_topics
+
+T = TypeVar("T")
 
 # Images of one camera that may be recorded ahead of the other's; more than the node keeps, as a
 # recorder writes topics in bursts. It bounds the memory.
@@ -39,7 +40,6 @@ class StereoBag:
         paths: The bags of the recording.
         topics: The image topics of the two cameras.
         remarks: What became of images that are in no frame, in sentences; known when all have been read.
-        rectifier: What is done with the images of a frame; None, before :meth:`read_rig`, nothing.
     """
 
     def __init__(
@@ -58,16 +58,14 @@ class StereoBag:
             left: Image topic of the left camera, None to find it.
             right: Image topic of the right camera, None to find it.
             tolerance_s: Greatest difference of the header stamps of a pair [s]; 0 means equal stamps.
-            raw: Whether the images are raw ones, to be undistorted and rectified.
+            raw: Whether raw images are looked for, not rectified ones.
 
         Raises:
             BagError: The recording cannot be read or has no unambiguous stereo pair.
         """
         self.paths = tuple(Path(each) for each in ([path] if isinstance(path, str | Path) else path))
         self.remarks: tuple[str, ...] = ()
-        self.rectifier: StereoRectifier | None = None
         self._tolerance_s = tolerance_s
-        self._raw = raw
         self._parts = _open(self.paths)
         try:
             self.topics = find_stereo_topics(_topics(self._parts), left, right, raw)
@@ -104,20 +102,35 @@ class StereoBag:
         return max(part.end_ns for part in self._parts)
 
     def read_rig(self) -> StereoRig:
-        """Return the rig from the first CameraInfo of each camera; the images are made to fit it from now on.
+        """Return the rig from the first CameraInfo of each camera.
 
         Raises:
-            BagError: A CameraInfo is missing, or does not describe a stereo pair.
+            BagError: A CameraInfo is missing, or does not describe a rectified pair.
         """
+        return self._from_camera_infos(StereoRig.from_camera_info)
+
+    def read_rectifier(self, rectified: bool = True) -> StereoRectifier:
+        """Return what makes images of one rig of the recorded ones, by the first CameraInfo of each camera.
+
+        Args:
+            rectified: Whether the images are rectified; False: they are raw.
+
+        Raises:
+            BagError: A CameraInfo is missing, or cannot be right.
+        """
+        return self._from_camera_infos(
+            lambda left, right: StereoRectifier.from_camera_info(left, right, rectified)
+        )
+
+    def _from_camera_infos(self, read: Callable[[Any, Any], T]) -> T:
         left, right = (self._first_info(topic) for topic in (self.topics.left, self.topics.right))
         try:
-            self.rectifier = StereoRectifier.from_camera_info(left, right, rectified=not self._raw)
+            return read(left, right)
         except RigError as error:
             raise BagError(
                 f"{self._name}: {error} (topics {self.topics.left.camera_info} and "
-                f"{self.topics.right.camera_info}{'' if self._raw else ', or give --rig'})"
+                f"{self.topics.right.camera_info}, or give --rig)"
             ) from error
-        return self.rectifier.rig
 
     def frames(self, selection: Selection | None = None) -> Iterator[StereoFrame]:
         """Yield the paired images in the order of the recording.
@@ -176,16 +189,12 @@ class StereoBag:
             )
 
     def _frame(self, pair: StampedPair[Message]) -> StereoFrame:
-        frame = StereoFrame.from_images(
+        return StereoFrame.from_images(
             stamp_to_s(pair.stamp_ns),
             lambda: _grey(self.topics.left, pair.left.content),
             lambda: _grey(self.topics.right, pair.right.content),
             pair.left.recorded_ns,
         )
-        if self.rectifier is None or frame.problem:
-            return frame
-        left, right = self.rectifier.apply(frame.left, frame.right)
-        return replace(frame, left=left, right=right)
 
     @property
     def _name(self) -> str:
@@ -235,7 +244,7 @@ def stereo_pairs(paths: Sequence[Path], raw: bool = False) -> list[StereoTopics]
 
     Args:
         paths: Its bags.
-        raw: Whether raw images are preferred to rectified ones.
+        raw: Whether raw images are looked for, not rectified ones.
 
     Raises:
         BagError: A bag cannot be read, or there is no stereo pair.

@@ -79,7 +79,7 @@ def find_stereo_topics(
         topics: All topics of the recording.
         left: Name of the left image topic, None to find it.
         right: The same of the right one.
-        raw: Whether raw images are preferred to rectified ones.
+        raw: Whether raw images are preferred to rectified ones instead.
 
     Raises:
         BagError: There is no pair, or several cameras could be meant; the candidates are listed.
@@ -193,10 +193,11 @@ def _pairs_by_number(topics: Sequence[Topic]) -> list[StereoTopics]:
 
 
 def _rectification(topic: Topic, raw: bool) -> int:
-    """Return 0 for a name that says what is wanted, 2 for the contrary, 1 for neither."""
+    """Return 0 for a name that says rectified (``raw``: says raw), 2 for one that says the other, else 1."""
     leaf = topic.base.rpartition("/")[2].lower()
-    kind = 0 if "rect" in leaf else 2 if "raw" in leaf else 1
-    return 2 - kind if raw else kind
+    says = "rect" in leaf, "raw" in leaf
+    wanted, other = says[::-1] if raw else says
+    return 0 if wanted else 2 if other else 1
 
 
 def _rank(pair: StereoTopics, raw: bool) -> tuple[int, bool, int]:
@@ -207,7 +208,7 @@ def _rank(pair: StereoTopics, raw: bool) -> tuple[int, bool, int]:
 
 
 def _best(pairs: Sequence[StereoTopics], raw: bool) -> list[StereoTopics]:
-    """Return the preferred pair of every camera, only the rectified (raw) ones when there are any."""
+    """Return the preferred pair of every camera, only those of the preferred kind when there are any."""
     cameras: dict[str, list[StereoTopics]] = {}
     for pair in pairs:
         namespace, _, leaf = pair.left.base.rpartition("/")
@@ -217,7 +218,7 @@ def _best(pairs: Sequence[StereoTopics], raw: bool) -> list[StereoTopics]:
     for group in cameras.values():
         first = min(_rank(pair, raw) for pair in group)
         chosen += [pair for pair in group if _rank(pair, raw) == first]
-    rectified = min(_rectification(pair.left, raw) for pair in chosen)
+    best = min(_rectification(pair.left, raw) for pair in chosen)
     return sorted(
-        (pair for pair in chosen if _rectification(pair.left, raw) == rectified), key=lambda p: p.left.name
+        (pair for pair in chosen if _rectification(pair.left, raw) == best), key=lambda p: p.left.name
     )

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from ..atomic_file import write_atomically
-from ..core.config import CalibratorConfig
 from ..fleet.bags import find_bags
 from ..fleet.index import index_page
 from ..fleet.outcome import Outcome, Status
@@ -22,9 +21,10 @@ from ..fleet.store import Bag, Store
 from ..fleet.table import check_table, write_table
 from ..fleet.work import FleetSettings, make_report, versions
 from ..offline import Selection, default_jobs
-from ..parameter_file import load_calibrator_config
+from ..parameter_file import chosen_config
 from ..rig_file import read_rig_file
 from .console import EXIT_NOT_ACCEPTED, EXIT_OK, Parser, Progress, UsageError, check_writable, run
+from .replay_options import add_camera_options, add_selection_options, positive_int, time_s
 from .report import as_dict
 
 _DESCRIPTION = """\
@@ -231,36 +231,19 @@ def _check_dask() -> None:
 
 
 def _settings(arguments: argparse.Namespace) -> FleetSettings:
-    config = CalibratorConfig() if arguments.config is None else load_calibrator_config(arguments.config)
-    if arguments.seed is not None:
-        settings = {name: value for name, value, _ in config.settings()}
-        config = CalibratorConfig.from_mapping(settings | {"seed": arguments.seed})
     return FleetSettings(
-        config,
+        chosen_config(arguments.config, arguments.seed),
         arguments.left,
         arguments.right,
         arguments.tolerance_s,
         None if arguments.rig is None else read_rig_file(arguments.rig),
-        Selection(arguments.start_s, arguments.end_s, arguments.every, arguments.max_frames),
+        Selection(arguments.start, arguments.end, arguments.every, arguments.max_frames),
+        arguments.raw,
     )
 
 
-def _count(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{value} is less than 1")
-    return value
-
-
-def _time_s(text: str) -> float:
-    value = float(text)
-    if not 0 <= value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is not a time of 0 s or more")
-    return value
-
-
 def _stretch_s(text: str) -> float | None:
-    return _time_s(text) or None
+    return time_s(text) or None
 
 
 def _parser() -> Parser:
@@ -293,7 +276,7 @@ def _parser() -> Parser:
         metavar="ADDRESS",
         help="an existing Dask cluster, tcp://HOST:PORT (default: this machine)",
     )
-    add("--workers", metavar="N", type=_count, help="processes on this machine (default: one a core)")
+    add("--workers", metavar="N", type=positive_int, help="processes on this machine (default: one a core)")
     add(
         "--dashboard-port",
         metavar="PORT",
@@ -309,28 +292,6 @@ def _parser() -> Parser:
         default=_STRETCH_S,
         help="divide recordings that are longer into stretches of about S seconds, 0: never (default: 120)",
     )
-    add("--left", metavar="TOPIC", help="image topic of the left camera (default: found by type and name)")
-    add("--right", metavar="TOPIC", help="image topic of the right camera")
-    add("--rig", metavar="FILE", type=Path, help="rig file (YAML or JSON) of all recordings")
-    add("--config", metavar="FILE", type=Path, help="settings of the calibrator (YAML)")
-    add("--seed", metavar="N", type=int, help="seed of the random numbers (default: that of the settings)")
-    add(
-        "--approximate-sync-tolerance",
-        dest="tolerance_s",
-        metavar="S",
-        type=_time_s,
-        default=0.0,
-        help="pair images whose stamps differ by at most S seconds (default: equal stamps)",
-    )
-    add(
-        "--start",
-        dest="start_s",
-        metavar="S",
-        type=_time_s,
-        default=0.0,
-        help="leave out the first S seconds",
-    )
-    add("--end", dest="end_s", metavar="S", type=_time_s, help="stop S seconds after the start")
-    add("--every", metavar="N", type=_count, default=1, help="use every N-th frame")
-    add("--max-frames", metavar="N", type=_count, help="use N frames of each recording at most")
+    add_camera_options(parser)
+    add_selection_options(parser)
     return parser

@@ -32,7 +32,7 @@ from ..offline import (
     look_again,
     open_source,
 )
-from ..parameter_file import load_calibrator_config, load_frames
+from ..parameter_file import chosen_config, load_frames
 from ..picture import draw_overview
 from ..result_file import write_result
 from ..rig_file import read_rig_file
@@ -75,7 +75,7 @@ def _replay(argv: list[str]) -> int:
     settings = _Settings(
         frames=load_frames(arguments.config),
         rig=None if arguments.rig is None else read_rig_file(arguments.rig),
-        config=_config(arguments.config, arguments.seed),
+        config=chosen_config(arguments.config, arguments.seed),
         selection=Selection(arguments.start, arguments.end, arguments.every, arguments.max_frames),
     )
     if arguments.all_pairs:
@@ -89,8 +89,9 @@ def _replay(argv: list[str]) -> int:
 def _replay_one(arguments: argparse.Namespace, settings: _Settings) -> Replay:
     """Calibrate one pair, and write its files before the end of its table: a reader of that may go away."""
     a = arguments
-    given = (a.bags, a.left, a.right, a.tolerance_s, settings.rig, settings.selection, a.raw)
-    with open_source(*given) as source:
+    with open_source(
+        a.bags, a.left, a.right, a.tolerance_s, settings.rig, settings.selection, a.raw
+    ) as source:
         replay = _run_with_output(source, settings.config, arguments)
         _write_files(source, replay, arguments, settings.frames)
     return replay
@@ -171,15 +172,6 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
     picture = arguments.picture
     if picture is not None and picture.suffix.lower() != ".png":
         raise UsageError(f"--picture {picture}: pictures are written as PNG; end the name in .png")
-
-
-def _config(path: Path | None, seed: int | None) -> CalibratorConfig:
-    """Return the settings of the file, or the defaults, with the seed of the command line."""
-    config = CalibratorConfig() if path is None else load_calibrator_config(path)
-    if seed is None:
-        return config
-    settings = {name: value for name, value, _ in config.settings()}
-    return CalibratorConfig.from_mapping(settings | {"seed": seed})
 
 
 def _run_with_output(source: FrameSource, config: CalibratorConfig, arguments: argparse.Namespace) -> Replay:

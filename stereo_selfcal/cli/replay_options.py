@@ -1,4 +1,4 @@
-"""The options of ``replay``."""
+"""The options of ``replay``, and those that ``fleet`` shares with it."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ _DESCRIPTION = """\
 Find height, pitch and roll of a stereo camera from a recording of a straight road.
 
 BAG is a rosbag2 folder (mcap or sqlite3), a single .mcap or .db3 file, or a ROS 1 .bag, with
-rectified images of both cameras; several are one drive, in the order of time. Or it is a folder
-of image pairs, left/NAME.png and right/NAME.png, with a rig file. Every frame is calibrated; the
-accepted ones are fused.
+rectified images of both cameras (raw ones: --raw); several are one drive, in the order of time.
+Or it is a folder of image pairs, left/NAME.png and right/NAME.png, with a rig file. Every frame
+is calibrated; the accepted ones are fused.
 """
 _EPILOG = """\
 exit status: 0 calibrated; 1 no frame was accepted; 2 bad usage or unreadable input, also when a
@@ -38,13 +38,8 @@ def replay_parser() -> Parser:
     )
     add = parser.add_argument
     add("bags", metavar="BAG", type=Path, nargs="+", help="the recording")
-    add("--left", metavar="TOPIC", help="image topic of the left camera (default: found by type and name)")
-    add("--right", metavar="TOPIC", help="image topic of the right camera; of image pairs: the folder")
+    add_camera_options(parser)
     add("--all", dest="all_pairs", action="store_true", help="calibrate every stereo pair of the recording")
-    add("--raw", action="store_true", help="the images are raw: undistort and rectify them by CameraInfo")
-    add("--rig", metavar="FILE", type=Path, help="rig file (YAML or JSON) instead of the CameraInfo topics")
-    add("--config", metavar="FILE", type=Path, help="settings of the calibrator (YAML)")
-    add("--seed", metavar="N", type=int, help="seed of the random numbers (default: that of the settings)")
     add("--output", metavar="FILE", type=Path, help="write the result as a ROS 2 parameter file (YAML)")
     add(
         "--export",
@@ -63,36 +58,59 @@ def replay_parser() -> Parser:
     add("--report", metavar="FILE", type=Path, help="write a report to look at: one HTML file, with pictures")
     add("--csv", metavar="FILE", type=Path, help="write a table, one line per frame (SI units, radians)")
     add("--json", action="store_true", help="print one JSON object (SI units, radians) instead of the table")
-    add(
-        "--approximate-sync-tolerance",
-        dest="tolerance_s",
-        metavar="S",
-        type=_time_s,
-        default=0.0,
-        help="pair images whose stamps differ by at most S seconds (default: equal stamps)",
-    )
-    add("--start", metavar="S", type=_time_s, default=0.0, help="from S seconds after the recording starts")
-    add("--end", metavar="S", type=_time_s, help="to S seconds after the recording starts")
-    add("--every", metavar="N", type=_positive_int, default=1, help="every N-th frame")
-    add("--max-frames", metavar="N", type=_positive_int, help="stop after N frames")
+    add_selection_options(parser)
     add(
         "--jobs",
         metavar="N",
-        type=_positive_int,
+        type=positive_int,
         default=default_jobs(),
         help="processes that calibrate (default: %(default)s, the cores); the result is the same with any",
     )
     return parser
 
 
-def _positive_int(text: str) -> int:
+def add_camera_options(parser: Parser) -> None:
+    """Add what is to be known of the cameras, and how they are calibrated."""
+    add = parser.add_argument
+    add("--left", metavar="TOPIC", help="image topic of the left camera (default: found by type and name)")
+    add("--right", metavar="TOPIC", help="image topic of the right camera; of image pairs: the folder")
+    add("--rig", metavar="FILE", type=Path, help="rig file (YAML or JSON) instead of the CameraInfo topics")
+    add(
+        "--raw",
+        action="store_true",
+        help="the images are raw: undistort and rectify them by their CameraInfo",
+    )
+    add("--config", metavar="FILE", type=Path, help="settings of the calibrator (YAML)")
+    add("--seed", metavar="N", type=int, help="seed of the random numbers (default: that of the settings)")
+
+
+def add_selection_options(parser: Parser) -> None:
+    """Add which frames of a recording are used."""
+    add = parser.add_argument
+    add(
+        "--approximate-sync-tolerance",
+        dest="tolerance_s",
+        metavar="S",
+        type=time_s,
+        default=0.0,
+        help="pair images whose stamps differ by at most S seconds (default: equal stamps)",
+    )
+    add("--start", metavar="S", type=time_s, default=0.0, help="from S seconds after the recording starts")
+    add("--end", metavar="S", type=time_s, help="to S seconds after the recording starts")
+    add("--every", metavar="N", type=positive_int, default=1, help="every N-th frame")
+    add("--max-frames", metavar="N", type=positive_int, help="stop after N frames")
+
+
+def positive_int(text: str) -> int:
+    """Return the whole number an option gives, 1 or more."""
     value = int(text)
     if value < 1:
         raise argparse.ArgumentTypeError(f"{value} is less than 1")
     return value
 
 
-def _time_s(text: str) -> float:
+def time_s(text: str) -> float:
+    """Return the time an option gives [s], 0 or more."""
     value = float(text)
     if not (value >= 0 and math.isfinite(value)):
         raise argparse.ArgumentTypeError(f"{text} is not a time of 0 s or more")

@@ -26,8 +26,10 @@ _NEAR_M, _LANES_M = (0.02, 0.08), ((0.20, 0.40), (0.15, 0.90))
 _NEAR_SAMPLES, _LANE_SAMPLES = 4, 9  # across each
 _HALVES = ((0.2, 0.4), (0.6, 0.8))  # of a stripe from the lane on, without its edges
 _ALIKE = 0.06  # of the contrast, by which both sides of a stripe in a shadow may differ
-_BLUR_PX = 2.0  # what a lens and the width of a pixel smear: nearer to the edge nothing is read
-_LEAST_PX = 3.0  # the near strip must be as wide: else it is all smear
+# Nothing is read nearer to an edge than what lens and pixel smear: of the edge, 0.6 % is left there. The
+# strip beside the stripe must be as wide. Within the stripe both edges leave the same: less will do.
+_SMEAR_SIGMAS, _INNER_SMEAR = 2.5, 0.6
+_PIXEL_VARIANCE = 1.0 / 12.0
 _LEAST_ROWS, _MOST_ROWS = 12, 48
 _CONTRAST_PERCENTILE = 75.0  # of the rows: at least a quarter of a dashed line is painted
 _SIGMA_OVER_MAD = 1.4826
@@ -72,8 +74,8 @@ def measure_rims(
         width_m = float(refined.widths_m[index])
         seen = [
             rim
-            for image, line in zip(images, lines, strict=True)
-            if (rim := _rim(image, line, width_m, index == 0, plane, rig)) is not None
+            for image, line, blur in zip(images, lines, refined.blur_px, strict=True)
+            if (rim := _rim(image, line, (width_m, float(blur)), index == 0, plane, rig)) is not None
         ]
         if seen:
             values = np.array([[rim.step, rim.step_std, rim.tone, rim.tone_std] for rim in seen])
@@ -84,8 +86,16 @@ def measure_rims(
 
 
 def _rim(
-    image: Image, line: ImageLine, width_m: float, lane_is_right: bool, plane: Array, rig: StereoRig
+    image: Image,
+    line: ImageLine,
+    stripe: tuple[float, float],
+    lane_is_right: bool,
+    plane: Array,
+    rig: StereoRig,
 ) -> Rim | None:
+    width_m, blur_px = stripe
+    # Along the row, an inclined edge is smeared more.
+    smear_px = _SMEAR_SIGMAS * float(np.sqrt((blur_px**2 + _PIXEL_VARIANCE) * (1.0 + line.slope**2)))
     top, bottom = int(np.ceil(line.rows.min())), int(line.rows.max())
     rows = np.arange(top, bottom + 1, max(1, (bottom - top) // _MOST_ROWS)).astype(np.float64)
     edge = line.column_at(rows)
@@ -94,8 +104,8 @@ def _rim(
     side = 1.0 if lane_is_right else -1.0
     if lane_is_right:
         edge = edge + width_m * px_per_m
-    seen = (_NEAR_M[1] - _NEAR_M[0]) * px_per_m >= _LEAST_PX
-    farthest = edge + side * (_LANES_M[1][1] * px_per_m + _BLUR_PX)
+    seen = (_NEAR_M[1] - _NEAR_M[0]) * px_per_m >= smear_px
+    farthest = edge + side * (_LANES_M[1][1] * px_per_m + smear_px)
     seen &= (farthest > 0) & (farthest < image.shape[1] - 1)
     if np.count_nonzero(seen) < _LEAST_ROWS:
         return None
@@ -107,10 +117,10 @@ def _rim(
         values = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(values, np.float64)
 
-    near = read(np.linspace(*_NEAR_M, _NEAR_SAMPLES), _BLUR_PX).mean(axis=1)
-    lanes = [np.median(read(np.linspace(*reach, _LANE_SAMPLES), _BLUR_PX), axis=1) for reach in _LANES_M]
+    near = read(np.linspace(*_NEAR_M, _NEAR_SAMPLES), smear_px).mean(axis=1)
+    lanes = [np.median(read(np.linspace(*reach, _LANE_SAMPLES), smear_px), axis=1) for reach in _LANES_M]
     lane = min(lanes, key=lambda each: abs(float(np.median(near - each))))
-    beyond = read(-np.linspace(*_NEAR_M, _NEAR_SAMPLES) - width_m, -_BLUR_PX).mean(axis=1)
+    beyond = read(-np.linspace(*_NEAR_M, _NEAR_SAMPLES) - width_m, -smear_px).mean(axis=1)
     halves = [
         read(-width_m * np.linspace(first, last, _NEAR_SAMPLES), 0.0).mean(axis=1) for first, last in _HALVES
     ]
@@ -123,9 +133,7 @@ def _rim(
     if step < 0.0 and abs(dark) <= _ALIKE * contrast:
         step = 0.0
     # Only where there is paint, and enough of it between its edges.
-    wide = (painted > contrast / 2.0) & (
-        (_HALVES[0][1] - _HALVES[0][0]) * width_m * px_per_m[:, 0] >= _BLUR_PX
-    )
+    wide = (painted > contrast / 2.0) & (_HALVES[0][0] * width_m * px_per_m[:, 0] >= _INNER_SMEAR * smear_px)
     tone, tone_std = (
         _middle((halves[0] - halves[1])[wide]) if np.count_nonzero(wide) >= _LEAST_ROWS else (0.0, 0.0)
     )

@@ -36,6 +36,7 @@ class FleetSettings:
         tolerance_s: Greatest difference of the header stamps of a pair [s].
         rig: The rig of all recordings, None for that of each.
         selection: Which frames are used of each.
+        raw: Whether the images are to be undistorted and rectified.
     """
 
     config: CalibratorConfig
@@ -44,6 +45,7 @@ class FleetSettings:
     tolerance_s: float = 0.0
     rig: StereoRig | None = None
     selection: Selection = field(default_factory=Selection)
+    raw: bool = False
 
     def to_mapping(self) -> dict[str, Any]:
         """Return all of it as plain values: equal settings give equal results."""
@@ -59,6 +61,7 @@ class FleetSettings:
                 self.selection.every,
                 self.selection.max_frames,
             ],
+            "raw": self.raw,
         }
 
     def open(self, path: Path) -> FrameSource:
@@ -67,7 +70,9 @@ class FleetSettings:
         Raises:
             SelfcalError: It cannot be read.
         """
-        return open_source([path], self.left, self.right, self.tolerance_s, self.rig, self.selection)
+        return open_source(
+            [path], self.left, self.right, self.tolerance_s, self.rig, self.selection, self.raw
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,12 +95,14 @@ class Stretch:
         rig: The rig of the recording.
         topics: Topics of the left and of the right images.
         n_images: Left and right images of the whole recording.
+        remarks: What is strange about its cameras.
     """
 
     frames: list[tuple[FrameHead, CalibrationResult]]
     rig: StereoRig
     topics: tuple[str, str]
     n_images: tuple[int, int]
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +201,8 @@ def calibrate_stretch(path: str, settings: FleetSettings, selection: Selection) 
         with settings.open(Path(path)) as source:
             calibrator = Calibrator(source.rig, settings.config)
             frames = list(calibrate_in_order(source.frames(), calibrator, jobs=1))
-            return Stretch(frames, source.rig, (source.left_name, source.right_name), source.n_images)
+            topics = source.left_name, source.right_name
+            return Stretch(frames, source.rig, topics, source.n_images, source.remarks)
     except Exception as error:  # noqa: BLE001  (whatever it is, the whole recording shows it again)
         return Failure(one_line(error))
 
@@ -209,9 +217,10 @@ def join(stretches: Sequence[Stretch], settings: FleetSettings) -> Calibrated:
     first = stretches[0]
     frames = [frame for stretch in stretches for frame in stretch.frames]
     replay = assemble_replay(frames, Calibrator(first.rig, settings.config))
+    remarks = first.remarks
     if settings.selection.whole:  # nothing was amiss, so all images there are were read
-        replay = replace(replay, remarks=remarks_on(first.n_images, first.n_images, len(frames)))
-    return Calibrated(replay, first.topics)
+        remarks += remarks_on(first.n_images, first.n_images, len(frames))
+    return Calibrated(replace(replay, remarks=remarks), first.topics)
 
 
 def make_report(path: str, settings: FleetSettings, calibrated: Calibrated) -> bytes | Failure:

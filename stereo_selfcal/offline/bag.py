@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from ..bags import BagError, Selection, StereoBag, StereoFrame
 from ..core.rig import StereoRig
+from ..core.undistort import StereoRectifier
 from .recording import FrameSource
 
 
@@ -20,7 +22,7 @@ class BagSource(FrameSource):
         tolerance_s: Greatest difference of the header stamps of a pair [s]; 0 means equal stamps.
         rig: The rig, None for that of the CameraInfo topics.
         selection: Which frames are used, None for all.
-        raw: Whether the images are raw ones, to be undistorted and rectified.
+        raw: Whether the images are raw: they are undistorted and rectified with their CameraInfo.
 
     Raises:
         BagError: A bag cannot be read, or there is no unambiguous stereo pair or no rig.
@@ -48,9 +50,8 @@ class BagSource(FrameSource):
             self.left_name, self.right_name = topics.left.name, topics.right.name
             self.n_images = topics.left.count, topics.right.count
             self.start_ns = self._bag.start_ns
-            self.rig = self._bag.read_rig() if rig is None else rig
-            if self._bag.rectifier is not None:
-                self.notes = tuple(doubt.message for doubt in self._bag.rectifier.doubts)
+            self._rectifier = self._bag.read_rectifier(not raw) if rig is None else StereoRectifier(rig)
+            self.rig = self._rectifier.rig
             self.selection = selection or Selection()
         except BaseException:
             self.close()
@@ -63,16 +64,20 @@ class BagSource(FrameSource):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What became of images that are in no frame."""
-        return self._bag.remarks
+        """What is strange about the CameraInfo, and what became of images that are in no frame."""
+        return (*(doubt.message for doubt in self._rectifier.doubts), *self._bag.remarks)
 
     def frames(self) -> Iterator[StereoFrame]:
         """Yield the selected frames in the order of the recording."""
-        return self._bag.frames(self.selection)
+        return map(self._rectified, self._bag.frames(self.selection))
 
     def frame_at(self, recorded_ns: int) -> StereoFrame:
         """Return one frame again."""
-        return self._bag.frame_at(recorded_ns)
+        return self._rectified(self._bag.frame_at(recorded_ns))
+
+    def _rectified(self, frame: StereoFrame) -> StereoFrame:
+        left, right = self._rectifier.apply(frame.left, frame.right)
+        return replace(frame, left=left, right=right)
 
     def close(self) -> None:
         """Close the bags."""

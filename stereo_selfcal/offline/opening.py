@@ -34,7 +34,7 @@ def open_source(
         tolerance_s: Greatest difference of the header stamps of a pair [s]; 0 means equal stamps.
         rig: The rig; None for that of the CameraInfo topics, or of a rig file beside the image folders.
         selection: Which frames are used, None for all.
-        raw: Whether the images are raw ones, to be undistorted and rectified with their CameraInfo.
+        raw: Whether the images of bags are raw: they are undistorted and rectified with their CameraInfo.
 
     Raises:
         SelfcalError: It cannot be read, or has no unambiguous stereo pair or no rig.
@@ -42,12 +42,12 @@ def open_source(
     folders = [path for path in paths if is_image_folder(path, left, right)]
     if not folders:
         return BagSource(paths, left, right, tolerance_s, rig, selection, raw)
-    if len(paths) > 1:
-        raise BagError(f"{folders[0]}: a folder of images is a recording by itself: give it alone")
     if raw:
         raise BagError(
             f"{folders[0]}: raw images need CameraInfo, which a folder of images has not: rectify them"
         )
+    if len(paths) > 1:
+        raise BagError(f"{folders[0]}: a folder of images is a recording by itself: give it alone")
     return FolderSource(folders[0], rig or _rig_in(folders[0]), left, right, selection)
 
 

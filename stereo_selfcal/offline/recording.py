@@ -42,7 +42,7 @@ class FrameSource(ABC):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What became of images that are in no frame, in sentences; known when all frames have been read."""
+        """What is strange about the recording, in sentences; all of it when all frames have been read."""
         return ()
 
     @abstractmethod

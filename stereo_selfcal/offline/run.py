@@ -29,7 +29,7 @@ class Replay:
         config: Settings it was calibrated with.
         damage: What ended the recording early, in one line; None when all of it was read. The rows and
             the estimate are those of the frames before.
-        remarks: What became of images that are in no frame, in sentences.
+        remarks: What is strange about the recording, in sentences.
     """
 
     rows: tuple[FrameRow, ...]

@@ -12,6 +12,7 @@ from ..core.calibrator import Calibrator
 from ..core.pairing import stamp_to_s
 from .config import NodeConfig
 from .live import LiveFrame, NoFrame
+from .memory import give_back
 from .record import FrameReport
 
 # How soon a changed period is noticed, and cameras that are others than before.
@@ -85,6 +86,7 @@ class Monitor:
                 if time.monotonic() >= last_s + period_s:
                     last_s = time.monotonic()
                     self.step()
+                    give_back()
                 delay_s = max(0.0, min(last_s + period_s - time.monotonic(), _TICK_S))
             except Exception:  # noqa: BLE001 - a frame that fails must not end the watch
                 if not self._stopped.is_set():

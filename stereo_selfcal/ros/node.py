@@ -14,6 +14,7 @@ from rclpy.utilities import remove_ros_args
 
 from ..core.errors import ConfigError, SelfcalError
 from ..result_file import NODE_NAME
+from .memory import use_one_heap
 from .selfcal import SelfcalNode
 
 # Parameter services and timer, images, one call of ~/calibrate that waits, and one that is told "busy".
@@ -56,6 +57,7 @@ def _spin(executor: MultiThreadedExecutor) -> None:
 
 def _run(arguments: list[str]) -> None:
     """Start ROS and run the node until it is told to end."""
+    use_one_heap()
     try:
         rclpy.init(args=arguments)
     except RuntimeError as error:

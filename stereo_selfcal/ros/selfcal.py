@@ -25,6 +25,7 @@ from .diagnostics import CalibrationReport
 from .inputs import StereoInput
 from .live import LiveFrames, known_rig
 from .markers import lanes_on_road
+from .memory import give_back
 from .monitor import Monitor
 from .outputs import Outputs, Publication
 from .parameters import NodeParameters
@@ -158,6 +159,7 @@ class SelfcalNode:
         self._last_lines = None
         with self._live.all() as frames:
             outcome = ReportingCall(frames, config, self._on_frame).run()
+        give_back()
         result, rig = outcome.result, outcome.rig
         if result is None or rig is None:
             return False, outcome.message

@@ -58,13 +58,13 @@ def test_raw_topics_are_preferred_when_they_are_wanted(tmp_path):
             assert found.left.name == name
 
 
-def test_doubts_about_the_camera_info_are_notes(tmp_path):
+def test_doubts_about_the_camera_info_are_remarks(tmp_path):
     path = make_bag(tmp_path / "bag", raw_cameras(d=np.array([0.1, 0, 0, 0, 0])))
     with open_source([path], raw=True) as source:
-        assert source.notes == ()
+        assert source.remarks == ()
     k = np.array([RIG.fx * 3, 0, RIG.cx, 0, RIG.fy * 3, RIG.cy, 0, 0, 1.0])
     with open_source([make_bag(tmp_path / "other", cameras(info_changes={"k": k}))]) as source:
-        assert len(source.notes) == 2 and "different resolutions" in source.notes[0]
+        assert len(source.remarks) == 2 and "different resolutions" in source.remarks[0]
 
 
 def test_raw_images_and_a_rig_file_contradict_each_other(tmp_path):

@@ -19,7 +19,14 @@ from stereo_selfcal.fleet.index import index_page
 from stereo_selfcal.fleet.outcome import COLUMNS, Outcome, Status
 from stereo_selfcal.fleet.store import Bag, Store
 from stereo_selfcal.fleet.table import check_table, csv_of, write_table
-from stereo_selfcal.fleet.work import FleetSettings, Stretches, calibrate_bag, calibrate_stretch, stretches_of
+from stereo_selfcal.fleet.work import (
+    FleetSettings,
+    Stretches,
+    calibrate_bag,
+    calibrate_stretch,
+    join,
+    stretches_of,
+)
 from stereo_selfcal.offline import BagSource, Selection, calibrate_recording
 
 SETTINGS = FleetSettings(CalibratorConfig())
@@ -67,6 +74,7 @@ def test_it_is_done_again_when_files_or_settings_change(road, tmp_path):
         replace(SETTINGS, left="/left"),
         replace(SETTINGS, rig=StereoRig(64, 48, 50.0, 50.0, 31.5, 23.5, 0.15)),
         replace(SETTINGS, selection=Selection(max_frames=1)),
+        replace(SETTINGS, raw=True),
     ]
     keys = {Bag.of(road, settings).key for settings in others}
     assert len(keys) == len(others)
@@ -195,6 +203,18 @@ def test_stretches_hold_every_frame_once(road):
     assert isinstance(stretches, Stretches)
     parts = [calibrate_stretch(str(road), SETTINGS, selection) for selection in stretches.selections]
     assert [head.recorded_ns for part in parts for head, _ in part.frames] == expected
+
+
+def test_images_without_a_partner_are_remarked_on_in_stretches_too(road):
+    with BagSource([road]) as source:
+        stretches = stretches_of(source, SETTINGS, 0.1)
+    parts = [calibrate_stretch(str(road), SETTINGS, selection) for selection in stretches.selections]
+    assert join(parts, SETTINGS).replay.remarks == ()
+    short = [replace(part, n_images=(4, 3)) for part in parts]
+    assert join(short, SETTINGS).replay.remarks == (
+        "1 left and 0 right images have no partner of the same time",
+    )
+    assert join(short, replace(SETTINGS, selection=Selection(start_s=0.01))).replay.remarks == ()
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,25 @@
+"""Keeps the memory of a process that runs for years flat, where the C library is glibc."""
+
+from __future__ import annotations
+
+import ctypes
+from contextlib import suppress
+
+_M_ARENA_MAX = -8  # of mallopt(3), malloc.h of glibc
+
+
+def use_one_heap() -> None:
+    """Have all threads take their memory from one heap; to be called before there are any.
+
+    By default each thread has its own, which keeps what a calibration took for the next one in that
+    thread: the node grew by 30 MiB in its first minutes. Python's own lock lets one thread allocate at a
+    time anyway.
+    """
+    with suppress(AttributeError, OSError):
+        ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 1)
+
+
+def give_back() -> None:
+    """Give back what is not in use: 25 MiB after a frame of 1280 x 720. Takes some milliseconds."""
+    with suppress(AttributeError, OSError):
+        ctypes.CDLL(None).malloc_trim(0)

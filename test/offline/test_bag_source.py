@@ -1,0 +1,87 @@
+"""Frames of bags as the calibrator gets them: rectified by CameraInfo, as in the node."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+from bag_making import RIG, Camera, cameras, make_bag, picture
+from fake_calibrator import use_fake
+
+from stereo_selfcal.bags import BagError, StereoBag
+from stereo_selfcal.cli.replay import main
+from stereo_selfcal.core.undistort import StereoRectifier
+from stereo_selfcal.offline import open_source
+
+LENS = {"d": np.array([-0.2, 0.05, 0.001, -0.001, 0.0])}
+
+
+def raw_cameras(**changes):
+    return [
+        Camera(side, f"/stereo/{side}/image_raw", info_changes=LENS | changes) for side in ("left", "right")
+    ]
+
+
+def test_rectified_images_stay_as_they_are(tmp_path):
+    with open_source([make_bag(tmp_path / "bag", cameras())]) as source:
+        for index, frame in enumerate(source.frames()):
+            np.testing.assert_array_equal(frame.left, picture("left", index))
+        assert source.rig == RIG
+        assert source.remarks == ()
+
+
+def test_raw_images_are_rectified(tmp_path):
+    path = make_bag(tmp_path / "bag", raw_cameras())
+    with StereoBag(path) as bag:
+        infos = [bag._first_info(topic) for topic in (bag.topics.left, bag.topics.right)]
+    rectifier = StereoRectifier.from_camera_info(*infos, False)
+    with open_source([path], raw=True) as source:
+        assert source.rig == rectifier.rig
+        for index, frame in enumerate(source.frames()):
+            left, right = rectifier.apply(picture("left", index), picture("right", index))
+            np.testing.assert_array_equal(frame.left, left)
+            np.testing.assert_array_equal(frame.right, right)
+            assert not np.array_equal(left, picture("left", index))
+            np.testing.assert_array_equal(source.frame_at(frame.recorded_ns).left, left)
+
+
+def test_raw_topics_are_found_beside_rectified_ones(tmp_path):
+    path = make_bag(
+        tmp_path / "bag", [*raw_cameras(), *(Camera(side, info="") for side in ("left", "right"))]
+    )
+    for raw, leaf in ((False, "image_rect"), (True, "image_raw")):
+        with open_source([path], raw=raw) as source:
+            assert (source.left_name, source.right_name) == (f"/stereo/left/{leaf}", f"/stereo/right/{leaf}")
+
+
+def test_a_right_camera_with_another_principal_point_is_mended(tmp_path):
+    other = [50.0, 0, 33.5, -50.0 * 0.15, 0, 50, 23.5, 0, 0, 0, 1, 0]
+    sides = [Camera("left"), Camera("right", info_changes={"p": np.array(other)})]
+    with open_source([make_bag(tmp_path / "bag", sides)]) as source:
+        frame = next(iter(source.frames()))
+    np.testing.assert_array_equal(frame.left, picture("left", 0))
+    assert not np.array_equal(frame.right, picture("right", 0))
+
+
+def test_raw_images_need_their_camera_info(tmp_path):
+    path = make_bag(tmp_path / "bag", raw_cameras())
+    with pytest.raises(BagError, match="a rig file describes rectified cameras"):
+        open_source([path], rig=RIG, raw=True)
+    wrong = make_bag(tmp_path / "wrong", raw_cameras(r=np.zeros(9)))
+    with pytest.raises(BagError, match=r"wrong: left CameraInfo has no rotation.*left/camera_info"):
+        open_source([wrong], raw=True)
+
+
+def test_raw_on_the_command_line(tmp_path, monkeypatch, capsys):
+    fake = use_fake(monkeypatch)
+    path = make_bag(tmp_path / "bag", raw_cameras())
+    assert main([str(path), "--raw", "--json"]) == 0
+    assert "remarks" not in json.loads(capsys.readouterr().out)
+    assert fake.made[0].rig == RIG
+    assert main([str(path), "--json"]) == 0
+    assert "nobody rectifies" in json.loads(capsys.readouterr().out)["remarks"][0]
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(yaml.safe_dump(RIG.to_mapping()))
+    for arguments in (["--raw", "--rig", str(rig)], ["--raw", "--all", "--rig", str(rig)]):
+        assert main([str(path), *arguments]) == 2
+        assert "rectified cameras" in capsys.readouterr().err

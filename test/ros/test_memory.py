@@ -1,0 +1,45 @@
+"""Memory that is not in use goes back to the system; a C library without the means is no fault."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from stereo_selfcal.ros import memory
+
+PEAK = """
+import threading
+from stereo_selfcal.ros.memory import give_back, use_one_heap
+
+def resident():
+    return next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmRSS"))
+
+def work():
+    blocks = [bytearray(100_000) for _ in range(1000)]  # below what the C library maps apart
+    pins.append(bytearray(100_000))  # above them in the heap, so that it does not just shrink
+    peaks.append(resident())
+
+use_one_heap()
+pins, peaks, before = [], [], resident()
+for _ in range(3):
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+give_back()
+print(peaks[0] - before, resident() - before)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").is_file(), reason="/proc tells what is in use")
+def test_what_threads_have_used_is_given_back():
+    run = subprocess.run([sys.executable, "-c", PEAK], capture_output=True, text=True, check=True)
+    peak, kept = map(int, run.stdout.split())
+    assert peak > 50_000
+    assert kept < peak / 4
+
+
+def test_another_c_library_is_no_fault(monkeypatch):
+    monkeypatch.setattr(memory.ctypes, "CDLL", lambda name: object())
+    memory.use_one_heap()
+    memory.give_back()
