@@ -21,7 +21,7 @@ from ..offline import FrameRow, FrameSource, Replay
 from .choice import refusals
 from .figures import MINUTE_S, PARAMETERS, charts, gates, residuals
 from .pictures import digits, pictures
-from .remedies import remedies
+from .remedies import remedy_of
 
 _TEMPLATE = "report.html.j2"
 # Below this part of the accepted frames the verdict says that the asphalt has not confirmed them.
@@ -72,7 +72,7 @@ def _verdict(replay: Replay) -> dict[str, Any]:
         why = refusals(rows)
         causes = ", ".join(f"{reason} ({count})" for reason, count, _ in why[:_MOST_CAUSES])
         text = f"None of {_number(len(rows), 'frame')} could be used: {causes}."
-        doubts += [f"What to do: {remedies()[why[0][0]]}."] if why else []
+        doubts += [f"What to do: {remedy_of(why[0][2])}."] if why else []
         return {"word": "Not calibrated", "kind": "bad", "sentence": text, "doubts": doubts}
     pose = _in_words(estimate.extrinsics)
     if drive.changes:
@@ -160,7 +160,7 @@ def _counts(rows: Sequence[FrameRow]) -> dict[str, int]:
 
 def _refusals(rows: Sequence[FrameRow]) -> list[dict[str, Any]]:
     """Return every reason with its share, its remedy and an example."""
-    remedy, all_refused = remedies(), refusals(rows)
+    all_refused = refusals(rows)
     most = max((count for _, count, _ in all_refused), default=1)
     return [
         {
@@ -168,7 +168,7 @@ def _refusals(rows: Sequence[FrameRow]) -> list[dict[str, Any]]:
             "count": count,
             "share": f"{100 * count / len(rows):.0f} %",
             "bar": f"{100 * count / most:.0f}",
-            "remedy": remedy[reason][0].upper() + remedy[reason][1:],
+            "remedy": (remedy := remedy_of(row))[:1].upper() + remedy[1:],
             "example": "" if row.rejection is None else row.rejection.finding,
         }
         for reason, count, row in all_refused

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ..core.gates import GATES
 from ..core.results import RejectReason
+from ..offline import FrameRow
 
 _FIND_LINES = "drive on a straight road with painted lines on both sides of the camera, lens clean"
 
@@ -29,3 +30,9 @@ def remedies() -> dict[str, str]:
     for gate in GATES:
         found.setdefault(str(gate.reason), gate.remedy)
     return found
+
+
+def remedy_of(row: FrameRow) -> str:
+    """Return what to do about a refused frame."""
+    known = remedies().get(row.reason or "")
+    return known or ("" if row.rejection is None else row.rejection.remedy)

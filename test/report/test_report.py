@@ -19,9 +19,9 @@ from stereo_selfcal.core.drive import estimate_drive, fuse_frames
 from stereo_selfcal.core.extrinsics import Extrinsics
 from stereo_selfcal.core.gates import GATES
 from stereo_selfcal.core.results import GateReading, RejectReason
-from stereo_selfcal.offline import BagSource, FrameRow, calibrate_recording
+from stereo_selfcal.offline import BagSource, calibrate_recording
 from stereo_selfcal.report.page import render_report
-from stereo_selfcal.report.remedies import remedies
+from stereo_selfcal.report.remedies import remedies, remedy_of
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 VOID = {"meta", "img", "br", "rect", "line", "path", "link", "input", "hr"}
@@ -237,6 +237,9 @@ def test_without_jinja2_replay_runs_and_says_what_a_report_needs(tmp_path):
     assert "jinja2" in refused.stderr
 
 
-def test_row_without_gates_or_covariance_is_shown():
-    row = FrameRow(0.0, "no_lines_found", None)
-    assert remedies()[row.reason]
+def test_a_reason_that_is_new_has_the_remedy_of_its_frame(nothing):
+    row = nothing[1].rows[0]
+    new = replace(row, reason="aliens", rejection=replace(row.rejection, remedy="leave at once"))
+    assert remedy_of(new) == "leave at once"
+    assert remedy_of(replace(new, rejection=None)) == ""
+    assert remedy_of(row) == remedies()["no_lines_found"]
