@@ -79,10 +79,14 @@ class SoakReport:
 
     @property
     def growth_mib(self) -> float:
-        """Growth of the least resident memory from the second minute to the last [MiB]; NaN before those."""
+        """Growth of the median resident memory from the second minute to the last [MiB]; NaN before those."""
         if len(self.minutes) < _LEAST_MINUTES:
             return math.nan
-        return min(self.minutes[-1].rss_mib) - min(self.minutes[1].rss_mib)
+        return float(np.median(self.minutes[-1].rss_mib) - np.median(self.minutes[1].rss_mib))
+
+
+def _spread(values: list[float]) -> str:
+    return f"{min(values):.1f}, {np.median(values):.1f}, {max(values):.1f}"
 
 
 def soak(seconds: float) -> SoakReport:
@@ -115,8 +119,8 @@ def soak_table(options: Options) -> Iterator[Table]:
         f"~/calibrate every {CALL_EVERY_S:g} s",
         [
             "minute",
-            "own memory: least, most",
-            "resident: least, most",
+            "own memory: least, median, most",
+            "resident: least, median, most",
             "calls: accepted, refused",
             "get_parameters: median, longest",
             "lines in the log",
@@ -130,8 +134,8 @@ def soak_table(options: Options) -> Iterator[Table]:
         asked_ms = 1e3 * np.array(minute.asked_s or [math.nan])
         minutes.add(
             str(number),
-            f"{min(minute.own_mib):.1f}, {max(minute.own_mib):.1f}",
-            f"{min(minute.rss_mib):.1f}, {max(minute.rss_mib):.1f}",
+            _spread(minute.own_mib),
+            _spread(minute.rss_mib),
             f"{sum(minute.calls)}, {len(minute.calls) - sum(minute.calls)}",
             f"{np.median(asked_ms):.1f} ms, {asked_ms.max():.0f} ms",
             str(minute.log_lines),
