@@ -143,8 +143,9 @@ def test_commands_that_are_not_run_name_what_exists():
             assert names <= {*parameters, "camera"}, line
         elif words[:2] == ["ros2", "param"]:
             assert words[3] == "/stereo_selfcal", line
-            name = words[4].removeprefix("extrinsics.")
-            assert name in {*parameters, "height_m", "pitch_rad", "roll_rad"}, line
+            for word in words[4:5]:  # `list` and `dump` name none
+                name = word.removeprefix("extrinsics.")
+                assert name in {*parameters, "height_m", "pitch_rad", "roll_rad"}, line
         elif words[:3] == ["ros2", "service", "call"]:
             assert words[3].startswith("/stereo_selfcal/"), line
     assert seen
