@@ -13,6 +13,7 @@ import numpy as np
 from .extraction import Response
 from .extrinsics import Array
 from .hough import HoughPeak
+from .medians import upper_median
 from .pattern import ImageLine
 
 # Half width of the search for the edge [px] in the passes of a fit: first the Hough cell (4 px and
@@ -121,12 +122,6 @@ def _fit_blocks(
     )
 
 
-def _median(values: Array) -> float:
-    """Return the upper median; np.median spends more time on its checks than on 60 values."""
-    middle = len(values) // 2
-    return float(np.partition(values, middle)[middle])
-
-
 def _measure(
     response: Response,
     line: tuple[float, float, float],
@@ -193,7 +188,7 @@ def _robust_line(v: Array, u: Array, weights: Array) -> tuple[tuple[float, float
         a, b = (s2 * t0 - s1 * t1) / determinant, (s0 * t1 - s1 * t0) / determinant
         # Residuals in units of a point of mean weight.
         residual = (u - a - b * v) * root
-        previous, scale = scale, max(_MIN_RESIDUAL_PX, _SIGMA_OVER_MAD * _median(np.abs(residual)))
+        previous, scale = scale, max(_MIN_RESIDUAL_PX, _SIGMA_OVER_MAD * upper_median(np.abs(residual)))
         robust = np.clip(1.0 - (residual / (_TUKEY * scale)) ** 2, 0.0, None) ** 2
         if abs(scale - previous) <= _SETTLED * scale:
             break

@@ -15,6 +15,7 @@ import numpy as np
 from .corridor import plane_of
 from .extraction import MIN_CONTRAST_GREY, Image
 from .extrinsics import Array
+from .medians import upper_median
 from .pattern import ImageLine, LanePattern
 from .refinement import RefinedFit
 from .rig import StereoRig
@@ -111,19 +112,21 @@ def _rim(
         return None
     rows, edge, px_per_m = rows[seen, None], edge[seen, None], px_per_m[seen, None]
 
-    def read(reach_m: Array, beyond_px: float) -> Array:
-        u = (edge + side * (reach_m * px_per_m + beyond_px)).astype(np.float32)
-        v = np.broadcast_to(rows, u.shape).astype(np.float32)
-        values = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(values, np.float64)
-
-    near = read(np.linspace(*_NEAR_M, _NEAR_SAMPLES), smear_px).mean(axis=1)
-    lanes = [np.median(read(np.linspace(*reach, _LANE_SAMPLES), smear_px), axis=1) for reach in _LANES_M]
-    lane = min(lanes, key=lambda each: abs(float(np.median(near - each))))
-    beyond = read(-np.linspace(*_NEAR_M, _NEAR_SAMPLES) - width_m, -smear_px).mean(axis=1)
-    halves = [
-        read(-width_m * np.linspace(first, last, _NEAR_SAMPLES), 0.0).mean(axis=1) for first, last in _HALVES
-    ]
+    # All places of a row at once: the strip beside the stripe, the lane, the other side, both halves.
+    near_m = np.linspace(*_NEAR_M, _NEAR_SAMPLES)
+    parts = [near_m, *(np.linspace(*reach, _LANE_SAMPLES) for reach in _LANES_M), -near_m - width_m]
+    beyond_px = [smear_px, smear_px, smear_px, -smear_px, 0.0, 0.0]
+    parts += [-width_m * np.linspace(first, last, _NEAR_SAMPLES) for first, last in _HALVES]
+    reach = np.concatenate(parts) * px_per_m + np.repeat(beyond_px, [len(part) for part in parts])
+    u = (edge + side * reach).astype(np.float32)
+    v = np.broadcast_to(rows, u.shape).astype(np.float32)
+    read = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float64)
+    near, *lanes, beyond, first_half, second_half = np.split(
+        read, np.cumsum([len(part) for part in parts])[:-1], axis=1
+    )
+    near, beyond = near.mean(axis=1), beyond.mean(axis=1)
+    lane = min((np.median(each, axis=1) for each in lanes), key=lambda each: abs(upper_median(near - each)))
+    halves = [first_half.mean(axis=1), second_half.mean(axis=1)]
     painted = np.mean(halves, axis=0) - near
     contrast = float(np.percentile(painted, _CONTRAST_PERCENTILE))
     if contrast < MIN_CONTRAST_GREY:
@@ -142,6 +145,6 @@ def _rim(
 
 def _middle(values: Array) -> tuple[float, float]:
     """Return the median and its standard deviation by the scatter."""
-    middle = float(np.median(values))
-    scatter = _SIGMA_OVER_MAD * float(np.median(np.abs(values - middle)))
+    middle = upper_median(values)
+    scatter = _SIGMA_OVER_MAD * upper_median(np.abs(values - middle))
     return middle, scatter / float(np.sqrt(len(values)))

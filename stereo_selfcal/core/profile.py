@@ -15,6 +15,7 @@ import numpy as np
 from .blocks import Blocks
 from .extrinsics import Array, Extrinsics
 from .geometry import horizon_row
+from .medians import upper_median
 from .rig import StereoRig
 
 # The road that is meant: from where a camera behind a windscreen begins to see it, to where a pixel of
@@ -102,7 +103,7 @@ def measure_profile(edges: EdgeResiduals, rig: StereoRig, pose: Extrinsics) -> P
         inverse = np.linalg.inv(weighted.T @ design + np.diag(prior))
         solution = inverse @ (weighted.T @ off)
         relative = np.abs(off - design @ solution) / np.sqrt(variance)
-        scale = max(1.0, _SIGMA_OVER_MAD * float(np.median(relative)))
+        scale = max(1.0, _SIGMA_OVER_MAD * upper_median(relative))
         weights = np.clip(1.0 - (relative / scale / _TUKEY_SIGMAS) ** 2, 0.0, None) ** 2
     covariance = inverse * scale**2
     # The plane through the heights from near to far, by least squares.

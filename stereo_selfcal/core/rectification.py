@@ -14,6 +14,7 @@ import numpy as np
 from .corridor import FAR_M, HALF_WIDTH_M, Corridor, Floats, lay_out, plane_of
 from .extraction import Image
 from .extrinsics import Array, Extrinsics
+from .medians import upper_median
 from .rig import StereoRig
 from .sampling import half_disparity, sample, usable_samples
 
@@ -196,19 +197,21 @@ def combine_cells(cells: Array, variance: Array, columns: Array) -> VerticalOffs
     design = np.column_stack([np.ones(np.count_nonzero(seen)), columns[seen]])
     sigma = np.sqrt(variance[seen])
     # No cell counts for more than a typical one: what scatters is the road, not the noise.
-    sigma = np.maximum(sigma, np.median(sigma))
+    sigma = np.maximum(sigma, upper_median(sigma))
     rows, target = design / sigma[:, None], cells[seen] / sigma
     weights, scale = np.ones(len(target)), 1.0
+    products = np.stack([rows[:, 0] ** 2, rows[:, 0] * rows[:, 1], rows[:, 1] ** 2, *(rows.T * target)])
     for i in range(2 * _REWEIGHTINGS):
-        normal = rows.T @ (weights[:, None] * rows)
-        normal += np.diag(_RIDGE * np.diag(normal))
-        solution = np.linalg.solve(normal, rows.T @ (weights * target))
+        a, b, c, first, second = products @ weights
+        a, c = a * (1.0 + _RIDGE), c * (1.0 + _RIDGE)
+        solution = np.array([c * first - b * second, a * second - b * first]) / (a * c - b * b)
         residual = np.abs(target - rows @ solution)
-        scale = max(_SIGMA_OVER_MAD * float(np.median(residual)), 1e-9)
+        scale = max(_SIGMA_OVER_MAD * upper_median(residual), 1e-9)
         if i < _REWEIGHTINGS:
             weights = 1.0 / np.maximum(residual, 0.1 * scale)
         else:
             weights = np.clip(1.0 - (residual / (_TUKEY_SIGMAS * scale)) ** 2, 0.0, None) ** 2
+    normal = np.array([[a, b], [b, c]])
     covariance = np.linalg.inv(normal) * scale**2 * len(target) / (len(target) - 2)
     std = np.sqrt(np.diag(covariance))
     used = int(np.count_nonzero(weights))
