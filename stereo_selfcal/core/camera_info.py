@@ -166,8 +166,9 @@ class CameraModel:
                 "the pair as a stereo pair, or write the identity if the cameras are aligned",
             )
         rotation = np.array(self.r).reshape(3, 3)
-        error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-        if error > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
+        with np.errstate(over="ignore", invalid="ignore"):  # numbers no camera has give infinity or NaN
+            error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+        if not error <= _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
             raise CameraInfoError(
                 InfoReason.NOT_A_ROTATION,
                 f"R of the {self.side} CameraInfo is no rotation (R R^T differs from the identity by "

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from independent_camera import CAMERAS, ideal_pattern, image_line
 
-from stereo_selfcal import Calibrator, Extrinsics, StereoRig, calibrate
+from stereo_selfcal import Calibrator, Extrinsics, RejectReason, StereoRig, calibrate
 from stereo_selfcal.core import calibrator as calibrator_module
 from stereo_selfcal.core.refinement import predict_edges, refine
-from stereo_selfcal.synth.renderer import render_camera
-from stereo_selfcal.synth.scenes import PAPER_RIG
+from stereo_selfcal.synth.renderer import render, render_camera
+from stereo_selfcal.synth.scenes import PAPER_RIG, random_scene
 from stereo_selfcal.synth.world import LaneLine, Photometry, Road, Scene
 
 POSE = Extrinsics(1.4, math.radians(4.0), math.radians(-0.8))
@@ -361,15 +361,27 @@ def test_stages_in_their_order_and_the_refined_one_is_the_result(rendered, calib
     assert not any("refined" in note for note in result.notes)
 
 
-def test_without_refinement_the_genetic_result_stands_and_says_so(rendered, calibrated, monkeypatch):
+def test_lines_that_cannot_be_refined_do_not_stand_alone(rendered, monkeypatch):
     scene, left, right = rendered(1, NOISE)
     monkeypatch.setattr(calibrator_module, "refine", lambda *_: None)
     result = calibrate(left, right, scene.rig)
-    assert result.accepted
+    assert result.reason is RejectReason.LINE_NOT_PAINTED
+    assert "both edges" in result.message
     assert list(result.stages) == ["genetic", "closed_form"]
-    assert result.extrinsics == result.stages["genetic"] == calibrated(1, NOISE)[1].stages["genetic"]
-    # Its own covariance, not that of the refinement: larger in every direction that matters.
-    assert np.all(np.diag(result.covariance) > np.diag(calibrated(1, NOISE)[1].covariance))
+
+
+def test_without_refinement_the_genetic_result_stands_where_the_asphalt_confirms_it(monkeypatch):
+    scene = random_scene(np.random.default_rng(3), texture_amplitude=12.0)
+    images = render(scene, np.random.default_rng(0))
+    refined = calibrate(*images, scene.rig)
+    monkeypatch.setattr(calibrator_module, "refine", lambda *_: None)
+    result = calibrate(*images, scene.rig)
+    assert result.accepted
+    assert list(result.stages) == ["genetic", "closed_form", "textured", "combined"]
+    assert result.stages["genetic"] == refined.stages["genetic"]
+    assert np.all(
+        np.abs(result.extrinsics.as_array() - refined.extrinsics.as_array()) < refined.std.as_array()
+    )
     assert result.notes[0].startswith("not refined: ")
     assert f"; {result.notes[0]}" in result.message
 
