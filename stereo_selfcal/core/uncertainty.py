@@ -22,7 +22,7 @@ from .pattern import ImageLine, LanePattern
 from .rig import StereoRig
 from .road import lane_in_road, predict_edges
 
-_N_ITERATIONS = 4  # from the genetic result, the first step already lands within its rounding
+_N_ITERATIONS = 2  # from the genetic result, the first step already lands within its rounding
 # Steps of the numerical derivative: height [m], pitch, roll, yaw [rad], positions [m].
 _STEPS = np.array([1e-5, 1e-6, 1e-6, 1e-6, 1e-5, 1e-5])
 _LINE_STEP_PX = 1e-3
