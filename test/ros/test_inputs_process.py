@@ -9,7 +9,7 @@ import cv2
 import ros_graph
 from independent_lens import raw_image
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
-from ros_graph import Camera, Graph, NodeProcess, info_message, rendered
+from ros_graph import Camera, info_message, rendered
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from stereo_selfcal import Calibrator
@@ -17,29 +17,6 @@ from stereo_selfcal.core.undistort import StereoRectifier
 
 SHORT_S = 4.0
 RESULTS = [f"extrinsics.{name}" for name in ("height_m", "pitch_rad", "roll_rad")]
-
-
-@pytest.fixture(scope="module")
-def graph():
-    graph = Graph()
-    yield graph
-    graph.close()
-
-
-@pytest.fixture
-def start(tmp_path):
-    """Start the node; it is ended after the test, cleanly."""
-    processes = []
-
-    def start(parameters=None, arguments=()):
-        processes.append(NodeProcess(tmp_path, parameters, arguments))
-        return processes[-1]
-
-    yield start
-    for process in processes:
-        if process.process.poll() is None:
-            assert process.end() == 0, process.output
-        assert "Traceback" not in process.output and "xception" not in process.output, process.output
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ import ros_graph
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterType, ParameterValue
 from rclpy.node import Node
-from ros_graph import Camera, Graph, NodeProcess, blank, rendered, stamp_of, wait_for
+from ros_graph import Camera, NodeProcess, blank, rendered, stamp_of, wait_for
 from sensor_msgs.msg import Image
 from visualization_msgs.msg import MarkerArray
 
@@ -28,29 +28,6 @@ RESULTS = [f"extrinsics.{name}" for name in RESULT_NAMES]
 SHORT_S = 4.0
 LONG_S = 40.0
 TRUTH = Extrinsics(1.4, math.radians(3.0), math.radians(0.8))  # of the scene straight_road
-
-
-@pytest.fixture(scope="module")
-def graph():
-    graph = Graph()
-    yield graph
-    graph.close()
-
-
-@pytest.fixture
-def start(tmp_path):
-    """Start the node; it is ended after the test, cleanly."""
-    processes = []
-
-    def start(parameters=None, arguments=()):
-        processes.append(NodeProcess(tmp_path, parameters, arguments))
-        return processes[-1]
-
-    yield start
-    for process in processes:
-        if process.process.poll() is None:
-            assert process.end() == 0, process.output
-        assert "Traceback" not in process.output and "xception" not in process.output, process.output
 
 
 def assert_near_truth(extrinsics):

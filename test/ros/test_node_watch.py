@@ -15,7 +15,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.parameter import Parameter
-from ros_graph import Camera, Graph, rendered
+from ros_graph import Camera, rendered
 
 from stereo_selfcal import CalibrationResult, Extrinsics
 from stereo_selfcal.result_file import RESULT_NAMES, load_result, write_result
@@ -39,13 +39,6 @@ def result(pose=POSE, stamp_s=1.7e9):
 
 
 GOOD = Outcome("calibrated", result(), ros_graph.RIG, 5)
-
-
-@pytest.fixture(scope="module")
-def graph():
-    graph = Graph()
-    yield graph
-    graph.close()
 
 
 @pytest.fixture
