@@ -184,10 +184,15 @@ class Graph:
 
 
 class Camera:
-    """Publishes frames over and over, 10 Hz, each pass with later stamps; use it in a ``with`` statement."""
+    """Publishes frames over and over, 10 Hz, each pass with later stamps; use it in a ``with`` statement.
 
-    def __init__(self, graph, frames, encoding="mono8", sides=SIDES, infos=SIDES, right_late_ns=0):
+    Where another camera has published before, ``first`` keeps the stamps apart: what is still on its way from
+    there would pair with images of this one.
+    """
+
+    def __init__(self, graph, frames, encoding="mono8", sides=SIDES, infos=SIDES, right_late_ns=0, first=0):
         self.graph, self.frames, self.encoding, self.sides = graph, frames, encoding, sides
+        self.first = first
         self.right_late_ns = right_late_ns
         kind, suffix = (CompressedImage, "/compressed") if encoding == "png" else (Image, "")
         node = graph.node
@@ -211,7 +216,7 @@ class Camera:
             for frame in self.frames
         ]
         infos = {side: info_message(side) for side in SIDES}
-        index = 0
+        index = self.first
         while not self.stopped.wait(PERIOD_S):
             for side in SIDES:
                 stamp_ns = stamp_of(index) + (self.right_late_ns if side == "right" else 0)
