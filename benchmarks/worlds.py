@@ -19,7 +19,7 @@ from .frames import READABLE, UNITS, Array, rms
 from .options import Options
 from .table import Table, numbers
 
-# Worlds nobody looked at while the estimator was written: development uses other first numbers.
+# Development uses other first numbers. Which of these are wrong is in the table, though, and has been read.
 SEED = 70_000
 PROCESSES = 2
 CHUNK = 4  # worlds handed to a process at a time
