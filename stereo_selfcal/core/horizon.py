@@ -14,7 +14,7 @@ from .corridor import Corridor, Floats, plane_of
 from .extraction import Image
 from .extrinsics import Array, Extrinsics
 from .geometry import horizon_row
-from .rectification import VerticalOffset, combine_cells, measure_cells, with_slopes
+from .rectification import VerticalOffset, refine_offset, with_slopes
 from .rig import StereoRig
 from .sampling import half_disparity, sample
 
@@ -59,20 +59,8 @@ def horizon_offset(
     columns = band.cell_rays[:, 1] * -rig.fx
     # The road below the horizon is nearer.
     half = np.maximum(half_disparity(band, plane_of(extrinsics, rig), rig), np.float32(0.0))
-    offset, turn = _search(left, right, band, (half, v), columns, most)
-    solution = None
-    for _ in range(_PASSES):
-        tilt = np.float32(0.5) * (np.float32(offset) + np.float32(turn) * (band.u - np.float32(rig.cx)))
-        of_left = sample(left, band.u + half, v - tilt, cv2.INTER_LINEAR)
-        of_right = sample(right, band.u - half, v + tilt, cv2.INTER_LINEAR)
-        solution = combine_cells(*measure_cells(of_left, of_right, usable, band), columns)
-        if solution is None:
-            return None
-        offset, turn = offset + solution.offset_px, turn + solution.roll_rad
-        if not abs(offset) <= 2.0 * most:
-            return None
-    assert solution is not None
-    return VerticalOffset(offset, solution.std_px, turn, solution.roll_std_rad, solution.n_cells)
+    start = _search(left, right, band, (half, v), columns, most)
+    return refine_offset((left, right), band, (half, v), usable, rig, start, _PASSES, most, cv2.INTER_LINEAR)
 
 
 def _lay_out(rig: StereoRig, extrinsics: Extrinsics) -> Corridor | None:

@@ -88,22 +88,54 @@ def vertical_offset(
     left, right = (with_slopes(image[first:]) for image in images)
     v = corridor.v - np.float32(first)
     offset = _search(left, right, corridor, half, v, usable)
-    columns = corridor.cell_rays[:, 1] * -rig.fx
-    roll = 0.0
+    return refine_offset(
+        (left, right), corridor, (half, v), usable, rig, (offset, 0.0), _PASSES, _MOST_PX, cv2.INTER_CUBIC
+    )
+
+
+def refine_offset(
+    images: tuple[Floats, Floats],
+    samples: Corridor,
+    place: tuple[Floats, Floats],
+    usable: Floats,
+    rig: StereoRig,
+    start: tuple[float, float],
+    passes: int,
+    most_px: int,
+    how: int,
+) -> VerticalOffset | None:
+    """Refine an offset and a turn, good to a row or so, by what the cells show.
+
+    Args:
+        images: Left and right image with their derivatives (:func:`with_slopes`).
+        samples: Where they are compared.
+        place: (N,) half the disparity, and row in the images given [px].
+        usable: (N,) 1 for samples that count, 0 for others.
+        rig: Intrinsics.
+        start: Offset [px] and turn [rad].
+        passes: How often.
+        most_px: An offset twice as great has run away.
+        how: Interpolation of OpenCV.
+
+    Returns:
+        Offset and turn, or None where too little is seen, or it has run away.
+    """
+    (left, right), (half, v) = images, place
+    offset, turn = start
+    columns = samples.cell_rays[:, 1] * -rig.fx
     solution = None
-    for _ in range(_PASSES):
-        tilt = np.float32(0.5) * (np.float32(offset) + np.float32(roll) * (corridor.u - np.float32(rig.cx)))
-        of_left = sample(left, corridor.u + half, v - tilt)
-        of_right = sample(right, corridor.u - half, v + tilt)
-        cells, variance = measure_cells(of_left, of_right, usable, corridor)
-        solution = combine_cells(cells, variance, columns)
+    for _ in range(passes):
+        tilt = np.float32(0.5) * (np.float32(offset) + np.float32(turn) * (samples.u - np.float32(rig.cx)))
+        of_left = sample(left, samples.u + half, v - tilt, how)
+        of_right = sample(right, samples.u - half, v + tilt, how)
+        solution = combine_cells(*measure_cells(of_left, of_right, usable, samples), columns)
         if solution is None:
             return None
-        offset, roll = offset + solution.offset_px, roll + solution.roll_rad
-        if not abs(offset) <= 2.0 * _MOST_PX:
+        offset, turn = offset + solution.offset_px, turn + solution.roll_rad
+        if not abs(offset) <= 2.0 * most_px:
             return None
     assert solution is not None
-    return VerticalOffset(offset, solution.std_px, roll, solution.roll_std_rad, solution.n_cells)
+    return VerticalOffset(offset, solution.std_px, turn, solution.roll_std_rad, solution.n_cells)
 
 
 def with_slopes(image: Image) -> Floats:

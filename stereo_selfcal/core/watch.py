@@ -26,6 +26,7 @@ from .fusion import fuse_frames
 from .results import CalibrationResult
 from .rig import StereoRig
 from .states import Verdict
+from .texture import AGREEMENT
 
 # |z| from which on the alarm is raised: one false alarm in some hundred hours of good road.
 ALARM_SIGMAS = 5.0
@@ -40,7 +41,7 @@ _LEAST_OF_DRIFT = 0.7
 _LEAST_SHARE, _GREATEST_SHARE = -1.0, 2.0
 
 # What two estimates of one road may differ by (gate "stages_disagree"): height, pitch, roll.
-LIMITS: Array = np.array([0.03, math.radians(0.25), math.radians(0.8)])
+LIMITS: Array = AGREEMENT
 _BOUND_SIGMAS = 2.0
 
 # A mean that takes the place of a calibration: enough road for a bump or a camber to be little of it.
