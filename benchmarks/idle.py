@@ -58,19 +58,28 @@ VARIANTS = {
 }
 
 
-@contextmanager
-def process(*arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """Run a process of :mod:`.graph`; it is ended with the block."""
+def ros_environment(domain: str) -> dict[str, str]:
+    """Return the environment of a process with ROS, in a domain of its own.
+
+    Raises:
+        FileNotFoundError: There is no environment with ROS.
+    """
     if not PYTHON.is_file():
         raise FileNotFoundError(f"{PYTHON} is needed, with ROS: make .venv")
-    environment = {
+    return {
         **os.environ,
         "PYTHONPATH": str(ROOT),
         "AMENT_PREFIX_PATH": str(ROOT / ".venv"),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "ROS_DOMAIN_ID": _DOMAIN,
+        "ROS_DOMAIN_ID": domain,
         "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
     }
+
+
+@contextmanager
+def process(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """Run a process of :mod:`.graph`; it is ended with the block."""
+    environment = ros_environment(_DOMAIN)
     command = [str(PYTHON), "-m", "benchmarks.graph", *arguments]
     with tempfile.NamedTemporaryFile("w", suffix=".xml") as profile:
         profile.write(_TRANSPORT)

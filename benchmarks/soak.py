@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import subprocess
 import tempfile
 from collections.abc import Iterator
@@ -12,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .idle import PYTHON, ROOT
+from .idle import PYTHON, ROOT, ros_environment
 from .options import Options
 from .table import Table
 
@@ -91,16 +90,7 @@ def _spread(values: list[float]) -> str:
 
 def soak(seconds: float) -> SoakReport:
     """Run the node that long [s], in the environment with ROS."""
-    if not PYTHON.is_file():
-        raise FileNotFoundError(f"{PYTHON} is needed, with ROS: make .venv")
-    environment = {
-        **os.environ,
-        "PYTHONPATH": str(ROOT),
-        "AMENT_PREFIX_PATH": str(ROOT / ".venv"),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "ROS_DOMAIN_ID": _DOMAIN,
-        "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
-    }
+    environment = ros_environment(_DOMAIN)
     with tempfile.TemporaryDirectory() as folder:
         command = [str(PYTHON), "-m", "benchmarks.soaking", str(seconds), folder]
         run = subprocess.run(
