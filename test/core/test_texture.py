@@ -263,3 +263,17 @@ def test_a_plane_is_told_from_a_road(bump_m, uneven):
     cells = Cells(heights, np.full(x.size, 0.002**2), np.full(x.size, 0.05), np.column_stack([x, y]))
     surface = fit_surface(cells, np.column_stack([np.ones_like(x), x, y]))
     assert measure_shape(cells.xy, surface).uneven == uneven
+
+
+@pytest.mark.parametrize(("bump_m", "uneven"), [(0.0, False), (0.02, True)])
+def test_interpolation_does_not_make_a_plane_a_road(bump_m, uneven):
+    """Hardly any noise, and disparities that interpolation between pixels leaves 0.02 px off."""
+    x, y = (grid.ravel() for grid in np.meshgrid(np.arange(6.0, 26.0), np.arange(-2.0, 2.1)))
+    metres = 0.002 * x  # a pixel of disparity is 5 cm of height 25 m ahead
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        heights = 0.02 * metres * rng.standard_normal(x.size)
+        heights += bump_m * np.exp(-0.5 * ((x - 12.0) / 2.0) ** 2)
+        cells = Cells(heights, np.full(x.size, 0.0001**2), metres, np.column_stack([x, y]))
+        surface = fit_surface(cells, np.column_stack([np.ones_like(x), x, y]))
+        assert measure_shape(cells.xy, surface).uneven == uneven
