@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from typing import Any
 
 import numpy as np
 import rclpy
@@ -19,6 +20,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
@@ -114,11 +116,13 @@ def variant(kind: str) -> None:
     made of them.
     """
     if kind != "lazy":
-        Listening.due = lambda self, now_s, publishers: True  # type: ignore[method-assign]
+        Listening.due = lambda self, now_s, publishers: True  # type: ignore[method-assign]  # it is to differ
     if kind == "bytes":
         subscribe: Callable = inputs.StereoInput._subscribe
 
-        def as_bytes(self, message_type, name, topic, callback, group):  # noqa: ANN001, ANN202
+        def as_bytes(
+            self: inputs.StereoInput, message_type: type, name: str, topic: str, callback: Any, group: Any
+        ) -> Subscription:
             if message_type is CameraInfo:
                 return subscribe(self, message_type, name, topic, callback, group)
             self._profiles[topic] = _SENSOR_DATA

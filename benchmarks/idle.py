@@ -157,17 +157,18 @@ def answer_table(options: Options) -> Iterator[Table]:
         stack.enter_context(process("camera", str(HZ)))
         stack.enter_context(process("node", "lazy"))
         time.sleep(_SETTLE_S)
-        for name in ("idle", "calibrating"):
+        for state in ("idle", "calibrating"):
+            name = state
             with ExitStack() as clients:
                 caller = None
-                if name == "calibrating":
+                if state == "calibrating":
                     caller = clients.enter_context(process("calibrate", str(seconds + 5.0)))
                     time.sleep(3.0)
                 asker = clients.enter_context(process("ask", str(seconds)))
                 times = np.array(json.loads(asker.communicate()[0]))
                 if caller is not None:
                     accepted, refused, _ = json.loads(caller.communicate()[0])
-                    name = f"calibrating: {accepted} times accepted, {refused} refused"  # noqa: PLW2901
+                    name = f"calibrating: {accepted} times accepted, {refused} refused"
             percentiles = (f"{np.percentile(times, q):.1f} ms" for q in (50, 99, 100))
             table.add(name, str(len(times)), *percentiles, str(int(np.count_nonzero(times > 50.0))))
     yield table
