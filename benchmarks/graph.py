@@ -110,13 +110,18 @@ def calibrate(seconds: float) -> None:
 
 
 def variant(kind: str) -> None:
-    """Run the node as it is (``lazy``), or as it could be.
+    """Run the node as it is (``lazy``, ``watch``), or as it could be.
 
-    ``always``: subscribed all the time. ``bytes``: the same, but images are not deserialised, and no use is
-    made of them.
+    ``kept``: subscribed all the time. ``always``, ``watch-all``: all images are taken as well. ``bytes``: the
+    same, but images are not deserialised, and no use is made of them.
     """
-    if kind != "lazy":
-        Listening.due = lambda self, now_s, publishers: True  # type: ignore[method-assign]  # it is to differ
+    if kind == "kept":
+        due = Listening.due
+        # What is to differ cannot be said to mypy.
+        Listening.due = lambda *arguments: due(*arguments) or True  # type: ignore[method-assign]
+    elif kind not in ("lazy", "watch"):
+        Listening.due = lambda self, now_s, publishers: True  # type: ignore[method-assign]  # as above
+        Listening.taking = property(lambda self: True)  # type: ignore[assignment]  # as above
     if kind == "bytes":
         subscribe: Callable = inputs.StereoInput._subscribe
 
