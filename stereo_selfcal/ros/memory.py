@@ -12,8 +12,8 @@ def use_one_heap() -> None:
     """Have no thread from now on get a heap of its own.
 
     By default each has one, which keeps what a calibration took for the next one in that thread: the node
-    grew by 30 MiB in its first minutes. Python's own lock lets one thread allocate at a time anyway. (Importing
-    rclpy starts threads that get two heaps before the node can ask: all share these three.)
+    grew by 30 MiB in its first minutes. Python's own lock lets one thread allocate at a time anyway.
+    (Importing rclpy starts threads that get two heaps before the node can ask: all share these three.)
     """
     with suppress(AttributeError, OSError):
         ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 1)
