@@ -76,15 +76,21 @@ class Corridor:
         sums: Array = np.add.reduceat(values, self.cell_starts, axis=0)
         return sums
 
+    def sums_over_cells(self, values: Floats) -> Array:
+        """Sum samples (..., N) over cells, shape (..., C)."""
+        samples = values[..., : self.n_samples]
+        sums: Array = np.add.reduceat(samples, self.starts[self.cell_starts], axis=-1).astype(np.float64)
+        return sums
+
     @property
     def n_samples(self) -> int:
         """Number of samples without the padding."""
         return int(self.starts[-1] + self.lengths[-1])
 
     def to_samples(self, per_segment: Array) -> Floats:
-        """Repeat a value of each segment for its samples, shape (N,)."""
-        repeated = np.zeros_like(self.u)
-        repeated[: self.n_samples] = np.repeat(per_segment.astype(np.float32), self.lengths)
+        """Repeat values (..., S) of each segment for its samples, shape (..., N)."""
+        repeated = np.zeros((*per_segment.shape[:-1], len(self.u)), np.float32)
+        repeated[..., : self.n_samples] = np.repeat(per_segment.astype(np.float32), self.lengths, axis=-1)
         return repeated
 
     def to_segments(self, per_cell: Array) -> Array:
@@ -142,20 +148,18 @@ def lay_out(
     plane = plane_of(pose, rig)
     rows = np.arange(_MARGIN_PX // 2, rig.height - _MARGIN_PX // 2)
     z = -(rows - rig.cy) / rig.fy
-    middle = np.full(len(rows), rig.cx)
-    for _ in range(2):  # the road's middle depends on the distance, and that, by the roll, on the column
-        disparity = plane[0] - plane[1] * (middle - rig.cx) / rig.fx + plane[2] * z
-        ahead = rig.fx * rig.baseline_m / np.maximum(disparity, _LEAST_DISPARITY_PX)
-        middle = np.clip(rig.cx + rig.fx * np.tan(lane_yaw_rad), 0, rig.width) + 0.0 * ahead
+    middle = float(np.clip(rig.cx + rig.fx * np.tan(lane_yaw_rad), 0, rig.width))
+    disparity = plane[0] - plane[1] * (middle - rig.cx) / rig.fx + plane[2] * z
+    ahead = rig.fx * rig.baseline_m / np.maximum(disparity, _LEAST_DISPARITY_PX)
     visible = (disparity > _LEAST_DISPARITY_PX) & (ahead < far_m)
     if not visible.any():
         return None
-    rows, ahead, middle, disparity = (a[visible] for a in (rows, ahead, middle, disparity))
+    rows, ahead, disparity = (a[visible] for a in (rows, ahead, disparity))
     spaced = _spaced(ahead, SPACING_M * thinning, thinning)
-    rows, ahead, middle, disparity = (a[spaced] for a in (rows, ahead, middle, disparity))
+    rows, ahead, disparity = (a[spaced] for a in (rows, ahead, disparity))
     n_cells = max(1, round((limits_m[1] - limits_m[0]) / CELL_WIDTH_M))
     lateral = np.linspace(limits_m[1], limits_m[0], n_cells + 1)  # from left to right, as columns
-    columns = middle[:, None] - rig.fx * lateral / ahead[:, None]
+    columns = middle - rig.fx * lateral / ahead[:, None]
     reach = disparity[:, None] / 2.0 + _MARGIN_PX
     columns = np.clip(columns, reach, rig.width - 1 - reach)
     steps = np.maximum(1, (SPACING_M * thinning * rig.fx / ahead).astype(np.intp))

@@ -58,12 +58,10 @@ def prepare(images: tuple[Image, Image], blur_px: float, corridor: Corridor) -> 
 
 
 def sample(image: npt.NDArray[Any], u: Floats, v: Floats, how: int = cv2.INTER_CUBIC) -> npt.NDArray[Any]:
-    """Sample an image (H, W) or (H, W, K) at N points, (N,) or (K, N)."""
+    """Sample an image (H, W) at points of any shape, a multiple of 256 of them."""
     shape = (-1, 256)
     sampled = cv2.remap(image, u.reshape(shape), v.reshape(shape), how, borderMode=cv2.BORDER_REPLICATE)
-    if image.ndim == 2:
-        return np.asarray(sampled.reshape(-1))
-    return np.ascontiguousarray(sampled.reshape(-1, image.shape[2]).T)
+    return np.asarray(sampled.reshape(u.shape))
 
 
 def half_disparity(corridor: Corridor, plane: Array, rig: StereoRig) -> Floats:

@@ -261,13 +261,14 @@ def _measure(
     per_cell = np.maximum(cells(count), 1.0)
     scale = np.maximum(cells(sums(np.abs(rest))) / per_cell / _ABS_OF_SIGMA, 0.1)
     relative = rest * corridor.to_samples(corridor.to_segments(1.0 / (_TUKEY * scale)))
-    weights = np.maximum(1.0 - relative * relative, 0.0) ** 2 * usable
+    weights = np.maximum(1.0 - relative * relative, 0.0)
+    weights *= weights * usable
     # Sums of a segment, means removed; the slope is the mean of both images'.
     total = np.maximum(sums(weights), 1e-6)
     w_left, w_right = weights * by_left, weights * by_right
     s_left, s_right, s_difference = sums(w_left), sums(w_right), sums(weights * difference)
-    products = sums((w_left + w_right) * difference)
-    gradient = -0.5 * (products - (s_left + s_right) * s_difference / total)
+    gradient = (s_left + s_right) * s_difference / total - sums((w_left + w_right) * difference)
+    gradient /= 2.0
     common = sums(w_left * by_right) - s_left * s_right / total
     of_left = sums(w_left * by_left) - s_left**2 / total
     of_right = sums(w_right * by_right) - s_right**2 / total
@@ -319,10 +320,7 @@ def _search(images: tuple[Image, Image], rig: StereoRig, start: Array, layout: _
     )
     displacements = candidates @ corridor.cell_rays.T
     most = int(np.ceil(np.abs(displacements).max())) + 1
-    first = int(corridor.v.min())
-    blurred = (cv2.GaussianBlur(image[first:], _SEARCH_KERNEL, _SEARCH_BLUR_PX) for image in images)
-    grey = [np.asarray(image, np.uint8) for image in blurred]
-    correlations = _correlate(grey, first, corridor, half_disparity(corridor, start, rig), most)
+    correlations = _correlate(images, corridor, half_disparity(corridor, start, rig), most)
     position = displacements + most
     below = position.astype(np.intp)
     part = position - below
@@ -333,14 +331,17 @@ def _search(images: tuple[Image, Image], rig: StereoRig, start: Array, layout: _
     return best
 
 
-def _correlate(grey: list[Image], first_row: int, corridor: Corridor, half: Floats, most: int) -> Array:
+def _correlate(images: tuple[Image, Image], corridor: Corridor, half: Floats, most: int) -> Array:
     """Correlate both images, cell by cell, with the right one shifted by -most ... most; (shifts, C)."""
-    v = corridor.v - np.float32(first_row)
+    row = corridor.v.astype(np.intp)
+    seen = np.bincount(row) > 0  # only those rows are blurred, along themselves
+    blurred = [cv2.GaussianBlur(each[: len(seen)][seen], _SEARCH_KERNEL, _SEARCH_BLUR_PX) for each in images]
+    grey = [np.asarray(image, np.uint8) for image in blurred]
+    v = (np.cumsum(seen) - 1).astype(np.float32)[row]
     shifts = np.arange(-most, most + 1, dtype=np.float32)[:, None]
     left = sample(grey[0], corridor.u + half, v, cv2.INTER_LINEAR).astype(np.float32)
     rows = np.broadcast_to(v, (len(shifts), len(v)))
-    right = sample(grey[1], corridor.u - half - shifts, rows, cv2.INTER_LINEAR)
-    right = right.reshape(rows.shape).astype(np.float32)
+    right = sample(grey[1], corridor.u - half - shifts, rows, cv2.INTER_LINEAR).astype(np.float32)
     # Whole grey values: their sums are exact, so that means can be removed from products.
     sums = corridor.segment_sums
     s_left, s_right = sums(left), sums(right)
