@@ -73,29 +73,27 @@ def half_disparity(corridor: Corridor, plane: Array, rig: StereoRig) -> Floats:
     return half
 
 
-def warp(
-    images: tuple[Floats, Floats],
-    first_row: int,
-    corridor: Corridor,
-    half: Floats,
-    vertical_px: float = 0.0,
-    shift_px: float = 0.0,
-) -> tuple[Floats, Floats]:
-    """Sample a channel of both images where the plane puts them, (N,) each.
+def places(
+    first_row: int, corridor: Corridor, half: Floats, vertical_px: float = 0.0
+) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
+    """Return where a plane puts the samples in the left and in the right image: columns and rows, (N,) each.
 
     Args:
-        images: Of the left and of the right image (:class:`Prepared`).
-        first_row: Row that is row 0 of them.
+        first_row: Row that is row 0 of the images (:class:`Prepared`).
         corridor: Where to sample.
         half: (N,) half the disparity [px].
         vertical_px: Row of a point in the right image minus that in the left one.
-        shift_px: Wrong disparity added, to see what changes.
     """
     v = corridor.v - np.float32(first_row)
-    if shift_px:
-        half = half + np.float32(shift_px / 2.0)
     tilt = np.float32(vertical_px / 2.0)
-    return sample(images[0], corridor.u + half, v - tilt), sample(images[1], corridor.u - half, v + tilt)
+    return (corridor.u + half, v - tilt), (corridor.u - half, v + tilt)
+
+
+def warp(
+    images: tuple[Floats, Floats], place: tuple[tuple[Floats, Floats], tuple[Floats, Floats]]
+) -> tuple[Floats, Floats]:
+    """Sample a channel of the left and of the right image at their places, (N,) each."""
+    return sample(images[0], *place[0]), sample(images[1], *place[1])
 
 
 def usable_samples(
@@ -141,8 +139,9 @@ def _paint(image: Image, u: Floats, v: Floats, px_per_m: Floats, blur_px: float)
     width = image.shape[1]
     # Up by one where a margin begins, down where it ends: the sum along a row is above zero in between.
     depth = np.zeros((last + 1 - first, width + 1), np.int32)
-    np.add.at(depth, (row, np.maximum(column - margin_px, 0)), 1)
-    np.subtract.at(depth, (row, np.minimum(column + margin_px + 1, width)), 1)
+    row *= width + 1
+    np.add.at(depth.reshape(-1), row + np.maximum(column - margin_px, 0), np.int32(1))
+    np.subtract.at(depth.reshape(-1), row + np.minimum(column + margin_px + 1, width), np.int32(1))
     covered = (np.cumsum(depth, axis=1, dtype=np.int32, out=depth) > 0).view(np.uint8)
     widened: npt.NDArray[np.bool_] = sample(covered, u, v, cv2.INTER_NEAREST) > 0
     return widened

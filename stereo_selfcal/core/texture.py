@@ -30,7 +30,7 @@ from .corridor import (
 from .extraction import Image
 from .extrinsics import Array, Extrinsics
 from .rig import StereoRig
-from .sampling import half_disparity, prepare, sample, usable_samples, warp
+from .sampling import half_disparity, places, prepare, sample, usable_samples, warp
 from .unevenness import Cells, RoadShape, Surface, fit_surface, measure_shape
 
 # Error of the start that is found by search: a kerb's (60 mm), a frame's pitching (0.5 deg), another lane's
@@ -206,8 +206,8 @@ def _align(
             prepared = prepare(images, blur_px, corridor)
         for final in (False, True)[: 1 + last]:
             half = half_disparity(corridor, plane, rig)
-            place = (prepared.first_row, corridor, half, vertical_px)
-            grey, slopes = warp(prepared.grey, *place), warp(prepared.slope, *place)
+            place = places(prepared.first_row, corridor, half, vertical_px)
+            grey, slopes = warp(prepared.grey, place), warp(prepared.slope, place)
             cells = _measure(grey, slopes, usable, corridor, blur_px)
             # A disparity that is too large by a pixel is a road too high by this much.
             metres = rig.fx * rig.baseline_m / np.linalg.norm(plane) / (corridor.cell_rays @ plane)
@@ -218,7 +218,8 @@ def _align(
                 return None
             plane = plane + surface.plane
         if last:
-            wrong = warp(prepared.grey, *place, _DECORRELATED_PX)
+            half += np.float32(_DECORRELATED_PX / 2.0)
+            wrong = warp(prepared.grey, places(prepared.first_row, corridor, half, vertical_px))
             correlations = [_correlation(*pair, cells.weights, corridor) for pair in (grey, wrong)]
             assert surface is not None  # there was a pass
             return _report(rig, plane, corridor, surface, cells, (correlations[0], correlations[1]))
@@ -327,8 +328,7 @@ def _search(images: tuple[Image, Image], rig: StereoRig, start: Array, layout: _
     at = below * correlations.shape[1] + np.arange(correlations.shape[1])
     rise = np.diff(correlations, axis=0)
     score = (correlations.reshape(-1).take(at) + part * rise.reshape(-1).take(at)).sum(axis=1)
-    best: Array = start + candidates[int(np.argmax(score))]
-    return best
+    return np.asarray(start + candidates[int(np.argmax(score))])
 
 
 def _correlate(images: tuple[Image, Image], corridor: Corridor, half: Floats, most: int) -> Array:
