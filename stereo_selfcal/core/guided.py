@@ -7,7 +7,7 @@ says where the right one has it. Lines found this way are measured freely, and j
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice, product
 
@@ -117,8 +117,10 @@ def lines_on_road(
     for found in candidates:
         for side, lines in zip(sides, found, strict=True):
             for candidate in lines:
-                match = _seen_by_both(candidate, plane, points, images, rig, config, side)
-                if match is not None:
+                match = _seen_by_both(candidate, plane, points, images, rig, config)
+                if match is not None and not any(
+                    match.left.line.is_stripe(other.left.line) for other in side
+                ):
                     side.append(match)
     pairs = [MatchedLines.of_matches(first, second) for first, second in product(*sides)]
     reach_px = MAX_GAP_RAD * rig.fy
@@ -141,18 +143,14 @@ def _seen_by_both(
     images: tuple[Image, Image],
     rig: StereoRig,
     config: CalibratorConfig,
-    known: Sequence[Match] = (),
 ) -> Match | None:
-    """Measure a line of the left camera below the horizon, and where the right camera should have it.
-
-    None where that is no line of the road, or it is known.
-    """
+    """Measure a line of the left camera below the horizon, and where the right camera should have it."""
     line = candidate.line
     horizon = _horizon(line, plane, rig)
     bottom = rig.height - 1.0
     first_row = bottom - config.extraction.horizon_fraction * (bottom - horizon)
     left = refit_line(points[0].gradient, line, points[0].noise_grey, first_row)
-    if left is None or left.n_rows < config.extraction.min_line_rows or _is_known(left, known):
+    if left is None or left.n_rows < config.extraction.min_line_rows:
         return None
     expected = _in_right_camera(left, plane, rig)
     right = refit_line(points[1].gradient, expected, points[1].noise_grey, first_row)
@@ -166,10 +164,6 @@ def _seen_by_both(
     if alike < MIN_SIMILARITY:
         return None
     return Match(Candidate(left, candidate.votes), Candidate(right, candidate.votes), alike)
-
-
-def _is_known(left: ImageLine, known: Sequence[Match]) -> bool:
-    return any(left.is_stripe(other.left.line) for other in known)
 
 
 def _horizon(line: ImageLine, plane: Array, rig: StereoRig) -> float:
