@@ -188,7 +188,7 @@ class StereoInput:
         with self._arrived:
             self._listening.release(time.monotonic())
             self._pending.clear()
-            self._open_or_close()
+            self._open_or_close(self._taking)
 
     def tick(self) -> None:
         """Subscribe and take images, or leave it, when it is time to; to be called once a second."""
@@ -198,11 +198,14 @@ class StereoInput:
             publishers = tuple(self.publishers(topic) for topic in self._topics[:2])
             with self._arrived:
                 on = self._listening.due(time.monotonic(), publishers)
-                opening = self._listening.taking and not self._taking
+                taking = (
+                    self._listening.taking
+                )  # whoever wants images from here on comes for a tick of his own
+            opening = taking and not self._taking
             if opening:
                 self._drop_old_images()
             with self._arrived:
-                self._open_or_close()
+                self._open_or_close(taking)
             self._switch(on)
             executor = self._node.executor
             if opening and executor is not None:
@@ -237,9 +240,9 @@ class StereoInput:
         """Return all topics with the type that is read there."""
         return list(zip(self._topics, (self._kind, self._kind, CameraInfo, CameraInfo), strict=True))
 
-    def _open_or_close(self) -> None:
-        """Take images from now on, or leave them, as it is wanted; callers lock."""
-        self._taking = self._listening.taking
+    def _open_or_close(self, taking: bool) -> None:
+        """Take images from now on, if they still are to be taken, or leave them; callers lock."""
+        self._taking = taking and self._listening.taking
         if not self._taking:
             self._look = None
             self._pairer.forget_waiting()
