@@ -15,7 +15,7 @@ from rclpy.node import Node
 from ..core.errors import RigError
 from ..core.images import SUPPORTED_ENCODINGS
 from ..core.pairing import PairCounts
-from .calibration import InputState, known_rectifier, no_pair_reason
+from .calibration import known_rectifier, no_pair_reason
 from .config import NodeConfig
 from .diagnostics import CalibrationReport, CameraInfoReport, ImagesReport, Snapshot, diagnostics_message
 from .inputs import SIDES, Look, StereoInput
@@ -88,8 +88,6 @@ class DiagnosticsReporter:
 
     def _images(self, config: NodeConfig) -> ImagesReport:
         state, now_s, look = self._source.state, time.monotonic(), self._source.look
-        if look is not None:
-            self._measure(look, config, state, now_s)
         topics, formats = self._source.topics, self._source.formats
         measured = self._measured or _Measured(PairCounts(), 0.0, "", now_s)
         return ImagesReport(
@@ -112,8 +110,11 @@ class DiagnosticsReporter:
             ),
         )
 
-    def _measure(self, look: Look, config: NodeConfig, state: InputState, now_s: float) -> None:
+    def _measure(self) -> None:
         """Measure rates since the last reports, as far as the node has listened since then."""
+        state, now_s, look = self._source.state, time.monotonic(), self._source.look
+        if look is None:
+            return
         if look is not self._look:
             self._look = look
             self._seen.clear()
@@ -126,7 +127,7 @@ class DiagnosticsReporter:
                 return
             elapsed_s = max(elapsed_s, 1e-3)
         self._seen.append((counts, now_s))
-        no_pair = "" if added.pairs else no_pair_reason(self._source, config, before, elapsed_s)
+        no_pair = "" if added.pairs else no_pair_reason(self._source, self._config(), before, elapsed_s)
         self._measured = _Measured(added, elapsed_s, no_pair, now_s, state.mismatches)
 
     def _camera_info(self, config: NodeConfig) -> CameraInfoReport:
@@ -147,6 +148,7 @@ class DiagnosticsReporter:
         )
 
     def _on_timer(self) -> None:
+        self._measure()  # before the tick that ends a look: the last second is a part of it
         self._source.tick()
         message = diagnostics_message(self._node.get_clock().now().to_msg(), self.snapshot())
         try:
