@@ -17,6 +17,7 @@ from .combination import (
 )
 from .config import CalibratorConfig
 from .corridor import CELL_WIDTH_M, plane_of
+from .crown import covariance_by_crown
 from .extraction import Image
 from .further import height_between
 from .gates import judge
@@ -109,7 +110,9 @@ def _ask_rest(
     result: CalibrationResult, evidence: Evidence, seen: Seen, rig: StereoRig, config: CalibratorConfig
 ) -> CalibrationResult:
     """Judge an estimate that rests on the lines alone by what else the images show."""
-    assert result.pattern is not None and result.extrinsics is not None
+    assert result.pattern is not None and result.extrinsics is not None and result.covariance is not None
+    covariance = result.covariance + covariance_by_crown(evidence.refined)
+    result = replace(result, covariance=covariance)
     evidence = replace(evidence, fitted=evidence.refined is not None)
     if evidence.refined is not None:
         rims = measure_rims(seen.images, result.pattern, evidence.refined, rig)
