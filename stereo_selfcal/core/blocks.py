@@ -21,7 +21,8 @@ import numpy.typing as npt
 
 from .extraction import Image
 from .extrinsics import Array
-from .step_response import StepResponse
+from .medians import upper_median
+from .step_response import StepResponse, runs_of
 
 # Rows that share their grey levels. Fewer know the levels of a noisy image worse, more reach over the
 # ends of dashes; between 4 and 24 the error on rendered roads changes by less than a tenth.
@@ -99,48 +100,74 @@ def measure_blocks(
         noise: Variance of the grey values, as far as it is known.
         steepness: (2, L, N) expected steepness of the ramp in each block [per RAMP_PX].
     """
-    n_cameras, n_stripes, _, n_blocks, n_rows = columns.shape
     half_width, added_blur = window
-    width = images[0].shape[1]
-    shape = (n_cameras, n_stripes, n_blocks, n_rows)
     slant = 1.0 + slopes**2
     variance = slant * (blur**2)[:, None, None] + added_blur**2
-    nearest = np.rint(columns)
-    reach = np.arange(-half_width, half_width + 1.0)
-    # Both windows of a row side by side: (camera, stripe, block, row, 2 windows, pixel).
-    middles = np.moveaxis(nearest, 2, -1)
-    pixels = middles[..., None] + reach
+    by_blur = 2.0 * slant * blur[:, None, None]  # d(variance) / d(blur) = 2 blur (1 + slope^2)
+    response = StepResponse(slopes.ravel(), variance.ravel(), 2 * half_width + 1)
+    edges = np.arange(slopes.size).reshape(slopes.shape)
+    # One camera after the other: what one needs fits the processor's cache.
+    each = [
+        _products(image, columns[i], rows, half_width, (response, edges[i], by_blur[i]))
+        for i, image in enumerate(images)
+    ]
+    gram, count, complete = (np.stack(part) for part in zip(*each, strict=True))
+    return _eliminate(gram, count, complete, noise, steepness)
+
+
+def _products(
+    image: Image,
+    columns: Array,
+    rows: npt.NDArray[np.intp],
+    half_width: int,
+    edges: tuple[StepResponse, npt.NDArray[np.intp], Array],
+) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+    """Return the products of a block's terms and grey values, for one camera.
+
+    Args:
+        image: (H, W) uint8.
+        columns: (L stripes, 2 edges, N, R) predicted columns of the edges [px].
+        rows: (N, R) rows of the blocks [px].
+        half_width: Of the window around each edge [px].
+        edges: What is known of them: their response, which of its tables each has, (L, 2), and the derivative
+            of its variance by the lens's blur, (L, 2).
+
+    Returns:
+        gram (L, N, 11, 11) as :func:`_eliminate` has it, pixels (L, N), and whether the block lies inside of
+        the image (L, N).
+    """
+    n_stripes, _, n_blocks, n_rows = columns.shape
+    response, tables, by_blur = edges
+    width = image.shape[1]
+    n_run = 2 * half_width + 1
+    n_pixels = n_rows * 2 * n_run
+    # Both windows of a row side by side: (stripe, block, row, 2 windows[, pixel]).
+    of_edges = np.moveaxis(columns, 1, -1)
+    middles = np.rint(of_edges)
+    first = middles - half_width
+    reach = np.arange(n_run)
     inside = (middles[..., 0] >= half_width) & (middles[..., 1] < width - half_width)
-    valid = np.broadcast_to(inside[..., None, None], pixels.shape).copy()
-    # A narrow stripe's windows overlap; each pixel counts once.
-    valid[..., 1, :] &= pixels[..., 1, :] > middles[..., :1] + half_width
-    index = np.clip(pixels, 0, width - 1).astype(np.intp)
-    index += (rows * width)[..., None, None]
-    n_pixels = n_rows * 2 * len(reach)
-    terms = np.empty((n_cameras, n_stripes, n_blocks, _N_TERMS, n_pixels))
-    for camera, image in enumerate(images):
-        terms[camera, ..., 10, :] = image.ravel()[index[camera]].reshape(n_stripes, n_blocks, n_pixels)
-    of_edges = np.moveaxis(columns, 2, 0).reshape(2, *shape, 1, 1)
-    # (edge, camera, stripe, block, pixels of the block)
-    distance = (pixels[None] - of_edges).reshape(2 * n_cameras * n_stripes, -1)
-    response = StepResponse(np.moveaxis(slopes, 2, 0).ravel(), np.moveaxis(variance, 2, 0).ravel())
-    share, density, bend = (
-        part.reshape(2, n_cameras, n_stripes, n_blocks, n_pixels) for part in response.at(distance)
-    )
-    terms[..., 0, :] = 1.0 - share[0]  # of asphalt, paint, asphalt
-    terms[..., 1, :] = share[0] - share[1]
+    index = np.clip(first, 0, width - n_run).astype(np.intp)
+    index += (rows * width)[..., None]
+    # (edge, stripe, block, row, 2 windows): of either edge both windows.
+    found = response.at(first - np.moveaxis(of_edges, -1, 0)[..., None], tables.T[..., None, None, None])
+    share, density, bend = (part.reshape(2, n_stripes, n_blocks, n_pixels) for part in found)
+    terms = np.empty((n_stripes, n_blocks, _N_TERMS, n_pixels))
+    np.subtract(1.0, share[0], out=terms[..., 0, :])  # of asphalt, paint, asphalt
+    np.subtract(share[0], share[1], out=terms[..., 1, :])
     terms[..., 2, :] = share[1]
-    ramp = (pixels - of_edges.mean(axis=0)).reshape(terms[..., 0, :].shape) * (1.0 / RAMP_PX)
-    terms[..., 3:6, :] = terms[..., :3, :] * ramp[..., None, :]
+    ramp = ((first - of_edges.mean(axis=-1, keepdims=True)) * (1.0 / RAMP_PX))[..., None] + reach / RAMP_PX
+    np.multiply(terms[..., :3, :], ramp.reshape(n_stripes, n_blocks, 1, n_pixels), out=terms[..., 3:6, :])
     terms[..., 6:8, :] = np.moveaxis(density, 0, -2)
-    # d(variance) / d(blur) = 2 blur (1 + slope^2)
-    by_blur = 2.0 * slant * blur[:, None, None]
-    terms[..., 8:10, :] = np.moveaxis(bend, 0, -2) * by_blur[:, :, None, :, None]
-    valid_pixels = valid.reshape(*shape[:3], n_pixels)
-    if not valid_pixels.all():
-        terms *= valid_pixels[..., None, :]
-    gram = terms @ np.swapaxes(terms, -1, -2)
-    return _eliminate(gram, valid_pixels.sum(axis=-1), inside.all(axis=-1), noise, steepness)
+    np.multiply(np.moveaxis(bend, 0, -2), by_blur[:, None, :, None], out=terms[..., 8:10, :])
+    terms[..., 10, :] = runs_of(image.ravel(), n_run)[index].reshape(n_stripes, n_blocks, n_pixels)
+    # A narrow stripe's windows overlap; each pixel counts once.
+    valid = np.ones((*of_edges.shape, n_run), dtype=bool)
+    valid[..., 1, :] = reach > middles[..., :1] + half_width - first[..., 1:]
+    valid_pixels = valid.reshape(n_stripes, n_blocks, 1, n_pixels)
+    # Two arrays: the product of one with itself numpy computes as a symmetric one, slower for small ones.
+    gram = (terms * valid_pixels) @ np.swapaxes(terms, -1, -2)
+    return gram, valid_pixels.sum(axis=(-1, -2)), inside.all(axis=-1)
 
 
 def _eliminate(
@@ -179,7 +206,7 @@ def _eliminate(
     freedom = count - 7
     usable = complete & (freedom > 0)
     unexplained = squares - np.einsum("...i,...i", gradient, displacement)
-    variance = float(np.median(unexplained[usable] / freedom[usable])) if usable.any() else 0.0
+    variance = upper_median(unexplained[usable] / freedom[usable]) if usable.any() else 0.0
     variance = max(variance, _ROUNDING_VARIANCE)
     level_variance = np.diagonal(inverse, axis1=-1, axis2=-2) * variance
     for contrast, side in ((left, 0), (right, 2)):

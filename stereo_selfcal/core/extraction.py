@@ -202,10 +202,7 @@ def _points_of_response(
     threshold = max(MIN_CONTRAST_GREY, config.min_contrast_sigma * noise * np.sqrt(2.0 / length))
     narrowest, widest = 2 * length, 4 * length + 1
     # From here on only pixels over the threshold are looked at, a few in a hundred.
-    strong = cv2.findNonZero(cv2.compare(response, threshold, cv2.CMP_GT))
-    # (N, 1, 2) in OpenCV 4, (N, 2) in OpenCV 5, None when there is nothing.
-    places = np.empty((0, 2), dtype=np.int32) if strong is None else strong.reshape(-1, 2)
-    columns, rows = places[:, 0].astype(np.intp), places[:, 1].astype(np.intp)
+    rows, columns = np.divmod(np.flatnonzero(response > np.float32(threshold)), response.shape[1])
     inside = (columns > length) & (columns < response.shape[1] - widest - 1)
     rows, columns = rows[inside], columns[inside]
     here = response[rows, columns]

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from .blocks import BLOCK_ROWS, RAMP_PX, Blocks, measure_blocks
 from .extraction import Image, edge_response
 from .extrinsics import Array, Extrinsics
+from .gauss_newton import MIN_BLOCKS, Known, Step, solve_step
 from .pattern import LanePattern, row_towards
 from .profile import EdgeResiduals, Profile, measure_profile
 from .rig import StereoRig
@@ -53,9 +54,6 @@ class _Pass:
 # every row; the others only lead there.
 _PASSES = (_Pass(6, 2.0, 2, 2), _Pass(5, 0.5, 2, 2), _Pass(5, 0.0, 2, 2), _Pass(7, 0.0, 1, 5))
 
-_MIN_BLOCKS = 12  # of four stripe images, 10 parameters: 36 displacements at least
-# A stripe with fewer blocks has no say: its own position and width take two displacements each.
-_MIN_STRIPE_BLOCKS = 3
 # First row, as the height over the bottom of the image relative to the vanishing point: closer to it
 # stripes are thinner than a pixel and every road is a hill or a bend.
 _FIRST_ROW = 0.97
@@ -64,41 +62,8 @@ _MAX_VIGNETTING = 0.6  # share of the light lost in the farthest corner: more th
 
 _BLUR_START_PX, _BLUR_MIN_PX, BLUR_MAX_PX = 0.5, 0.05, 3.0
 
-# Tukey's biweight on the deviance of a block of three displacements: 95 % efficiency for normal errors.
-_TUKEY_DEVIANCE = 30.0
-_MEDIAN_CHI2_3 = 2.366  # of the chi-squared distribution with three degrees of freedom
-
 # Stripe widths tried at the start [m].
 _WIDTHS_M = np.linspace(0.04, 0.70, 67)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Known:
-    """What is known of the road beforehand.
-
-    Attributes:
-        varied: (5 + 3 L,) the parameters that are free.
-        heights_m: (L,) heights of the stripes over the plane so far [m].
-        height_stds_m: (L,) their standard deviations about 0 [m]; 0 where they are not free.
-    """
-
-    varied: npt.NDArray[np.bool_]
-    heights_m: Array
-    height_stds_m: Array
-
-    def heights(self, variance: float) -> tuple[Array, Array]:
-        """Return the information (P, P) of the heights, and what it says of the next step (P,).
-
-        Args:
-            variance: Of the grey values, in which all information is measured.
-        """
-        n = len(self.varied) + 2  # with the blur of both lenses
-        information, pull = np.zeros((n, n)), np.zeros(n)
-        free = self.height_stds_m > 0.0
-        place = len(self.varied) - len(free) + np.flatnonzero(free)
-        information[place, place] = variance / self.height_stds_m[free] ** 2
-        pull[place] = -information[place, place] * self.heights_m[free]
-        return information, pull
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,7 +120,7 @@ def refine(
     """
     first = row_towards(pattern.vanishing_point, _FIRST_ROW, rig)
     n_blocks = (rig.height - int(np.ceil(first))) // BLOCK_ROWS
-    if n_blocks < _MIN_BLOCKS // 4:
+    if n_blocks < MIN_BLOCKS // 4:
         return None
     yaw, *left_edges = lane_in_road(pattern, rig, start)
     n_stripes = len(left_edges)
@@ -164,38 +129,25 @@ def refine(
     road = np.array(
         [*start.as_array(), yaw, curvature_per_m or 0.0, *(left_edges - widths / 2.0), *widths, *heights]
     )
-    steps = np.array([*_POSE_STEPS, *[_STRIPE_STEP] * (3 * n_stripes)])
     varied = _varied(pattern, curvature_per_m is not None)
     blur = np.full(2, _BLUR_START_PX)
     noise = 0.0  # not known before the first pass
     vignetting: Array = np.zeros(2)
     all_rows = np.arange(rig.height - n_blocks * BLOCK_ROWS, rig.height).reshape(n_blocks, BLOCK_ROWS)
+    solution: Step | None = None
     for one in _PASSES:
         rows = all_rows[:, :: one.row_step]
-        changes = np.diag(steps)[varied]
-        variations = np.concatenate([road[None], road + changes, road - changes])
-        middles = rows.mean(axis=1)
-        if curvature_per_m is None:
-            edges = predict_edges(variations, rig)
-            at_blocks = edges[..., :1] + edges[..., 1:] * middles
-            columns, slopes = edges[0, ..., :1, None] + edges[0, ..., 1:, None] * rows, edges[0, ..., 1]
-        else:
-            at_blocks = np.stack([bent_columns(variation, middles, rig) for variation in variations])
-            columns = bent_columns(road, rows.astype(np.float64), rig)
-            slopes = (columns[..., -1, -1] - columns[..., 0, 0]) / (rows[-1, -1] - rows[0, 0])
-        by_road = np.zeros((len(road), *at_blocks.shape[1:]))
-        by_road[varied] = at_blocks[1 : len(changes) + 1] - at_blocks[len(changes) + 1 :]
-        by_road /= (2.0 * steps).reshape(-1, 1, 1, 1, 1)
+        columns, slopes, by_road = _predict(road, rows, varied, rig, curvature_per_m is not None)
         window = (one.half_width, one.added_blur)
         darkening = _vignetting_profile(columns, rig)
         steepness = vignetting[:, None, None] * darkening
         blocks = measure_blocks(images, columns, slopes, rows, blur, window, noise, steepness)
         noise = blocks.variance
-        known = _Known(varied, heights, pattern.height_stds_m)
-        solution = _solve(blocks, by_road, one.reweightings, known)
+        known = Known(varied, heights, pattern.height_stds_m)
+        solution = solve_step(blocks, by_road, one.reweightings, known)
         if solution is None:
             return None
-        step, covariance, scale, used = solution
+        step = solution.step
         road = road + step[: len(road)]
         # Far from the road its blur cannot be known, but must be free: else a camera that is sharper
         # or softer than supposed is taken for an outlier.
@@ -207,6 +159,10 @@ def refine(
         middles, widths, heights = np.split(road[N_POSE:], 3)
         if not np.all(np.isfinite(road)) or road[0] <= 0.0 or np.any(widths <= 0.0):
             return None
+    assert solution is not None  # there are passes
+    covariance = solution.covariance(blocks.variance)
+    if covariance is None:
+        return None
     pose = Extrinsics.from_array(road[:3])
     residuals = _residuals(blocks, by_road, step, columns, slopes, all_rows)
     return RefinedFit(
@@ -220,9 +176,43 @@ def refine(
         heights_m=heights,
         blur_px=blur,
         noise_grey=float(np.sqrt(blocks.variance)),
-        scale=scale,
-        n_blocks=used,
+        scale=solution.scale,
+        n_blocks=len(solution.relative),
     )
+
+
+def _predict(
+    road: Array, rows: npt.NDArray[np.intp], varied: npt.NDArray[np.bool_], rig: StereoRig, bent: bool
+) -> tuple[Array, Array, Array]:
+    """Return where the edges of the stripes are, and how the free parameters of the road move them.
+
+    Args:
+        road: (P,) its parameters.
+        rows: (N, R) rows of the blocks [px].
+        varied: (P,) which parameters are free.
+        rig: Intrinsics and baseline.
+        bent: Whether the road is.
+
+    Returns:
+        Columns (2 cameras, L stripes, 2 edges, N, R) [px], slopes (2, L, 2) [columns a row], and the
+        derivative of the columns in the middle of the blocks, (P, 2, L, 2, N).
+    """
+    steps = np.array([*_POSE_STEPS, *[_STRIPE_STEP] * (len(road) - N_POSE)])
+    changes = np.diag(steps)[varied]
+    variations = np.concatenate([road[None], road + changes, road - changes])
+    middles = rows.mean(axis=1)
+    if bent:
+        at_blocks = np.stack([bent_columns(variation, middles, rig) for variation in variations])
+        columns = bent_columns(road, rows.astype(np.float64), rig)
+        slopes = (columns[..., -1, -1] - columns[..., 0, 0]) / (rows[-1, -1] - rows[0, 0])
+    else:
+        edges = predict_edges(variations, rig)
+        at_blocks = edges[..., :1] + edges[..., 1:] * middles
+        columns, slopes = edges[0, ..., :1, None] + edges[0, ..., 1:, None] * rows, edges[0, ..., 1]
+    by_road = np.zeros((len(road), *at_blocks.shape[1:]))
+    by_road[varied] = at_blocks[1 : len(changes) + 1] - at_blocks[len(changes) + 1 :]
+    by_road /= (2.0 * steps).reshape(-1, 1, 1, 1, 1)
+    return columns, slopes, by_road
 
 
 def _residuals(
@@ -246,71 +236,6 @@ def _varied(pattern: LanePattern, bent: bool) -> npt.NDArray[np.bool_]:
     varied[_CURVATURE] = bent
     varied[-len(beside) :] = beside
     return varied
-
-
-def _solve(
-    blocks: Blocks, by_road: Array, reweightings: int, known: _Known
-) -> tuple[Array, Array, float, int] | None:
-    """Solve for the change of all parameters, block by block weighted robustly.
-
-    The covariance is that of an M-estimator (Huber, Robust Statistics, section 6.3): with deviance d and
-    weight w(d) of a block it is ``E[w^2 d] / 3`` over the square of ``E[w + 2 w' d / 3]``, times the inverse
-    information of the blocks that count.
-
-    Returns:
-        step (P,), covariance (P, P), scale of the deviances, blocks used; None when undetermined.
-    """
-    usable = blocks.usable
-    enough = usable.sum(axis=(0, 2)) >= _MIN_STRIPE_BLOCKS
-    if np.count_nonzero(usable) < _MIN_BLOCKS or np.count_nonzero(enough) < 2:
-        return None
-    # Displacements (left edge, right edge, blur) by all parameters: (camera, stripe, block, 3, P).
-    n_road = len(by_road)
-    design = np.zeros((*blocks.gradient.shape, n_road + 2))
-    design[..., :2, :n_road] = np.moveaxis(by_road, (0, 3), (-1, -2))
-    for camera in range(2):
-        design[camera, ..., 2, n_road + camera] = 1.0
-    usable = usable & enough[:, None]
-    of_camera = np.nonzero(usable)[0]
-    design, information = design[usable], blocks.information[usable]
-    displacement, gradient = blocks.displacement[usable], blocks.gradient[usable]
-    transposed = np.swapaxes(design, -1, -2)
-    normals = transposed @ information @ design
-    sides = (transposed @ gradient[..., None])[..., 0]
-    enough_of = np.concatenate([np.ones(N_POSE, bool), np.tile(enough, 3)])
-    free = np.concatenate([known.varied & enough_of, np.ones(2, bool)])
-    prior, pull = known.heights(blocks.variance)
-    weights = np.ones(len(sides))
-    # A camera that the template fits worse (its lens is sharper or softer) has larger deviances in all
-    # of its blocks: they weigh less, but are no outliers.
-    scales = np.ones(2)
-    step: Array = np.zeros(len(free))
-    for _ in range(reweightings):
-        normal = (np.tensordot(weights, normals, axes=1) + prior)[np.ix_(free, free)]
-        if not np.all(np.isfinite(normal)) or np.linalg.matrix_rank(normal, hermitian=True) < len(normal):
-            return None
-        step[free] = np.linalg.solve(normal, (weights @ sides + pull)[free])
-        residual = displacement - (design @ step)
-        deviance = (residual[:, None] @ information @ residual[..., None])[:, 0, 0] / blocks.variance
-        for i in np.unique(of_camera):
-            scales[i] = max(1.0, float(np.median(deviance[of_camera == i])) / _MEDIAN_CHI2_3)
-        relative = deviance / scales[of_camera] / _TUKEY_DEVIANCE
-        weights = np.clip(1.0 - relative, 0.0, None) ** 2 / scales[of_camera]
-    counted = relative < 1.0
-    if not counted.any():
-        return None
-    # dw/dd = -2 (1 - d / c) / c for the biweight w = (1 - d / c)^2.
-    weight = np.clip(1.0 - relative[counted], 0.0, None)
-    steepness = float(np.mean(weight**2 - 4.0 / 3.0 * weight * relative[counted]))
-    scatter = float(np.mean(weight**4 * relative[counted])) * _TUKEY_DEVIANCE / 3.0
-    if steepness <= 0.0:
-        return None
-    information_left = np.tensordot(counted / scales[of_camera], normals, axes=1) + prior
-    information_left = information_left[np.ix_(free, free)]
-    inverse = np.linalg.pinv(information_left, hermitian=True) * (scatter / steepness**2)
-    covariance = np.zeros((len(free), len(free)))
-    covariance[np.ix_(free, free)] = inverse * blocks.variance
-    return step, covariance, float(scales.mean()), int(np.count_nonzero(counted))
 
 
 def _vignetting_profile(columns: Array, rig: StereoRig) -> Array:

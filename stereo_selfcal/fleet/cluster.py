@@ -22,6 +22,9 @@ _CONNECT_S = 10.0
 _ALLOWED_FAILURES = 3
 # Variables of libraries that would start threads of their own in every worker.
 _ONE_THREAD = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+# Our workers log nothing: one whose heartbeat meets the end of an interrupted run makes an error of that,
+# with a traceback. What a task raises comes back as its result; that a worker died is said by its nanny.
+_QUIET = {"DASK_LOGGING__DISTRIBUTED": "critical"}
 
 
 class ClusterError(SelfcalError):
@@ -46,7 +49,7 @@ def local_cluster(
         "distributed.comm.timeouts.connect": _CONNECT_S,
         # Dask's own has MALLOC_TRIM_THRESHOLD_ besides, with which every image is mapped and unmapped anew:
         # a frame then takes 1.6 times as long.
-        "distributed.nanny.pre-spawn-environ": dict.fromkeys(_ONE_THREAD, 1),
+        "distributed.nanny.pre-spawn-environ": dict.fromkeys(_ONE_THREAD, 1) | _QUIET,
     }
     with (
         tempfile.TemporaryDirectory(prefix="stereo_selfcal_fleet.") as scratch,

@@ -1,6 +1,7 @@
 """The tasks of a fleet: workers that die, recordings that fail, stretches of long ones."""
 
 import json
+import logging
 
 import pytest
 
@@ -45,6 +46,12 @@ def run(client, paths, settings=SETTINGS, **options):
 def replayed(path):
     with BagSource([path]) as source:
         return calibrate_recording(source)
+
+
+def test_workers_log_nothing(cluster):
+    """A heartbeat that meets the end of the run would be an error with a traceback."""
+    levels = cluster.run(lambda: logging.getLogger("distributed.worker").getEffectiveLevel())
+    assert set(levels.values()) == {logging.CRITICAL}
 
 
 @pytest.mark.parametrize("stretch_s", [None, 0.25], ids=["whole", "in stretches"])
