@@ -58,6 +58,7 @@ THRESHOLDS = (
     Threshold("_MAX_VERTICAL_PX", readings),
     Threshold("_SHAPE_SIGMAS", readings),
     Threshold("_MAX_RIM", readings),
+    Threshold("_MAX_FACE", readings),
     Threshold("_SURELY_SIGMAS", readings),
     Threshold("MAX_DIFFERENCE", combination),
     Threshold("MAX_LINE_HEIGHT_M", combination),

@@ -192,8 +192,8 @@ def covariance_by_road(
 def covariance_by_profile(refined: RefinedFit | None) -> Array:
     """Return the covariance (3, 3) of an estimate from lines whose near and far parts differ.
 
-    They are of one plane within noise, or the road is none and the estimate is as uncertain as they differ, and
-    as what is not seen of the road 5 to 20 m ahead may go on.
+    They are of one plane within noise, or the road is none and the estimate is as uncertain as they differ,
+    and as what is not seen of the road 5 to 20 m ahead may go on.
     """
     covariance = np.zeros((3, 3))
     profile = None if refined is None else refined.profile

@@ -27,10 +27,10 @@ _NEAR_M, _LANES_M = (0.02, 0.08), ((0.20, 0.40), (0.15, 0.90))
 _NEAR_SAMPLES, _LANE_SAMPLES = 4, 9  # across each
 _HALVES = ((0.2, 0.4), (0.6, 0.8))  # of a stripe from the lane on, without its edges
 _ALIKE = 0.06  # of the contrast, by which both sides of a stripe in a shadow may differ
-# The face of the lowest kerbs is 6 cm high; a camera sees it as wide along the row as its line is inclined. It is
-# looked for apart, as it may be narrower than the strip: from an edge that may be off by this many pixels, where
-# as many are left.
-_LOWEST_FACE_M, _FACE_PX = 0.06, 1.5
+# The face of the lowest kerbs is 6 cm high; a camera sees it as wide along the row as its line is inclined,
+# which may be narrower than the strip. So it is looked for apart: a pixel farther from the edge, as lines that
+# bend a little are off by as much, and where a pixel is left of it.
+_LOWEST_FACE_M, _FACE_PX = 0.06, 1.0
 # Nothing is read nearer to an edge than what lens and pixel smear: of the edge, 0.6 % is left there. The
 # strip beside the stripe must be as wide. Within the stripe both edges leave the same: less will do.
 _SMEAR_SIGMAS, _INNER_SMEAR = 2.5, 0.6
@@ -51,8 +51,8 @@ class Rim:
         tone: Grey of the half of the stripe that is turned to the lane less that of the other: a face that
             passes for a part of the stripe, the halves of a rail.
         tone_std: Its standard deviation.
-        face: As step, of what is as narrow as the face of the lowest kerb, and the same far and near: the smaller
-            of both. NaN where that is too narrow in the image.
+        face: As step, of what is as narrow as the face of the lowest kerb, and the same far and near: the
+            smaller of both. NaN where that is too narrow in the image.
         face_std: Its standard deviation.
     """
 

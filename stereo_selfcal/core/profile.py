@@ -24,8 +24,8 @@ NEAR_M, FAR_M = 5.0, 20.0
 # Heights at these distances [m], linear between them: a change of slope shows within a few metres.
 _NODES_M = np.array([3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0])
 _N_STEPS = 61  # of the plane through them
-# Before anything is seen: a road falls or rises by this at a node [m], its slope changes by this from one node
-# to the next (half of what a crest or dip of 250 m radius does in 5 m, the sharpest in a street), and it
+# Before anything is seen: a road falls or rises by this at a node [m], its slope changes by this from one
+# node to the next (half of what a crest or dip of 250 m radius does in 5 m, the sharpest in a street), and it
 # bends by this [1/m], the sharpest bend for which lines pass for straight.
 _HEIGHT_STD_M, _SLOPE_STD, _BEND_STD_PER_M = 0.3, 0.01, 1e-3
 # Edges of paint are straight to a tenth of a pixel: no block weighs more than that.
@@ -139,7 +139,7 @@ def measure_profile(edges: EdgeResiduals, rig: StereoRig, pose: Extrinsics) -> P
 
 
 def _prior() -> Array:
-    """Return the information of heights at the nodes and of the bend before anything is seen, (K + 1, K + 1)."""
+    """Return the information of the heights and of the bend before anything is seen, (K + 1, K + 1)."""
     slopes = np.diff(np.eye(len(_NODES_M)), axis=0) / np.diff(_NODES_M)[:, None]
     kinks = np.diff(slopes, axis=0) / _SLOPE_STD
     information = np.zeros((len(_NODES_M) + 1, len(_NODES_M) + 1))

@@ -54,8 +54,8 @@ _SHAPE_SIGMAS = 3.0
 # Between a painted stripe and its lane there is nothing: in random worlds shadows, dapples and noise leave up
 # to 5 % of the paint's contrast, kerbs show a face of 7 % and more.
 _MAX_RIM = 0.06
-# What is as narrow as the face of the lowest kerb: 99 % of the roads of random worlds leave less than 7 % there,
-# faces that are seen 12 % and more.
+# What is as narrow as the face of the lowest kerb: 99 % of the roads of random worlds leave less than 7 %
+# there, faces that are seen 12 % and more.
 _MAX_FACE = 0.10
 # What no line and no slope may do by chance, of the standard deviations of what is measured.
 _SURELY_SIGMAS = 4.0
