@@ -28,8 +28,8 @@ _NEAR_SAMPLES, _LANE_SAMPLES = 4, 9  # across each
 _HALVES = ((0.2, 0.4), (0.6, 0.8))  # of a stripe from the lane on, without its edges
 _ALIKE = 0.06  # of the contrast, by which both sides of a stripe in a shadow may differ
 # The face of the lowest kerbs is 6 cm high; a camera sees it as wide along the row as its line is inclined,
-# which may be narrower than the strip. So it is looked for apart: a pixel farther from the edge, as lines that
-# bend a little are off by as much, and where a pixel is left of it.
+# which may be narrower than the strip. So it is looked for apart: a pixel farther from the edge, as lines
+# that bend a little are off by as much, and where a pixel is left of it.
 _LOWEST_FACE_M, _FACE_PX = 0.06, 1.0
 # Nothing is read nearer to an edge than what lens and pixel smear: of the edge, 0.6 % is left there. The
 # strip beside the stripe must be as wide. Within the stripe both edges leave the same: less will do.
