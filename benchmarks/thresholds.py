@@ -48,7 +48,7 @@ THRESHOLDS = (
     Threshold("_MIN_ROW_OVERLAP", matching),
     Threshold("_MAX_WIDTH_RATIO", matching),
     Threshold("_MAX_CONTRAST_RATIO", matching),
-    Threshold("MIN_SIMILARITY", matching),
+    Threshold("MIN_LIKENESS", matching),
     Threshold("_CURVATURE_SIGMAS", readings),
     Threshold("_MIN_VERTICAL_RADIUS_M", readings),
     Threshold("_MAX_MISFIT_SIGMAS", readings),
