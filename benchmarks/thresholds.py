@@ -61,6 +61,7 @@ THRESHOLDS = (
     Threshold("_MAX_FACE", readings),
     Threshold("_SURELY_SIGMAS", readings),
     Threshold("MAX_DIFFERENCE", combination),
+    Threshold("WRONG", combination),
     Threshold("MAX_LINE_HEIGHT_M", combination),
     Threshold("AGREEMENT", texture),
     Threshold("MAX_NOISE_STD", texture),

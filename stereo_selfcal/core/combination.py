@@ -39,6 +39,8 @@ MAX_LINE_HEIGHT_M = 0.030
 # Height [m], pitch, roll [rad] by which both may differ all the same, as far as the lever of the nearest line
 # stretches that: an estimate off by this is called wrong, and the asphalt alone is better by half.
 MAX_DIFFERENCE = np.array([0.060, np.radians(0.5), np.radians(1.2)])
+# The same, of an estimate that has nothing but its own standard deviation to show that it is not wrong.
+WRONG = MAX_DIFFERENCE.copy()
 
 _SURE_SIGMAS = 3.0  # one in 370
 
@@ -131,7 +133,7 @@ def place_of_line(left: ImageLine, right: ImageLine, plane: Array, rig: StereoRi
 
 def surely_right(covariance: Array) -> bool:
     """Whether three standard deviations of an estimate are less than what is called wrong."""
-    return bool(np.all(_SURE_SIGMAS * np.sqrt(np.diag(covariance)) <= MAX_DIFFERENCE))
+    return bool(np.all(_SURE_SIGMAS * np.sqrt(np.diag(covariance)) <= WRONG))
 
 
 def lies_on(pattern: LanePattern, rig: StereoRig, lines: Extrinsics, road: Extrinsics) -> bool:

@@ -9,8 +9,8 @@ from independent_camera import ideal_pattern
 
 from stereo_selfcal import Extrinsics
 from stereo_selfcal.core.combination import (
-    MAX_DIFFERENCE,
     MAX_LINE_HEIGHT_M,
+    WRONG,
     combine,
     covariance_by_paint,
     covariance_by_profile,
@@ -180,9 +180,9 @@ def test_lines_painted_not_quite_parallel_leave_a_valley():
 @pytest.mark.parametrize("place", range(3))
 def test_surely_right_is_wrong_once_in_hundreds(place):
     std = np.full(3, 1e-6)
-    std[place] = 0.99 * MAX_DIFFERENCE[place] / 3
+    std[place] = 0.99 * WRONG[place] / 3
     assert surely_right(np.diag(std**2))
-    std[place] = 1.01 * MAX_DIFFERENCE[place] / 3
+    std[place] = 1.01 * WRONG[place] / 3
     assert not surely_right(np.diag(std**2))
 
 
