@@ -21,12 +21,13 @@ def covariance_by_crown(refined: RefinedFit | None) -> Array:
 
     A line that was measured between the boundaries shows how the own lane lies; where there is none and the
     boundaries are as far apart as n lanes, the slope changes between them, as it does from lane to lane.
+    Lines nearer to each other than any lane is wide (one of them is an arrow) show a part of the own one.
 
     Args:
         refined: Positions of the stripes, and heights of those beside the boundaries.
 
     Returns:
-        Zeros where the stripes are those of one lane.
+        Zeros where the stripes are those of one lane, in one plane.
     """
     covariance = np.zeros((3, 3))
     if refined is None:
@@ -44,9 +45,12 @@ def covariance_by_crown(refined: RefinedFit | None) -> Array:
     shown = np.array([higher_m, 0.0, rise])
     covariance += np.outer(shown, shown)
     lanes = int(width_m / _NARROWEST_LANE_M)
+    near, far = sorted((places[left], places[right]), key=abs)
     if lanes > 1:
         # The plane goes through both borders, the lane of the camera through the nearer one.
-        border_m = places[left] if places[left] < -places[right] else places[right]
-        hidden = FALL_STD * (lanes - 1) / lanes * np.array([-border_m, 0.0, 1.0])
-        covariance += np.outer(hidden, hidden)
-    return covariance
+        hidden, border_m = (lanes - 1) / lanes, near
+    else:
+        # The border of the lane is the farther one: the arrow lies before the camera.
+        hidden, border_m = max(0.0, 1.0 - float(np.ptp(places)) / _NARROWEST_LANE_M), far
+    by_slope = FALL_STD * hidden * np.array([-border_m, 0.0, 1.0])
+    return covariance + np.outer(by_slope, by_slope)

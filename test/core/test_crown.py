@@ -68,6 +68,14 @@ def test_one_lane_has_no_crown():
     assert not covariance_by_crown(None).any()
 
 
+def test_half_a_lane_shows_half_of_it():
+    """An arrow in the middle of the lane stands for a line; the other half may slope otherwise."""
+    half = np.sqrt(np.diag(covariance_by_crown(fit([0.05, -1.2], [0.0, 0.0]))))
+    np.testing.assert_allclose(half, [0.0125 * 1.2, 0.0, 0.0125])
+    # Where both borders are there as well, it does not matter what else is.
+    assert not covariance_by_crown(fit([1.6, -1.2, 0.05], [0.0, 0.0, 0.0])).any()
+
+
 def test_lines_of_two_lanes_know_that_a_crown_may_lie_between():
     """The line between both lanes is missing: without it, nothing shows the crown."""
     world = named_world("crown")
