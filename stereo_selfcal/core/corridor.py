@@ -66,13 +66,20 @@ class Corridor:
     cell_area: Array
 
     def segment_sums(self, values: Floats) -> Array:
-        """Sum samples (N,) over segments, shape (S,)."""
-        sums: Array = np.add.reduceat(values[: self.n_samples], self.starts).astype(np.float64)
+        """Sum samples (..., N) over segments, shape (..., S)."""
+        samples = values[..., : self.n_samples]
+        sums: Array = np.add.reduceat(samples, self.starts, axis=-1).astype(np.float64)
         return sums
 
     def cell_sums(self, values: Array) -> Array:
         """Sum segments (S, ...) over cells, shape (C, ...)."""
         sums: Array = np.add.reduceat(values, self.cell_starts, axis=0)
+        return sums
+
+    def sums_over_cells(self, values: Floats) -> Array:
+        """Sum samples (..., N) over cells, shape (..., C)."""
+        samples = values[..., : self.n_samples]
+        sums: Array = np.add.reduceat(samples, self.starts[self.cell_starts], axis=-1).astype(np.float64)
         return sums
 
     @property
@@ -81,9 +88,10 @@ class Corridor:
         return int(self.starts[-1] + self.lengths[-1])
 
     def to_samples(self, per_segment: Array) -> Floats:
-        """Repeat a value of each segment for its samples, shape (N,)."""
-        repeated = np.repeat(per_segment.astype(np.float32), self.lengths)
-        return np.pad(repeated, (0, len(self.u) - len(repeated)))
+        """Repeat values (..., S) of each segment for its samples, shape (..., N)."""
+        repeated = np.zeros((*per_segment.shape[:-1], len(self.u)), np.float32)
+        repeated[..., : self.n_samples] = np.repeat(per_segment.astype(np.float32), self.lengths, axis=-1)
+        return repeated
 
     def to_segments(self, per_cell: Array) -> Array:
         """Repeat a value of each cell for its segments, shape (S,)."""
@@ -140,21 +148,18 @@ def lay_out(
     plane = plane_of(pose, rig)
     rows = np.arange(_MARGIN_PX // 2, rig.height - _MARGIN_PX // 2)
     z = -(rows - rig.cy) / rig.fy
-    middle = np.full(len(rows), rig.cx)
-    for _ in range(2):  # the road's middle depends on the distance, and that, by the roll, on the column
-        disparity = plane[0] - plane[1] * (middle - rig.cx) / rig.fx + plane[2] * z
-        ahead = rig.fx * rig.baseline_m / np.maximum(disparity, _LEAST_DISPARITY_PX)
-        middle = np.clip(rig.cx + rig.fx * np.tan(lane_yaw_rad), 0, rig.width) + 0.0 * ahead
+    middle = float(np.clip(rig.cx + rig.fx * np.tan(lane_yaw_rad), 0, rig.width))
+    disparity = plane[0] - plane[1] * (middle - rig.cx) / rig.fx + plane[2] * z
+    ahead = rig.fx * rig.baseline_m / np.maximum(disparity, _LEAST_DISPARITY_PX)
     visible = (disparity > _LEAST_DISPARITY_PX) & (ahead < far_m)
     if not visible.any():
         return None
-    rows, ahead, middle, disparity = (a[visible] for a in (rows, ahead, middle, disparity))
-    rows, ahead, middle, disparity = (
-        a[_spaced(ahead, SPACING_M * thinning, thinning)] for a in (rows, ahead, middle, disparity)
-    )
+    rows, ahead, disparity = (a[visible] for a in (rows, ahead, disparity))
+    spaced = _spaced(ahead, SPACING_M * thinning, thinning)
+    rows, ahead, disparity = (a[spaced] for a in (rows, ahead, disparity))
     n_cells = max(1, round((limits_m[1] - limits_m[0]) / CELL_WIDTH_M))
     lateral = np.linspace(limits_m[1], limits_m[0], n_cells + 1)  # from left to right, as columns
-    columns = middle[:, None] - rig.fx * lateral / ahead[:, None]
+    columns = middle - rig.fx * lateral / ahead[:, None]
     reach = disparity[:, None] / 2.0 + _MARGIN_PX
     columns = np.clip(columns, reach, rig.width - 1 - reach)
     steps = np.maximum(1, (SPACING_M * thinning * rig.fx / ahead).astype(np.intp))
@@ -181,10 +186,12 @@ def _spaced(ahead: Array, spacing_m: float, thinning: int) -> Mask:
     gaps = np.abs(np.diff(ahead, append=ahead[-1]))
     skip = np.maximum(thinning, (spacing_m / np.maximum(gaps, 1e-9)).astype(np.intp))
     skip[-1] = skip[-2] if len(skip) > 1 else 1
-    i = len(ahead) - 1
+    steps = np.minimum(skip, 8 * thinning).tolist()
+    kept, i = [], len(steps) - 1
     while i >= 0:
-        chosen[i] = True
-        i -= int(min(skip[i], 8 * thinning))
+        kept.append(i)
+        i -= steps[i]
+    chosen[kept] = True
     return chosen
 
 
@@ -202,9 +209,13 @@ def _assemble(
     starts = np.concatenate([[0], np.cumsum(lengths)[:-1]])
     total = int(lengths.sum())
     padded = -(-total // _ALIGN) * _ALIGN
-    within = np.arange(total) - np.repeat(starts, lengths)
-    u = np.repeat(first, lengths) + within * np.repeat(step, lengths)
-    v = np.repeat(row, lengths)
+    # Whole numbers far below 2^24: exact in single precision.
+    u, v = np.empty(padded, np.float32), np.empty(padded, np.float32)
+    u[:total] = np.arange(total, dtype=np.float32)
+    u[:total] *= np.repeat(step.astype(np.float32), lengths)
+    u[:total] += np.repeat((first - starts * step).astype(np.float32), lengths)
+    v[:total] = np.repeat(row.astype(np.float32), lengths)
+    u[total:], v[total:] = u[total - 1], v[total - 1]
     middle = first + (lengths - 1) * step / 2.0
     rays = np.column_stack([np.ones(len(row)), -(middle - rig.cx) / rig.fx, -(row - rig.cy) / rig.fy])
     cell_starts = np.concatenate([[0], np.nonzero(np.diff(cell))[0] + 1])
@@ -221,8 +232,8 @@ def _assemble(
     width = np.add.reduceat(lengths * step * depth / rig.fx, cell_starts) / cell_lengths
     gap = spread / np.maximum(cell_lengths - 1, 1)
     return Corridor(
-        u=np.pad(u, (0, padded - total), mode="edge").astype(np.float32),
-        v=np.pad(v, (0, padded - total), mode="edge").astype(np.float32),
+        u=u,
+        v=v,
         starts=starts,
         lengths=lengths,
         segment_rays=rays,

@@ -14,7 +14,7 @@ from .corridor import Corridor, Floats, plane_of
 from .extraction import Image
 from .extrinsics import Array, Extrinsics
 from .geometry import horizon_row
-from .rectification import VerticalOffset, refine_offset, with_slopes
+from .rectification import Place, VerticalOffset, refine_offset, with_slopes
 from .rig import StereoRig
 from .sampling import half_disparity, sample
 
@@ -59,8 +59,9 @@ def horizon_offset(
     columns = band.cell_rays[:, 1] * -rig.fx
     # The road below the horizon is nearer.
     half = np.maximum(half_disparity(band, plane_of(extrinsics, rig), rig), np.float32(0.0))
-    start = _search(left, right, band, (half, v), columns, most)
-    return refine_offset((left, right), band, (half, v), usable, rig, start, _PASSES, most, cv2.INTER_LINEAR)
+    place = (band.u + half, band.u - half, v)
+    start = _search(left[0], right[0], band, place, columns, most)
+    return refine_offset((left, right), band, place, usable, rig, start, _PASSES, most, cv2.INTER_LINEAR)
 
 
 def _lay_out(rig: StereoRig, extrinsics: Extrinsics) -> Corridor | None:
@@ -95,25 +96,25 @@ def _lay_out(rig: StereoRig, extrinsics: Extrinsics) -> Corridor | None:
 
 
 def _search(
-    left: Floats, right: Floats, band: Corridor, place: tuple[Floats, Floats], columns: Array, most: int
+    fixed: Floats, moving: Floats, band: Corridor, place: Place, columns: Array, most: int
 ) -> tuple[float, float]:
     """Return offset [px] and turn [rad] under which the cells of both images correlate best."""
-    half, v = place
-    fixed, moving = (np.ascontiguousarray(image[..., 0]) for image in (left, right))
-    shape = (_CELLS, _CELL_COLUMNS, _ROWS)
+    at_left, at_right, v = place
+    shifts = np.arange(-most, most + 1, _SHIFT_STEP)
 
     def centred(image: Floats, u: Floats, rows: Floats) -> Floats:
-        values = sample(image, u, rows, cv2.INTER_LINEAR)[: band.n_samples].reshape(shape)
+        values = sample(image, u, rows, cv2.INTER_LINEAR)[..., : band.n_samples]
+        values = values.reshape(-1, _CELLS, _CELL_COLUMNS, _ROWS)
         return np.asarray(values - values.mean(axis=-1, keepdims=True), np.float32)
 
-    reference = centred(fixed, band.u + half, v)
-    shifts = np.arange(-most, most + 1, _SHIFT_STEP)
-    curves = np.empty((len(shifts), _CELLS))
-    for i, shift in enumerate(shifts):
-        moved = centred(moving, band.u - half, v + np.float32(shift))
-        # Weighed by the contrast of the left image: an empty sky correlates by chance.
-        both = np.einsum("csr,csr->c", reference, moved)
-        curves[i] = both / np.sqrt(np.maximum(np.einsum("csr,csr->c", moved, moved), 1.0))
+    reference = centred(fixed, at_left, v)[0]
+    rows = v + shifts[:, None].astype(np.float32)
+    moved = centred(moving, np.broadcast_to(at_right, rows.shape), rows)
+    # Weighed by the contrast of the left image: an empty sky correlates by chance.
+    both, squares = (
+        np.einsum("hcsr,hcsr->hc", moved, each) for each in (np.broadcast_to(reference, moved.shape), moved)
+    )
+    curves = both / np.sqrt(np.maximum(squares, 1.0))
     # (offset, turn, cell)
     at = np.rint((shifts[:, None, None] + _TURNS_RAD[:, None] * columns + most) / _SHIFT_STEP).astype(np.intp)
     within = (at >= 0) & (at < len(shifts))

@@ -19,7 +19,8 @@ from .rig import StereoRig
 from .sampling import half_disparity, sample, usable_samples
 
 _BLUR_PX = 1.0
-_KERNEL = (9, 9)
+_KERNEL_PX = 9
+_REACH_PX = 8  # half of that, the derivative, and the interpolation
 _MOST_PX = 4  # searched, in whole rows, to either side: more is seen by the eye
 _PASSES = 3
 _THINNING = 2
@@ -34,6 +35,12 @@ _TUKEY_SIGMAS = 4.685
 _REWEIGHTINGS = 8
 _SIGMA_OVER_MAD = 1.4826
 _RIDGE = 1e-9  # keeps the equations regular where all cells lie below each other
+
+
+# Columns in the left and in the right image and rows without an offset [px] of samples, (N,) each.
+Place = tuple[Floats, Floats, Floats]
+# Grey value, derivative along the row and along the column of a blurred image, (H, W) each.
+Channels = tuple[Floats, Floats, Floats]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,19 +91,23 @@ def vertical_offset(
         return None
     half = half_disparity(corridor, plane, rig)
     usable = usable_samples(images, corridor, half, rig, None)
-    first = max(0, int(corridor.v.min()) - 2 * _MOST_PX)
-    left, right = (with_slopes(image[first:]) for image in images)
-    v = corridor.v - np.float32(first)
-    offset = _search(left, right, corridor, half, v, usable)
+    at_left, at_right = corridor.u + half, corridor.u - half
+    # Only the part of the images that is looked at, and what filters and interpolation reach.
+    top = max(0, int(corridor.v.min()) - 2 * _MOST_PX)
+    start = max(0, int(min(at_left.min(), at_right.min())) - _REACH_PX)
+    end = int(max(at_left.max(), at_right.max())) + _REACH_PX + 1
+    left, right = (with_slopes(image[top:, start:end]) for image in images)
+    place = (at_left - np.float32(start), at_right - np.float32(start), corridor.v - np.float32(top))
+    offset = _search(left[0], right[0], corridor, place, usable)
     return refine_offset(
-        (left, right), corridor, (half, v), usable, rig, (offset, 0.0), _PASSES, _MOST_PX, cv2.INTER_CUBIC
+        (left, right), corridor, place, usable, rig, (offset, 0.0), _PASSES, _MOST_PX, cv2.INTER_CUBIC
     )
 
 
 def refine_offset(
-    images: tuple[Floats, Floats],
+    images: tuple[Channels, Channels],
     samples: Corridor,
-    place: tuple[Floats, Floats],
+    place: Place,
     usable: Floats,
     rig: StereoRig,
     start: tuple[float, float],
@@ -109,7 +120,7 @@ def refine_offset(
     Args:
         images: Left and right image with their derivatives (:func:`with_slopes`).
         samples: Where they are compared.
-        place: (N,) half the disparity, and row in the images given [px].
+        place: Of the samples in the images given.
         usable: (N,) 1 for samples that count, 0 for others.
         rig: Intrinsics.
         start: Offset [px] and turn [rad].
@@ -120,14 +131,14 @@ def refine_offset(
     Returns:
         Offset and turn, or None where too little is seen, or it has run away.
     """
-    (left, right), (half, v) = images, place
+    (left, right), (at_left, at_right, v) = images, place
     offset, turn = start
     columns = samples.cell_rays[:, 1] * -rig.fx
     solution = None
     for _ in range(passes):
         tilt = np.float32(0.5) * (np.float32(offset) + np.float32(turn) * (samples.u - np.float32(rig.cx)))
-        of_left = sample(left, samples.u + half, v - tilt, how)
-        of_right = sample(right, samples.u - half, v + tilt, how)
+        of_left = np.stack([sample(channel, at_left, v - tilt, how) for channel in left])
+        of_right = np.stack([sample(channel, at_right, v + tilt, how) for channel in right])
         solution = combine_cells(*measure_cells(of_left, of_right, usable, samples), columns)
         if solution is None:
             return None
@@ -138,39 +149,36 @@ def refine_offset(
     return VerticalOffset(offset, solution.std_px, turn, solution.roll_std_rad, solution.n_cells)
 
 
-def with_slopes(image: Image) -> Floats:
-    """Return grey value, derivative along the row and along the column of the blurred image, (H, W, 3)."""
-    smooth = cv2.GaussianBlur(image.astype(np.float32), _KERNEL, _BLUR_PX)
-    along = [cv2.Sobel(smooth, cv2.CV_32F, dx, dy, ksize=1, scale=0.5) for dx, dy in ((1, 0), (0, 1))]
-    return np.asarray(cv2.merge([smooth, *along]))
-
-
-def _search(
-    left: Floats, right: Floats, corridor: Corridor, half: Floats, v: Floats, usable: Floats
-) -> float:
-    """Return the offset in whole rows at which both images correlate best, summed over the cells."""
-    best = []
-    fixed, moving = (np.ascontiguousarray(image[..., 0]) for image in (left, right))
-    reference = sample(fixed, corridor.u + half, v, cv2.INTER_LINEAR)
-    for rows in range(-_MOST_PX, _MOST_PX + 1):
-        moved = sample(moving, corridor.u - half, v + np.float32(rows), cv2.INTER_LINEAR)
-        squares = [_products(a, b, usable, corridor) for a, b in ((reference, moved), (moved, moved))]
-        best.append(float((squares[0] / np.sqrt(np.maximum(squares[1], 1.0))).sum()))
-    return float(np.argmax(best) - _MOST_PX)
-
-
-def _products(a: Floats, b: Floats, weights: Floats, corridor: Corridor) -> Array:
-    """Sum products of samples over the cells, means of the segments removed, (C,)."""
-    return corridor.cell_sums(_segment_products(a, b, weights, corridor))
-
-
-def _segment_products(a: Floats, b: Floats, weights: Floats, corridor: Corridor) -> Array:
-    sums = corridor.segment_sums
-    weighted = weights * a
-    products: Array = sums(weighted * b) - sums(weighted) * sums(weights * b) / np.maximum(
-        sums(weights), 1e-6
+def with_slopes(image: Image) -> Channels:
+    """Return grey value, derivative along the row and along the column of the blurred image."""
+    kernel = cv2.getGaussianKernel(_KERNEL_PX, _BLUR_PX, cv2.CV_32F)
+    smooth = np.asarray(cv2.sepFilter2D(image, cv2.CV_32F, kernel, kernel), np.float32)
+    along, down = (
+        np.asarray(cv2.Sobel(smooth, cv2.CV_32F, dx, dy, ksize=1, scale=0.5), np.float32)
+        for dx, dy in ((1, 0), (0, 1))
     )
-    return products
+    return smooth, along, down
+
+
+def _search(fixed: Floats, moving: Floats, corridor: Corridor, place: Place, usable: Floats) -> float:
+    """Return the offset in whole rows at which both images correlate best, summed over the cells."""
+    at_left, at_right, v = place
+    offsets = np.arange(-_MOST_PX, _MOST_PX + 1)
+    rows = v + offsets[:, None].astype(np.float32)
+    columns = np.broadcast_to(at_right, rows.shape)
+    reference = sample(fixed, at_left, v, cv2.INTER_LINEAR)
+    moved = sample(moving, columns, rows, cv2.INTER_LINEAR)
+    reference, moved = (_centred(each, usable, corridor) for each in (reference, moved))
+    both, squares = (corridor.sums_over_cells(moved * each) for each in (reference, moved))
+    return float(offsets[np.argmax((both / np.sqrt(np.maximum(squares, 1.0))).sum(axis=1))])
+
+
+def _centred(samples: Floats, usable: Floats, corridor: Corridor) -> Floats:
+    """Remove the means of the segments from samples (..., N); what does not count is zero."""
+    sums = corridor.segment_sums
+    means = sums(samples * usable) / np.maximum(sums(usable), 1e-6)
+    centred: Floats = (samples - corridor.to_samples(means)) * usable
+    return centred
 
 
 def measure_cells(left: Floats, right: Floats, usable: Floats, corridor: Corridor) -> tuple[Array, Array]:
@@ -182,21 +190,19 @@ def measure_cells(left: Floats, right: Floats, usable: Floats, corridor: Corrido
         usable: (N,) 1 for samples that count, 0 for others.
         corridor: The samples, in segments and cells; the means of the segments are removed.
     """
-    contrasts = [_squares(image[0], usable, corridor).sum() for image in (left, right)]
-    scale = np.sqrt(contrasts[0] / max(contrasts[1], 1e-6))
+    left, right = _centred(left, usable, corridor), _centred(right, usable, corridor)
+    scale = np.sqrt(np.vdot(left[0], left[0]) / max(np.vdot(right[0], right[0]), 1e-6))
     right = right * np.float32(np.clip(scale, 0.25, 4.0))
     difference = left[0] - right[0]
-    slopes = (left[1:] + right[1:]) / 2  # of both images, by column and by row
-    gradient = np.array([_products(slope, difference, usable, corridor) for slope in slopes])
+    by_left, by_right = left[1:], right[1:]  # by column and by row
+    sums = corridor.sums_over_cells
+    gradient = sums((by_left + by_right) / 2 * difference)
     # Gradients of one image by those of the other: noise alone leaves nothing.
-    common = np.array([[_products(a, b, usable, corridor) for b in right[1:]] for a in left[1:]])
+    common = sums(by_left[:, None] * by_right)
     common = (common + common.swapaxes(0, 1)) / 2
-    count = np.maximum(corridor.cell_sums(corridor.segment_sums(usable)), 1.0)
-    by_noise = [
-        _CELL_SIGMAS
-        * np.sqrt(np.prod([_squares(image[k], usable, corridor) for image in (left, right)], axis=0))
-        for k in (1, 2)
-    ] * np.sqrt(_CORRELATED_SAMPLES / count)
+    count = np.maximum(sums(usable), 1.0)
+    alone = sums(by_left * by_left) * sums(by_right * by_right)
+    by_noise = _CELL_SIGMAS * np.sqrt(alone * _CORRELATED_SAMPLES / count)
     seen = common[1, 1] > by_noise[1]
     # An edge along the row has nothing across it, which a wrong disparity could move.
     slanted = common[0, 0] > by_noise[0]
@@ -205,14 +211,9 @@ def measure_cells(left: Floats, right: Floats, usable: Floats, corridor: Corrido
     seen &= by_row > _LEAST_INFORMATION * common[1, 1]
     rest = gradient[1] - along * gradient[0]
     safe = np.where(seen, by_row, 1.0)
-    noise = np.maximum(_products(difference, difference, usable, corridor) / count, _QUANTISATION)
+    noise = np.maximum(sums(difference * difference) / count, _QUANTISATION)
     # The right image lies lower by the displacement: its grey values there, less those on the left, fall.
     return np.where(seen, rest / safe, 0.0), np.where(seen, noise / safe, np.inf)
-
-
-def _squares(samples: Floats, usable: Floats, corridor: Corridor) -> Array:
-    """Return the sums of squares of samples over the cells, means of the segments removed, (C,)."""
-    return np.clip(_products(samples, samples, usable, corridor), 0.0, None)
 
 
 def combine_cells(cells: Array, variance: Array, columns: Array) -> VerticalOffset | None:

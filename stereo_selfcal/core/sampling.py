@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,6 +12,7 @@ import numpy.typing as npt
 from .corridor import Corridor, Floats
 from .extraction import Image
 from .extrinsics import Array
+from .medians import quantile
 from .rig import StereoRig
 
 _SPARE_ROWS = 6  # above the corridor of the first pass, for those after it
@@ -27,17 +29,17 @@ _PAINT_MARGIN_M = 0.06  # the edges of worn paint are ragged
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prepared:
-    """Both images, blurred along the rows, from a row on: grey value and its derivative as channels.
+    """Both images, blurred along the rows, from a row on, one array a channel: sampled faster.
 
     Attributes:
         first_row: Row of the image that is row 0 here.
-        left: (H, W, 2).
-        right: (H, W, 2).
+        grey: Grey value of the left and of the right image, (H, W) each.
+        slope: Its derivative along the row, (H, W) each.
     """
 
     first_row: int
-    left: Floats
-    right: Floats
+    grey: tuple[Floats, Floats]
+    slope: tuple[Floats, Floats]
 
 
 def prepare(images: tuple[Image, Image], blur_px: float, corridor: Corridor) -> Prepared:
@@ -46,22 +48,20 @@ def prepare(images: tuple[Image, Image], blur_px: float, corridor: Corridor) -> 
     radius = int(np.ceil(4.0 * blur_px))
     kernel = cv2.getGaussianKernel(2 * radius + 1, blur_px, cv2.CV_32F).ravel()
     x = np.arange(-radius, radius + 1)
-    slope = (x * kernel / blur_px**2).astype(np.float32)  # correlated, not convolved: rises to the right
+    derivative = (x * kernel / blur_px**2).astype(np.float32)  # correlated, not convolved: rises to the right
     one = np.ones(1, np.float32)
-    both = []
-    for image in images:
-        part = image[first:]
-        both.append(cv2.merge([cv2.sepFilter2D(part, cv2.CV_32F, k, one) for k in (kernel, slope)]))
-    return Prepared(first, np.asarray(both[0], np.float32), np.asarray(both[1], np.float32))
+    grey, slope = (
+        [np.asarray(cv2.sepFilter2D(image[first:], cv2.CV_32F, k, one), np.float32) for image in images]
+        for k in (kernel, derivative)
+    )
+    return Prepared(first, (grey[0], grey[1]), (slope[0], slope[1]))
 
 
-def sample(image: Floats | Image, u: Floats, v: Floats, how: int = cv2.INTER_CUBIC) -> Floats:
-    """Sample an image (H, W) or (H, W, 2) at N points, (N,) or (2, N)."""
+def sample(image: npt.NDArray[Any], u: Floats, v: Floats, how: int = cv2.INTER_CUBIC) -> npt.NDArray[Any]:
+    """Sample an image (H, W) at points of any shape, a multiple of 256 of them."""
     shape = (-1, 256)
     sampled = cv2.remap(image, u.reshape(shape), v.reshape(shape), how, borderMode=cv2.BORDER_REPLICATE)
-    if image.ndim == 2:
-        return np.asarray(sampled.reshape(-1))
-    return np.ascontiguousarray(sampled.reshape(-1, image.shape[2]).T)
+    return np.asarray(sampled.reshape(u.shape))
 
 
 def half_disparity(corridor: Corridor, plane: Array, rig: StereoRig) -> Floats:
@@ -73,24 +73,27 @@ def half_disparity(corridor: Corridor, plane: Array, rig: StereoRig) -> Floats:
     return half
 
 
-def warp(
-    prepared: Prepared, corridor: Corridor, half: Floats, vertical_px: float = 0.0, shift_px: float = 0.0
-) -> tuple[Floats, Floats]:
-    """Sample grey values and derivatives of both images where the plane puts them, (2, N) each.
+def places(
+    first_row: int, corridor: Corridor, half: Floats, vertical_px: float = 0.0
+) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
+    """Return where a plane puts the samples in the left and in the right image: columns and rows, (N,) each.
 
     Args:
-        prepared: The images.
+        first_row: Row that is row 0 of the images (:class:`Prepared`).
         corridor: Where to sample.
         half: (N,) half the disparity [px].
         vertical_px: Row of a point in the right image minus that in the left one.
-        shift_px: Wrong disparity added, to see what changes.
     """
-    v = corridor.v - np.float32(prepared.first_row)
-    half = half + np.float32(shift_px / 2.0)
+    v = corridor.v - np.float32(first_row)
     tilt = np.float32(vertical_px / 2.0)
-    return sample(prepared.left, corridor.u + half, v - tilt), sample(
-        prepared.right, corridor.u - half, v + tilt
-    )
+    return (corridor.u + half, v - tilt), (corridor.u - half, v + tilt)
+
+
+def warp(
+    images: tuple[Floats, Floats], place: tuple[tuple[Floats, Floats], tuple[Floats, Floats]]
+) -> tuple[Floats, Floats]:
+    """Sample a channel of the left and of the right image at their places, (N,) each."""
+    return sample(images[0], *place[0]), sample(images[1], *place[1])
 
 
 def usable_samples(
@@ -99,45 +102,46 @@ def usable_samples(
     """Return 1 for samples that are neither saturated nor, where a blur is given, reached by paint."""
     usable = np.ones(len(corridor.u), dtype=bool)
     usable[corridor.n_samples :] = False
-    v = corridor.v.astype(np.intp)
-    px_per_m = half * np.float32(2.0 / rig.baseline_m)  # disparity over baseline
     for image, sign in zip(images, (1.0, -1.0), strict=True):
-        exact = corridor.u + np.float32(sign) * half
-        u = np.rint(exact).astype(np.intp)
-        inside = (u >= 0) & (u < rig.width)
-        u = np.clip(u, 0, rig.width - 1)
-        grey = image[v, u]
-        usable &= inside & (grey < _SATURATED) & (grey > _DARK)
+        u = np.rint(corridor.u + np.float32(sign) * half)
+        grey = sample(image, u, corridor.v, cv2.INTER_NEAREST)
+        usable &= (u >= 0) & (u < rig.width) & (grey < _SATURATED) & (grey > _DARK)
         if blur_px is not None and sign > 0.0:  # paint is seen alike by both
-            usable &= ~_paint(np.asarray(cv2.blur(image, (3, 3)), np.uint8), u, v, px_per_m, blur_px)
+            px_per_m = half * np.float32(2.0 / rig.baseline_m)  # disparity over baseline
+            usable &= ~_paint(image, np.clip(u, 0, rig.width - 1), corridor.v, px_per_m, blur_px)
     return usable.astype(np.float32)
 
 
-def _paint(
-    image: Image, u: npt.NDArray[np.intp], v: npt.NDArray[np.intp], px_per_m: Floats, blur_px: float
-) -> npt.NDArray[np.bool_]:
-    """Find samples that are brighter than the road on both sides of them."""
-    grey = image[v, u].astype(np.int16)
+def _paint(image: Image, u: Floats, v: Floats, px_per_m: Floats, blur_px: float) -> npt.NDArray[np.bool_]:
+    """Find samples, at whole pixels, that are brighter than the road on both sides of them."""
+    first, last = int(v.min()), int(v.max())
+    above = max(0, first - 1)  # a row more to either side, for the blur
+    smooth = np.asarray(cv2.blur(image[above : last + 2], (3, 3)), np.uint8)[first - above :]
+    v = v - np.float32(first)
+    grey = sample(smooth, u, v, cv2.INTER_NEAREST).astype(np.int16)
     paint = np.zeros(len(u), dtype=bool)
-    last = image.shape[1] - 1
     for flank_m in _FLANKS_M:
-        reach = (flank_m * px_per_m).astype(np.intp)
-        beside = np.maximum(image[v, np.clip(u - reach, 0, last)], image[v, np.clip(u + reach, 0, last)])
-        contrast = grey - beside
+        reach = np.floor(px_per_m * np.float32(flank_m))
+        sides = [sample(smooth, at, v, cv2.INTER_NEAREST) for at in (u - reach, u + reach)]
+        contrast = grey - np.maximum(*sides)
         # The road itself, below the median, where no paint is: a quarter of a Gaussian lies below -0.674.
-        quarter, half = np.percentile(contrast[::7], (25, 50))
+        ordered = np.sort(contrast[::7])
+        quarter, half = quantile(ordered, 0.25), quantile(ordered, 0.5)
         sigma = max((half - quarter) / 0.674, 1.0)
         paint |= contrast > half + _PAINT_SIGMAS * sigma
     if not paint.any():
         return paint
     # A margin to both sides along the row: what the blur smears, and the ragged edge.
-    at = np.flatnonzero(paint)
-    margin = (_PAINT_MARGIN_M * px_per_m[at]).astype(np.intp) + int(np.ceil(_SMEAR_SIGMAS * blur_px)) + 1
-    first = int(v.min())
-    width = last + 2
-    row = (v[at] - first) * width
-    size = (int(v.max()) - first + 1) * width
-    ends = np.bincount(row + np.maximum(u[at] - margin, 0), minlength=size)
-    ends -= np.bincount(row + np.minimum(u[at] + margin + 1, last + 1), minlength=size)
-    widened: npt.NDArray[np.bool_] = np.cumsum(ends)[(v - first) * width + u] > 0
+    row, column, margin_px = (
+        values[paint].astype(np.intp) for values in (v, u, px_per_m * np.float32(_PAINT_MARGIN_M))
+    )
+    margin_px += int(np.ceil(_SMEAR_SIGMAS * blur_px)) + 1
+    width = image.shape[1]
+    # Up by one where a margin begins, down where it ends: the sum along a row is above zero in between.
+    depth = np.zeros((last + 1 - first, width + 1), np.int32)
+    row *= width + 1
+    np.add.at(depth.reshape(-1), row + np.maximum(column - margin_px, 0), np.int32(1))
+    np.subtract.at(depth.reshape(-1), row + np.minimum(column + margin_px + 1, width), np.int32(1))
+    covered = (np.cumsum(depth, axis=1, dtype=np.int32, out=depth) > 0).view(np.uint8)
+    widened: npt.NDArray[np.bool_] = sample(covered, u, v, cv2.INTER_NEAREST) > 0
     return widened

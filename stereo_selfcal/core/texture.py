@@ -30,7 +30,7 @@ from .corridor import (
 from .extraction import Image
 from .extrinsics import Array, Extrinsics
 from .rig import StereoRig
-from .sampling import half_disparity, prepare, sample, usable_samples, warp
+from .sampling import half_disparity, places, prepare, sample, usable_samples, warp
 from .unevenness import Cells, RoadShape, Surface, fit_surface, measure_shape
 
 # Error of the start that is found by search: a kerb's (60 mm), a frame's pitching (0.5 deg), another lane's
@@ -206,8 +206,9 @@ def _align(
             prepared = prepare(images, blur_px, corridor)
         for final in (False, True)[: 1 + last]:
             half = half_disparity(corridor, plane, rig)
-            warped = warp(prepared, corridor, half, vertical_px)
-            cells = _measure(warped, usable, corridor, blur_px)
+            place = places(prepared.first_row, corridor, half, vertical_px)
+            grey, slopes = warp(prepared.grey, place), warp(prepared.slope, place)
+            cells = _measure(grey, slopes, usable, corridor, blur_px)
             # A disparity that is too large by a pixel is a road too high by this much.
             metres = rig.fx * rig.baseline_m / np.linalg.norm(plane) / (corridor.cell_rays @ plane)
             heights = np.where(cells.significant, cells.displacement * metres, np.nan)
@@ -217,8 +218,9 @@ def _align(
                 return None
             plane = plane + surface.plane
         if last:
-            wrong = warp(prepared, corridor, half, vertical_px, _DECORRELATED_PX)
-            correlations = [_correlation(*pair, cells.weights, corridor) for pair in (warped, wrong)]
+            half += np.float32(_DECORRELATED_PX / 2.0)
+            wrong = warp(prepared.grey, places(prepared.first_row, corridor, half, vertical_px))
+            correlations = [_correlation(*pair, cells.weights, corridor) for pair in (grey, wrong)]
             assert surface is not None  # there was a pass
             return _report(rig, plane, corridor, surface, cells, (correlations[0], correlations[1]))
     return None
@@ -243,30 +245,37 @@ class _Cells:
     weights: Floats
 
 
-def _measure(warped: tuple[Floats, Floats], usable: Floats, corridor: Corridor, blur_px: float) -> _Cells:
+def _measure(
+    grey: tuple[Floats, Floats],
+    slopes: tuple[Floats, Floats],
+    usable: Floats,
+    corridor: Corridor,
+    blur_px: float,
+) -> _Cells:
     """Fit the displacement of every cell, samples weighted robustly."""
-    (left, by_left), (right, by_right) = warped
-    gain = np.float32(_gain(left, right, usable, corridor))
-    left, by_left = left * gain, by_left * gain
-    right, by_right = right / gain, by_right / gain
-    difference, slope = left - right, (by_left + by_right) / 2
     sums, cells = corridor.segment_sums, corridor.cell_sums
     count = np.maximum(sums(usable), 1e-6)
+    gain = np.float32(_gain(*grey, usable, count, corridor))
+    difference = grey[0] * gain - grey[1] / gain
+    by_left, by_right = slopes[0] * gain, slopes[1] / gain
     rest = (difference - corridor.to_samples(sums(usable * difference) / count)) * usable
     per_cell = np.maximum(cells(count), 1.0)
     scale = np.maximum(cells(sums(np.abs(rest))) / per_cell / _ABS_OF_SIGMA, 0.1)
     relative = rest * corridor.to_samples(corridor.to_segments(1.0 / (_TUKEY * scale)))
-    weights = np.clip(1.0 - relative * relative, 0.0, None) ** 2 * usable
-    # Sums of a segment, means removed.
+    weights = np.maximum(1.0 - relative * relative, 0.0)
+    weights *= weights * usable
+    # Sums of a segment, means removed; the slope is the mean of both images'.
     total = np.maximum(sums(weights), 1e-6)
-    w_slope, w_left, w_right = weights * slope, weights * by_left, weights * by_right
-    s_slope, s_left, s_right = sums(w_slope), sums(w_left), sums(w_right)
-    gradient = -(sums(w_slope * difference) - s_slope * sums(weights * difference) / total)
-    information = sums(w_slope * slope) - s_slope**2 / total
+    w_left, w_right = weights * by_left, weights * by_right
+    s_left, s_right, s_difference = sums(w_left), sums(w_right), sums(weights * difference)
+    gradient = (s_left + s_right) * s_difference / total - sums((w_left + w_right) * difference)
+    gradient /= 2.0
     common = sums(w_left * by_right) - s_left * s_right / total
+    of_left = sums(w_left * by_left) - s_left**2 / total
+    of_right = sums(w_right * by_right) - s_right**2 / total
+    information = (of_left + 2.0 * common + of_right) / 4.0
     # Of noise alone, the products of gradients have a mean of zero and this variance.
-    alone = (sums(w_left * by_left) - s_left**2 / total) * (sums(w_right * by_right) - s_right**2 / total)
-    alone = np.clip(alone, 0.0, None) * (_CORRELATED_SAMPLES * blur_px) / total
+    alone = np.clip(of_left * of_right, 0.0, None) * (_CORRELATED_SAMPLES * blur_px) / total
     in_cell, spread = cells(common), np.sqrt(cells(alone))
     significant = (in_cell > _CELL_SIGMAS * spread) & (corridor.cell_lengths >= _LEAST_SEGMENTS)
     rounding = _ROUNDING / (4.0 * np.sqrt(np.pi) * blur_px**3)  # variance of its derivative, blurred
@@ -283,13 +292,12 @@ def _measure(warped: tuple[Floats, Floats], usable: Floats, corridor: Corridor, 
     return _Cells(displacement, variance, significant, sigmas, weights)
 
 
-def _gain(left: Floats, right: Floats, usable: Floats, corridor: Corridor) -> float:
+def _gain(left: Floats, right: Floats, usable: Floats, count: Array, corridor: Corridor) -> float:
     """Return the root of the ratio of contrasts, right over left: it makes both alike."""
     spreads = []
     for grey in (left, right):
         weighted = usable * grey
-        total = np.maximum(corridor.segment_sums(usable), 1e-6)
-        squares = corridor.segment_sums(weighted * grey) - corridor.segment_sums(weighted) ** 2 / total
+        squares = corridor.segment_sums(weighted * grey) - corridor.segment_sums(weighted) ** 2 / count
         spreads.append(max(float(squares.sum()), 1e-6))
     return float(np.clip((spreads[1] / spreads[0]) ** 0.25, 0.5, 2.0))
 
@@ -313,43 +321,41 @@ def _search(images: tuple[Image, Image], rig: StereoRig, start: Array, layout: _
     )
     displacements = candidates @ corridor.cell_rays.T
     most = int(np.ceil(np.abs(displacements).max())) + 1
-    first = int(corridor.v.min())
-    blurred = (cv2.GaussianBlur(image[first:], _SEARCH_KERNEL, _SEARCH_BLUR_PX) for image in images)
-    grey = [np.asarray(image, np.uint8) for image in blurred]
-    correlations = _correlate(grey, first, corridor, half_disparity(corridor, start, rig), most)
+    correlations = _correlate(images, corridor, half_disparity(corridor, start, rig), most)
     position = displacements + most
     below = position.astype(np.intp)
     part = position - below
-    cell = np.arange(len(corridor.cell_xy))
-    score = ((1.0 - part) * correlations[below, cell] + part * correlations[below + 1, cell]).sum(axis=1)
-    best: Array = start + candidates[int(np.argmax(score))]
-    return best
+    at = below * correlations.shape[1] + np.arange(correlations.shape[1])
+    rise = np.diff(correlations, axis=0)
+    score = (correlations.reshape(-1).take(at) + part * rise.reshape(-1).take(at)).sum(axis=1)
+    return np.asarray(start + candidates[int(np.argmax(score))])
 
 
-def _correlate(grey: list[Image], first_row: int, corridor: Corridor, half: Floats, most: int) -> Array:
+def _correlate(images: tuple[Image, Image], corridor: Corridor, half: Floats, most: int) -> Array:
     """Correlate both images, cell by cell, with the right one shifted by -most ... most; (shifts, C)."""
-    v = corridor.v - np.float32(first_row)
-    inside = (np.arange(len(v)) < corridor.n_samples).astype(np.float32)
-
-    def centred(image: Image, u: Floats) -> Floats:
-        values = sample(image, u, v, cv2.INTER_LINEAR).astype(np.float32)
-        return (values - corridor.to_samples(corridor.segment_sums(values) / corridor.lengths)) * inside
-
-    left = centred(grey[0], corridor.u + half)
-    of_left = corridor.cell_sums(corridor.segment_sums(left * left))
-    correlations = []
-    for shift in range(-most, most + 1):
-        right = centred(grey[1], corridor.u - half - np.float32(shift))
-        of_right = corridor.cell_sums(corridor.segment_sums(right * right))
-        both = corridor.cell_sums(corridor.segment_sums(left * right))
-        correlations.append(both / np.sqrt(of_left * of_right + 1e-6))
-    return np.array(correlations)
+    row = corridor.v.astype(np.intp)
+    seen = np.bincount(row) > 0  # only those rows are blurred, along themselves
+    blurred = [cv2.GaussianBlur(each[: len(seen)][seen], _SEARCH_KERNEL, _SEARCH_BLUR_PX) for each in images]
+    grey = [np.asarray(image, np.uint8) for image in blurred]
+    v = (np.cumsum(seen) - 1).astype(np.float32)[row]
+    shifts = np.arange(-most, most + 1, dtype=np.float32)[:, None]
+    left = sample(grey[0], corridor.u + half, v, cv2.INTER_LINEAR).astype(np.float32)
+    rows = np.broadcast_to(v, (len(shifts), len(v)))
+    right = sample(grey[1], corridor.u - half - shifts, rows, cv2.INTER_LINEAR).astype(np.float32)
+    # Whole grey values: their sums are exact, so that means can be removed from products.
+    sums = corridor.segment_sums
+    s_left, s_right = sums(left), sums(right)
+    of_left = corridor.cell_sums(sums(left * left) - s_left**2 / corridor.lengths)
+    of_right = sums(right * right) - s_right**2 / corridor.lengths
+    both = sums(left * right) - s_left * s_right / corridor.lengths
+    of_right, both = (corridor.cell_sums(each.T).T for each in (of_right, both))
+    correlations: Array = both / np.sqrt(of_left * of_right + 1e-6)
+    return correlations
 
 
 def _correlation(left: Floats, right: Floats, weights: Floats, corridor: Corridor) -> float:
     """Return the correlation of both images over all cells, rows' means removed."""
     sums = corridor.segment_sums
-    left, right = left[0], right[0]
     total = np.maximum(sums(weights), 1e-6)
     w_left, w_right = weights * left, weights * right
     s_left, s_right = sums(w_left), sums(w_right)

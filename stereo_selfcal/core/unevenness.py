@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .extrinsics import Array
+from .medians import median
 
 # The spectrum of a road falls with its waviness as the power: 2 in ISO 8608's definition, 2.5 in the middle
 # of what is measured (1.5 to 3.5, the smoother the road, the steeper). Squared differences of heights grow
@@ -50,6 +51,7 @@ _WORST_STD_M = 0.3  # two kerbs: a cell that cannot tell them apart says nothing
 _LEAST_CELLS = 6  # twice the numbers of a plane
 _LEAST_CELLS_OF_SHAPE = 12  # twice the six numbers of a bent surface
 _OUTLIER_WEIGHT = 0.5  # Tukey's at 2.5 robust standard deviations
+_ROUNDING = 1e-12  # of the greatest eigenvalue: what is less is that of the arithmetic
 _LEAST_WEIGHT = 1e-3  # an outlier keeps a thousandth: matrices stay regular
 
 
@@ -202,13 +204,13 @@ def _robust_weights(y: Array, x: Array, sigma: Array) -> tuple[Array, Array]:
     rows, target = x / sigma[:, None], y / sigma
     weights, scale = np.ones(len(y)), 1.0
     for i in range(2 * _REWEIGHTINGS):
-        normal = rows.T @ (weights[:, None] * rows)
-        residual = np.abs(target - rows @ np.linalg.solve(normal, rows.T @ (weights * target)))
-        scale = max(_SIGMA_OVER_MAD * float(np.median(residual)), 1e-9)
+        weighted = rows.T * weights
+        residual = np.abs(target - rows @ np.linalg.solve(weighted @ rows, weighted @ target))
+        scale = max(_SIGMA_OVER_MAD * median(residual), 1e-9)
         if i < _REWEIGHTINGS:
             weights = 1.0 / np.maximum(residual, 0.1 * scale)
         else:
-            weights = np.clip(1.0 - (residual / (_TUKEY_SIGMAS * scale)) ** 2, _LEAST_WEIGHT, None) ** 2
+            weights = np.maximum(1.0 - (residual / (_TUKEY_SIGMAS * scale)) ** 2, _LEAST_WEIGHT) ** 2
     return weights, residual * sigma
 
 
@@ -222,32 +224,44 @@ def _likely(
     equally probable.
     """
     basis = np.linalg.qr(x, mode="complete")[0][:, x.shape[1] :]
-    contrast, by_road, by_profile = basis.T @ y, basis.T @ kernel @ basis, basis.T @ profile @ basis
+    contrast, by_road = basis.T @ y, basis.T @ kernel @ basis
     by_noise, by_mismatch = (basis.T * noise) @ basis, (basis.T * metres**2) @ basis
-    tried = [(mismatch, bend) for mismatch in _MISMATCH_PX for bend in _PROFILES]
-    fixed = np.array(
-        [by_noise + mismatch**2 * by_mismatch + bend**2 * by_profile for mismatch, bend in tried]
-    )
     # One basis for everything else and the road, so that every roughness is a division.
-    factor = np.linalg.cholesky(fixed)
+    factor = np.linalg.cholesky(by_noise + _MISMATCH_PX[:, None, None] ** 2 * by_mismatch)
     inverse = np.linalg.inv(factor)
     values, vectors = np.linalg.eigh(inverse @ by_road @ np.swapaxes(inverse, 1, 2))
-    rotated = np.einsum("kji,kj->ki", vectors, inverse @ contrast)
-    variance = 1.0 + np.clip(values, 0.0, None)[..., None] * _ROUGHNESS
-    log_likelihood = -0.5 * (np.log(variance) + rotated[..., None] ** 2 / variance).sum(axis=1)
-    log_likelihood -= np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)[:, None]
+    scaled = 1.0 / np.sqrt(1.0 + np.clip(values, 0.0, None)[:, None] * _ROUGHNESS[:, None])
+    # The profile is smooth: a few shapes across the road make it up, each with its own size. The Cholesky
+    # factor of their products with each other and the contrast has what they leave of it in its last row.
+    shapes = np.column_stack([basis.T @ _root(profile), contrast])
+    turned = (np.swapaxes(vectors, 1, 2) @ (inverse @ shapes))[:, None] * scaled[..., None]
+    products = np.swapaxes(turned, 2, 3) @ turned  # (mismatch, roughness, shapes + 1, shapes + 1)
+    products[..., -1, -1] += products[..., -1, -1] * _ROUNDING + np.finfo(float).tiny
+    products = np.repeat(products[:, :, None], len(_PROFILES), axis=2)
+    np.einsum("...ii->...i", products)[..., :-1] += 1.0 / _PROFILES[:, None] ** 2
+    pivots = np.diagonal(np.linalg.cholesky(products), axis1=-2, axis2=-1)
+    log_likelihood = -0.5 * pivots[..., -1] ** 2 - np.log(pivots[..., :-1] * _PROFILES[:, None]).sum(axis=-1)
+    log_likelihood += np.log(scaled).sum(axis=2)[..., None]  # (mismatch, roughness, profile)
+    log_likelihood -= np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)[:, None, None]
     posterior = np.exp(log_likelihood - log_likelihood.max())
     posterior /= posterior.sum()
-    squares = posterior.sum(axis=1) @ np.array(tried) ** 2
     of_plane = np.linalg.cholesky(by_noise + _MISMATCH_OF_PLANE_PX[:, None, None] ** 2 * by_mismatch)
     rest = np.linalg.solve(of_plane, np.broadcast_to(contrast[:, None], (*of_plane.shape[:2], 1)))[..., 0]
     plane = -0.5 * (rest**2).sum(axis=1) - np.log(np.diagonal(of_plane, axis1=1, axis2=2)).sum(axis=1)
     return (
-        float(posterior.sum(axis=0) @ _ROUGHNESS),
-        float(np.sqrt(squares[0])),
-        float(np.sqrt(squares[1])),
+        float(posterior.sum(axis=(0, 2)) @ _ROUGHNESS),
+        float(np.sqrt(posterior.sum(axis=(1, 2)) @ _MISMATCH_PX**2)),
+        float(np.sqrt(posterior.sum(axis=(0, 1)) @ _PROFILES**2)),
         float(log_likelihood.max() - plane.max()),
     )
+
+
+def _root(covariance: Array) -> Array:
+    """Return the root (N, K) of a covariance (N, N) of few shapes: root @ root.T is the covariance."""
+    values, vectors = np.linalg.eigh(covariance)
+    of_rank = values > _ROUNDING * values[-1]
+    root: Array = vectors[:, of_rank] * np.sqrt(values[of_rank])
+    return root
 
 
 def measure_shape(xy: Array, surface: Surface) -> RoadShape:

@@ -180,3 +180,13 @@ def test_no_child_outlives_its_parent(tmp_path, end):
     while any(map(alive, children)) and time.monotonic() < until:
         time.sleep(0.05)
     assert not any(map(alive, children))
+
+
+def test_workers_keep_their_memory_and_this_process_keeps_its_variables(monkeypatch):
+    monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "1000000")  # the user's own
+    monkeypatch.delenv("MALLOC_MMAP_THRESHOLD_", raising=False)
+    before = dict(os.environ)
+    with pool._for_workers():
+        assert os.environ["MALLOC_TRIM_THRESHOLD_"] == "1000000"
+        assert int(os.environ["MALLOC_MMAP_THRESHOLD_"]) == 32 * 2**20
+    assert dict(os.environ) == before
