@@ -210,11 +210,12 @@ def _rendered(n_frames: int) -> Table:
     )
     truths = (POSE.as_array(), POSE.as_array() + BUMP)
     for segment, truth in zip(drive.segments, truths, strict=False):
-        sigmas = _in_stds(segment.estimate, truth)
-        error = sigmas * segment.estimate.std.as_array() * READABLE  # type: ignore[union-attr]
+        sigmas, std = _in_stds(segment.estimate, truth), segment.estimate.std
+        assert std is not None
+        error = sigmas * std.as_array() * READABLE
         name = f"{segment.start_s:.0f} to {segment.end_s:.0f} s"
         table.add(f"{name}: error", *_numbers(error), " / ".join(f"{each:+.2f}" for each in sigmas))
-        table.add("its standard deviation", *_numbers(segment.estimate.std.as_array() * READABLE), "")  # type: ignore[union-attr]
+        table.add("its standard deviation", *_numbers(std.as_array() * READABLE), "")
         table.add("spread over time", *_numbers(segment.spread.as_array() * READABLE), "")
     return table
 

@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from typing import Any
 
 import numpy as np
 import rclpy
@@ -19,6 +20,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
@@ -108,17 +110,24 @@ def calibrate(seconds: float) -> None:
 
 
 def variant(kind: str) -> None:
-    """Run the node as it is (``lazy``), or as it could be.
+    """Run the node as it is (``lazy``, ``watch``), or as it could be.
 
-    ``always``: subscribed all the time. ``bytes``: the same, but images are not deserialised, and no use is
-    made of them.
+    ``kept``: subscribed all the time. ``always``, ``watch-all``: all images are taken as well. ``bytes``: the
+    same, but images are not deserialised, and no use is made of them.
     """
-    if kind != "lazy":
-        Listening.due = lambda self, now_s, publishers: True  # type: ignore[method-assign]
+    if kind == "kept":
+        due = Listening.due
+        # What is to differ cannot be said to mypy.
+        Listening.due = lambda *arguments: due(*arguments) or True  # type: ignore[method-assign]
+    elif kind not in ("lazy", "watch"):
+        Listening.due = lambda self, now_s, publishers: True  # type: ignore[method-assign]  # as above
+        Listening.taking = property(lambda self: True)  # type: ignore[assignment]  # as above
     if kind == "bytes":
         subscribe: Callable = inputs.StereoInput._subscribe
 
-        def as_bytes(self, message_type, name, topic, callback, group):  # noqa: ANN001, ANN202
+        def as_bytes(
+            self: inputs.StereoInput, message_type: type, name: str, topic: str, callback: Any, group: Any
+        ) -> Subscription:
             if message_type is CameraInfo:
                 return subscribe(self, message_type, name, topic, callback, group)
             self._profiles[topic] = _SENSOR_DATA

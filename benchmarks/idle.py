@@ -7,6 +7,7 @@ environment with ROS (``make .venv``); the time of the node's process is read fr
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -14,12 +15,16 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from .options import RESULTS, Options
 from .table import Table
+
+Array = npt.NDArray[np.float64]
 
 ROOT = Path(__file__).resolve().parents[1]
 PYTHON = ROOT / ".venv" / "bin" / "python"
@@ -27,9 +32,18 @@ HZ = 30
 # Of this run: what else runs on the machine must not be in it.
 _DOMAIN = str(80 + os.getpid() % 20)
 _SETTLE_S = 15.0
-# Memory goes up and down with every look: a trend needs many of them.
-_MEASURED_S = {"lazy": 600.0, "always": 120.0, "bytes": 120.0}
+# Memory goes up and down with every look, and a heap takes minutes to find its size: a trend needs longer.
+_MEASURED_S = {
+    "lazy": 1200.0,
+    "watch": 180.0,
+    "watch-all": 60.0,
+    "kept": 120.0,
+    "always": 60.0,
+    "bytes": 60.0,
+}
 _READ_EVERY_S = 1.0
+_A_MINUTE = 60  # readings
+_LEAST_MINUTES = 5  # of a slope
 _KIBIBYTES = 1024
 _END_S = 20.0
 
@@ -52,9 +66,12 @@ _TRANSPORT = """<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Pro
 """
 
 VARIANTS = {
-    "lazy": "as it is: subscribed while images are wanted, and 1 s of every 30 s",
-    "always": "subscribed all the time",
-    "bytes": "subscribed all the time, images not deserialised (raw subscriptions)",
+    "lazy": "nothing to do, as it is: subscribed while images are wanted, and 1 s of every 30 s",
+    "watch": "calibrated, with the watch: subscribed, images taken for each of its frames, every 2 s",
+    "watch-all": "calibrated, with the watch: all images taken",
+    "kept": "nothing to do, subscribed all the time, images taken 1 s of every 30 s",
+    "always": "nothing to do, all images taken",
+    "bytes": "nothing to do, all images taken and not deserialised (raw subscriptions)",
 }
 
 
@@ -109,36 +126,91 @@ def cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def resident_mib(pid: int) -> float:
-    """Return the memory of a process that is in use [MiB]."""
+def memory_mib(pid: int, *names: str) -> tuple[float, ...]:
+    """Return fields of /proc/PID/status, such as VmRSS [MiB]."""
     lines = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
-    line = next(line for line in lines if line.startswith("VmRSS"))
-    return int(line.split()[1]) / _KIBIBYTES
+    values = dict(line.split(":", 1) for line in lines)
+    return tuple(int(values[name].split()[0]) / _KIBIBYTES for name in names)
+
+
+@dataclass(frozen=True, slots=True)
+class Usage:
+    """What a process used, minute by minute.
+
+    Attributes:
+        core: Processor time over time.
+        own_mib: (N,) least memory of its own in each minute (RssAnon) [MiB].
+        most_mib: Most of the same at any time [MiB].
+        shared_mib: Memory shared with other processes, at the first and at the last time (RssShmem) [MiB].
+    """
+
+    core: float
+    own_mib: Array
+    most_mib: float
+    shared_mib: tuple[float, float]
+
+    @property
+    def growth_mib_per_h(self) -> float:
+        """Slope of the least memory of each minute over the second half [MiB/h]; NaN if that is short."""
+        later = self.own_mib[len(self.own_mib) // 2 :]
+        if len(later) < _LEAST_MINUTES:
+            return math.nan
+        return 60.0 * float(np.polyfit(np.arange(len(later)), later, 1)[0])
+
+
+def usage(pid: int, seconds: float) -> Usage:
+    """Read once a second what a process uses, for so long [s]."""
+    start_s, before_s = time.monotonic(), cpu_s(pid)
+    own, shared = [], []
+    while time.monotonic() - start_s < seconds:
+        sizes = memory_mib(pid, "RssAnon", "RssShmem")
+        own.append(sizes[0])
+        shared.append(sizes[1])
+        time.sleep(_READ_EVERY_S)
+    core = (cpu_s(pid) - before_s) / (time.monotonic() - start_s)
+    starts = range(0, max(len(own) - _A_MINUTE, 0) + 1, _A_MINUTE)
+    minutes = np.array([min(own[i : i + _A_MINUTE]) for i in starts])
+    return Usage(core, minutes, max(own), (shared[0], shared[-1]))
 
 
 def idle_table(options: Options) -> Iterator[Table]:
-    """Cost of the variants with nothing to do."""
+    """Cost of the variants with nothing to do, and with the watch over a calibration."""
     table = Table(
         "idle",
-        f"Idle: two cameras of 1280 x 720 mono8 at {HZ} Hz, nothing to do",
-        ["variant", "seconds", "of a core", "memory at first", "growth per minute"],
-        f"CPU time of the node's process, after {_SETTLE_S:.0f} s. "
-        "Growth is the slope of a line through the memory of each second. Asked: below 3 %, no growth.",
+        f"Idle: two cameras of 1280 x 720 mono8 at {HZ} Hz, nothing to do; and the watch",
+        [
+            "variant",
+            "minutes",
+            "of a core",
+            "own memory: first minute, middle, last; most",
+            "its growth in the second half",
+            "shared memory: at first, at the end",
+        ],
+        f"The node's process, after {_SETTLE_S:.0f} s. Memory [MiB]. Its own (RssAnon) is the least of a "
+        "minute: it rises while images are looked at, and what is never given back raises the least. The "
+        "growth is the slope of a line through those of the second half, as in the first minutes pages are "
+        "touched for the first time. Shared (RssShmem) are the segments of DDS, which belong to the senders "
+        "too. Asked of the first: below 3 %, no growth.",
     )
     with process("camera", str(HZ)):
         for name, text in VARIANTS.items():
             seconds = _MEASURED_S[name] if options.folder == RESULTS else 10.0
             with process("node", name) as node:
+                if name.startswith("watch"):
+                    with process("calibrate", "0.1") as caller:
+                        caller.wait()
                 time.sleep(_SETTLE_S)
-                start_s, before_s = time.monotonic(), cpu_s(node.pid)
-                sizes = []
-                while time.monotonic() - start_s < seconds:
-                    sizes.append(resident_mib(node.pid))
-                    time.sleep(_READ_EVERY_S)
-                used = (cpu_s(node.pid) - before_s) / (time.monotonic() - start_s)
-            slope = 60.0 / _READ_EVERY_S * float(np.polyfit(np.arange(len(sizes)), sizes, 1)[0])
-            cells = f"{used:.1%}", f"{sizes[0]:.1f} MiB", f"{slope:+.2f} MiB"
-            table.add(text, f"{seconds:.0f}", *cells)
+                used = usage(node.pid, seconds)
+            own, growth = used.own_mib, used.growth_mib_per_h
+            three = ", ".join(f"{own[i]:.1f}" for i in (0, len(own) // 2, -1))
+            table.add(
+                text,
+                f"{seconds / 60:.3g}",
+                f"{used.core:.1%}",
+                f"{three}; {used.most_mib:.1f}",
+                "too short to tell" if math.isnan(growth) else f"{growth:+.2f} MiB per hour",
+                ", ".join(f"{shared:.1f}" for shared in used.shared_mib),
+            )
     yield table
 
 
@@ -157,17 +229,18 @@ def answer_table(options: Options) -> Iterator[Table]:
         stack.enter_context(process("camera", str(HZ)))
         stack.enter_context(process("node", "lazy"))
         time.sleep(_SETTLE_S)
-        for name in ("idle", "calibrating"):
+        for state in ("idle", "calibrating"):
+            name = state
             with ExitStack() as clients:
                 caller = None
-                if name == "calibrating":
+                if state == "calibrating":
                     caller = clients.enter_context(process("calibrate", str(seconds + 5.0)))
                     time.sleep(3.0)
                 asker = clients.enter_context(process("ask", str(seconds)))
                 times = np.array(json.loads(asker.communicate()[0]))
                 if caller is not None:
                     accepted, refused, _ = json.loads(caller.communicate()[0])
-                    name = f"calibrating: {accepted} times accepted, {refused} refused"  # noqa: PLW2901
+                    name = f"calibrating: {accepted} times accepted, {refused} refused"
             percentiles = (f"{np.percentile(times, q):.1f} ms" for q in (50, 99, 100))
             table.add(name, str(len(times)), *percentiles, str(int(np.count_nonzero(times > 50.0))))
     yield table

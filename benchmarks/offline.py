@@ -25,7 +25,7 @@ from stereo_selfcal import Calibrator, StereoRig
 from stereo_selfcal.core import calibrator as calibrator_module
 from stereo_selfcal.core.images import decode_compressed
 from stereo_selfcal.offline import open_source
-from stereo_selfcal.synth.bag import write_bag
+from stereo_selfcal.synth.bag import Storage, write_bag
 from stereo_selfcal.synth.scenes import FIRST_STAMP_S, NamedScene, StereoFrame, named_scene
 
 from .options import Options
@@ -178,14 +178,14 @@ def _part_table(folder: Path) -> Table:
     return table
 
 
-def recording(path: Path, n_frames: int, width: int, height: int, storage: str = "mcap") -> Path:
+def recording(path: Path, n_frames: int, width: int, height: int, storage: Storage = "mcap") -> Path:
     """Write a recording of the paper's rig with cameras of a size."""
     named = named_scene("straight_road")
     rig = named.scene.rig
     focal_px = rig.fx * width / rig.width
     rig = StereoRig(width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2, rig.baseline_m)
     scene = Repeated(path.name, "for the clock", replace(named.scene, rig=rig), n_frames=n_frames)
-    write_bag(path, scene, storage)  # type: ignore[arg-type]
+    write_bag(path, scene, storage)
     return path
 
 

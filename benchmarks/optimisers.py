@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import random
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 
 import numpy as np
@@ -182,8 +182,8 @@ def deap_simple(fitness: Recorder, lower: Array, upper: Array, seed: int) -> Non
         creator.create("BenchIndividual", list, fitness=creator.BenchFitness)
     n_dim = len(lower)
 
-    def evaluate_all(_: object, individuals: object) -> list[tuple[float]]:
-        unit = np.array([list(individual) for individual in individuals])  # type: ignore[attr-defined]
+    def evaluate_all(_: object, individuals: Iterable[Iterable[float]]) -> list[tuple[float]]:
+        unit = np.array([list(individual) for individual in individuals])
         values = fitness(lower + np.clip(unit, 0.0, 1.0) * (upper - lower))
         return [(float(value),) for value in values]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -65,10 +65,10 @@ def peer_table(options: Options) -> Iterator[Table]:
     yield table
 
 
-def _answer(method: object, pair: Pair) -> Pose | None:
+def _answer(method: Callable[[Pair], Pose], pair: Pair) -> Pose | None:
     """Return a peer's pose, None when it has none."""
     try:
-        pose: Pose = method(pair)  # type: ignore[operator]
+        pose: Pose = method(pair)
     except (ValueError, IndexError, ZeroDivisionError, np.linalg.LinAlgError):
         return None
     return None if all(not np.isfinite(value) for value in pose) else pose

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import signal
 import struct
 import subprocess
@@ -37,13 +36,13 @@ from stereo_selfcal.synth.scenes import LEFT_PHOTOMETRY, RIGHT_PHOTOMETRY
 from stereo_selfcal.synth.world import Scene
 
 from .graph import RIG, SIDES
+from .idle import cpu_s, memory_mib
 from .soak import ASK_EVERY_S, BARE_EVERY, CALL_EVERY_S, LOST_S, RATE_HZ, TIMEOUT_S, Minute, SoakReport
 
 POSE = Extrinsics(1.4, math.radians(3.0), math.radians(0.8))
 _N_FRAMES = 3
 _NOISE = 0.01
 _START_S = 60.0
-_KIBIBYTES = 1024
 _STAMP = struct.Struct("<iI")
 _STAMP_OFFSET = 4  # in a serialized message: behind the representation of the encapsulation
 
@@ -158,7 +157,7 @@ class _Soak:
     def run(self, duration_s: float) -> None:
         """Call and measure for so long [s]."""
         report, pid = self.report, self._process.pid
-        start_s, cpu_start_s = time.monotonic(), _cpu_s(pid)
+        start_s, cpu_start_s = time.monotonic(), cpu_s(pid)
         second = 0
         while (elapsed_s := time.monotonic() - start_s) < duration_s:
             if int(elapsed_s // 60) == len(report.minutes):
@@ -167,7 +166,7 @@ class _Soak:
             second += 1
             time.sleep(max(0.0, start_s + second * ASK_EVERY_S - time.monotonic()))
         report.elapsed_s = time.monotonic() - start_s
-        report.cpu_s = _cpu_s(pid) - cpu_start_s
+        report.cpu_s = cpu_s(pid) - cpu_start_s
         report.images = self._cameras.sent
         deadline = time.monotonic() + LOST_S
         while (self._calibrate.waiting or self._ask.waiting) and time.monotonic() < deadline:
@@ -177,7 +176,7 @@ class _Soak:
         report.log_bytes = self._log.stat().st_size
 
     def _measure(self, minute: Minute, second: int) -> None:
-        own, resident = _memory_mib(self._process.pid)
+        own, resident = memory_mib(self._process.pid, "RssAnon", "VmRSS")
         minute.own_mib.append(own)
         minute.rss_mib.append(resident)
         minute.log_lines = self._log.read_bytes().count(b"\n")
@@ -234,20 +233,6 @@ def _start_node(folder: Path, log: Path) -> subprocess.Popen[bytes]:
     command += ["-p", f"output_path:={folder / 'result.yaml'}", "-p", f"timeout_s:={TIMEOUT_S}"]
     with log.open("wb") as output:
         return subprocess.Popen(command, stdout=output, stderr=output)
-
-
-def _memory_mib(pid: int) -> tuple[float, float]:
-    """Return what a process has in memory of its own, and with what it shares with others [MiB]."""
-    lines = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
-    values = dict(line.split(":", 1) for line in lines)
-    own, shared = (int(values[name].split()[0]) / _KIBIBYTES for name in ("RssAnon", "VmRSS"))
-    return own, shared
-
-
-def _cpu_s(pid: int) -> float:
-    """Return the processor time of a process so far [s]."""
-    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def main(arguments: list[str]) -> int:

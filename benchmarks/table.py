@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 
@@ -55,6 +56,6 @@ def number(value: float, digits: int = 3) -> str:
     return f"{value:.{digits}g}" if 0 < abs(value) < 1e-4 else f"{float(f'{value:.{digits}g}'):g}"
 
 
-def numbers(values: object, digits: int = 3, separator: str = " / ") -> str:
+def numbers(values: Iterable[float], digits: int = 3, separator: str = " / ") -> str:
     """Return several numbers in one cell."""
-    return separator.join(number(float(value), digits) for value in values)  # type: ignore[attr-defined]
+    return separator.join(number(float(value), digits) for value in values)

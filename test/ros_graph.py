@@ -28,16 +28,21 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_srvs.srv import Trigger
 
+from stereo_selfcal.result_file import RESULT_NAMES
 from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene
 
 ROOT = Path(__file__).resolve().parent.parent
 NAME = "/stereo_selfcal"
 SIDES = ("left", "right")
 RIG = PAPER_RIG
+RESULTS = [f"extrinsics.{name}" for name in RESULT_NAMES]
 
 # For a machine that does much else at the time; nothing here is asserted to be quick.
 PATIENCE_S = 90.0
 PERIOD_S = 0.1
+# For calls that are to fail, though images have to arrive: long enough on a busy machine.
+SHORT_S = 4.0
+LONG_S = 40.0
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 
 

@@ -110,10 +110,7 @@ class _Outcomes:
         """Keep a recording that is done (:class:`~stereo_selfcal.fleet.scheduling.Done`)."""
         report = "" if done.report is None else self._store.save_report(done.bag, done.report)
         outcome: Outcome = done.outcome.named(done.bag.name, report)
-        replay = None
-        if done.calibrated is not None:
-            found = done.calibrated.replay
-            replay = as_dict(found.rows, found.estimate, found.damage, found.remarks, found.drive)
+        replay = None if done.calibrated is None else as_dict(done.calibrated.replay)
         self._store.save(done.bag, outcome, replay)
         self._rows[done.bag.path] = outcome
         return outcome

@@ -17,9 +17,7 @@ import cv2
 from ..atomic_file import write_atomically
 from ..bags import StereoTopics, stereo_pairs
 from ..core.config import CalibratorConfig
-from ..core.drive import Drive
 from ..core.errors import SelfcalError
-from ..core.results import CalibrationResult
 from ..core.rig import StereoRig
 from ..exports import export_paths, write_exports
 from ..offline import (
@@ -82,7 +80,7 @@ def _replay(argv: list[str]) -> int:
         return _replay_all(arguments, settings)
     replay = _replay_one(arguments, settings)
     report = as_json if arguments.json else table_summary
-    sys.stdout.write(report(*_said(replay)))
+    sys.stdout.write(report(replay))
     return _status(replay)
 
 
@@ -112,9 +110,9 @@ def _replay_all(arguments: argparse.Namespace, settings: _Settings) -> int:
             sys.stderr.write(f"replay: {name}: {' '.join(str(error).split())}\n")
             status = EXIT_BAD_INPUT
             continue
-        outcomes.append({"name": name, **topics, **as_dict(*_said(replay))})
+        outcomes.append({"name": name, **topics, **as_dict(replay)})
         if not arguments.json:
-            sys.stdout.write(f"{table_summary(*_said(replay))}\n")
+            sys.stdout.write(f"{table_summary(replay)}\n")
         status = max(status, _status(replay))
     if arguments.json:
         sys.stdout.write(json.dumps({"pairs": outcomes}, allow_nan=False) + "\n")
@@ -134,12 +132,6 @@ def pair_names(pairs: Sequence[StereoTopics]) -> list[str]:
 def _of_pair(path: Path | None, name: str) -> Path | None:
     """Return ``out.yaml`` as ``out.NAME.yaml``."""
     return path and path.with_name(f"{path.stem}.{name}{path.suffix}")
-
-
-def _said(
-    replay: Replay,
-) -> tuple[Sequence[FrameRow], CalibrationResult, str | None, Sequence[str], Drive]:
-    return replay.rows, replay.estimate, replay.damage, replay.remarks, replay.drive
 
 
 def _status(replay: Replay) -> int:

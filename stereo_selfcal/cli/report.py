@@ -11,8 +11,7 @@ from typing import Any
 
 from ..core.drive import Drive, DriveSegment, clock
 from ..core.extrinsics import Extrinsics
-from ..core.results import CalibrationResult
-from ..offline import FrameRow
+from ..offline import FrameRow, Replay
 
 _STAMP_WIDTH = 17  # seconds since 1970 with microseconds
 _VERDICT_WIDTH = 21  # the longest reject reason and a space
@@ -34,20 +33,15 @@ def table_row(row: FrameRow) -> str:
     return _line(f"{stamp:>{_STAMP_WIDTH}}  {row.reason or 'accepted':<{_VERDICT_WIDTH}}", row.extrinsics)
 
 
-def table_summary(
-    rows: Sequence[FrameRow],
-    estimate: CalibrationResult,
-    damage: str | None = None,
-    remarks: Sequence[str] = (),
-    drive: Drive | None = None,
-) -> str:
+def table_summary(replay: Replay) -> str:
     """Return the lines under the table: mean and spread over the accepted frames, the fused estimate."""
+    rows, estimate, drive = replay.rows, replay.estimate, replay.drive
     accepted = [row.extrinsics for row in rows if row.extrinsics is not None]
     text = f"{'-' * len(_HEADER)}\n{len(accepted)} of {len(rows)} frames accepted\n"
     refused = Counter(row.reason for row in rows if row.reason is not None)
     for reason, count in refused.most_common():
         text += f"  {count} x {reason}\n"
-    moved = drive is not None and bool(drive.changes)
+    moved = bool(drive.changes)
     if accepted and not moved:
         text += _line("mean", _over(accepted, statistics.fmean))
     if len(accepted) > 1 and not moved:
@@ -56,11 +50,10 @@ def table_summary(
         text += _line("fused estimate", estimate.extrinsics)
         if estimate.std is not None:
             text += _line("its standard deviation", estimate.std, spread=True)
-    if drive is not None:
-        text += _moves(drive)
-    early = "" if damage is None else f"THE RECORDING IS DAMAGED AND ENDED EARLY, after {len(rows)} frames\n"
-    lines = "".join(f"{remark}\n" for remark in remarks)
-    return f"{text}{estimate.message}\n{lines}{early}"
+    text += f"{_moves(drive)}{estimate.message}\n" + "".join(f"{remark}\n" for remark in replay.remarks)
+    if replay.damage is not None:
+        text += f"THE RECORDING IS DAMAGED AND ENDED EARLY, after {len(rows)} frames\n"
+    return text
 
 
 def _moves(drive: Drive) -> str:
@@ -78,29 +71,17 @@ def _moves(drive: Drive) -> str:
     return text
 
 
-def as_json(
-    rows: Sequence[FrameRow],
-    estimate: CalibrationResult,
-    damage: str | None = None,
-    remarks: Sequence[str] = (),
-    drive: Drive | None = None,
-) -> str:
+def as_json(replay: Replay) -> str:
     """Return the object of interface.md, "Command line", in one line; floats with all their digits."""
-    return json.dumps(as_dict(rows, estimate, damage, remarks, drive), allow_nan=False) + "\n"
+    return json.dumps(as_dict(replay), allow_nan=False) + "\n"
 
 
-def as_dict(
-    rows: Sequence[FrameRow],
-    estimate: CalibrationResult,
-    damage: str | None = None,
-    remarks: Sequence[str] = (),
-    drive: Drive | None = None,
-) -> dict[str, Any]:
+def as_dict(replay: Replay) -> dict[str, Any]:
     """Return what :func:`as_json` writes.
 
     A damaged recording has one key more, ``ended_early``, and one with images in no frame ``remarks``.
-    With a drive there are ``segments`` and ``changes`` of the mount.
     """
+    estimate, drive = replay.estimate, replay.drive
     extrinsics = estimate.extrinsics if estimate.accepted else None
     content: dict[str, Any] = {
         "accepted": estimate.accepted,
@@ -114,21 +95,18 @@ def as_dict(
             | ({"name": row.name} if row.name else {})
             | {"accepted": row.accepted, "reason": row.reason}
             | _pose(row.extrinsics)
-            for row in rows
+            for row in replay.rows
+        ],
+        "segments": [_segment(segment) for segment in drive.segments],
+        "changes": [
+            {"at_s": change.at_s, "within_s": change.within_s, "shift": _pose(change.shift)}
+            for change in drive.changes
         ],
     }
-    if drive is not None:
-        content |= {
-            "segments": [_segment(segment) for segment in drive.segments],
-            "changes": [
-                {"at_s": change.at_s, "within_s": change.within_s, "shift": _pose(change.shift)}
-                for change in drive.changes
-            ],
-        }
-    if damage is not None:
-        content["ended_early"] = damage
-    if remarks:
-        content["remarks"] = list(remarks)
+    if replay.damage is not None:
+        content["ended_early"] = replay.damage
+    if replay.remarks:
+        content["remarks"] = list(replay.remarks)
     return content
 
 

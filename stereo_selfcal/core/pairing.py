@@ -230,6 +230,11 @@ class StampPairer(Generic[T]):
         """Return the pairs that wait for a nearer partner: none will come any more."""
         return self._match(final=True)
 
+    def forget_waiting(self) -> None:
+        """Forget the images that wait for a partner, uncounted: nobody takes it any more."""
+        for side in (self._left, self._right):
+            side.entries = []
+
     @property
     def counts(self) -> PairCounts:
         """Images, pairs, drops and resets so far."""

@@ -5,13 +5,20 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import QoSCompatibility, QoSProfile, QoSReliabilityPolicy, qos_check_compatible
+from rclpy.qos import (
+    QoSCompatibility,
+    QoSHistoryPolicy,
+    QoSProfile,
+    QoSReliabilityPolicy,
+    qos_check_compatible,
+)
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
@@ -20,16 +27,19 @@ from ..core.pairing import PairCounts, StampedPair, StampPairer, message_stamp_n
 from .calibration import InputState, Topics
 from .config import NodeConfig
 from .listening import Listening
+from .memory import give_back
 
 SIDES = ("left", "right")
 
 _LONGEST_FORMAT = 80  # of what is reported once a second; a message may hold any text
 _QUEUE = 5  # the depth of rmw's profile for sensor data (REP 2003), as is the best effort
+# A tick later than the one that unsubscribes: an image may still be in a callback then.
+_GIVE_BACK_TICK = 2
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """Since when the node listens: the first image that arrived then, or as long as none has, the beginning.
+    """Since when images are taken: the first one that arrived then, or as long as none has, the beginning.
 
     Attributes:
         counts: Images and pairs up to then.
@@ -40,12 +50,28 @@ class Look:
     since_s: float
 
 
+class _Gate(MutuallyExclusiveCallbackGroup):  # type: ignore[misc]
+    """Callbacks one at a time, and none while it is closed.
+
+    The executor takes no message then. DDS keeps the newest few, which costs a tenth of taking them all.
+    """
+
+    def __init__(self, is_open: Callable[[], bool]) -> None:
+        super().__init__()
+        self._is_open = is_open
+
+    def can_execute(self, entity: Any) -> bool:
+        """Return whether a callback may run now."""
+        return self._is_open() and bool(super().can_execute(entity))
+
+
 class StereoInput:
     """Subscribes to the stereo camera while images are wanted; the callbacks only pair and enqueue.
 
     Subscriptions are best effort, which matches every publisher; ``qos_overrides.*`` parameters
     change that. Pairs are kept only between :meth:`begin` and :meth:`end`. A CameraInfo is listened to
-    also as long as none has come: it may be sent once only.
+    also as long as none has come: it may be sent once only. Between two moments in which images are wanted
+    they are not taken, though the subscriptions stay.
 
     Args:
         node: The node.
@@ -62,6 +88,8 @@ class StereoInput:
         self._formats: dict[str, tuple[int, int, str]] = {}
         self._listening = Listening()
         self._look: Look | None = None
+        self._taking = False
+        self._ticks_off = 0
         self._switching = threading.Lock()
         self._subscribed: dict[str, Subscription] = {}
         self._profiles: dict[str, QoSProfile] = {}
@@ -99,7 +127,7 @@ class StereoInput:
 
     @property
     def look(self) -> Look | None:
-        """Since when the node listens, None while it does not."""
+        """Since when images are taken, None while they are not."""
         return self._look
 
     @property
@@ -160,21 +188,31 @@ class StereoInput:
         with self._arrived:
             self._listening.release(time.monotonic())
             self._pending.clear()
+            self._open_or_close(self._taking)
 
     def tick(self) -> None:
-        """Subscribe or unsubscribe when it is time to; to be called once a second."""
+        """Subscribe and take images, or leave it, when it is time to; to be called once a second."""
         with self._switching:
             if self._stopped:
                 return
             publishers = tuple(self.publishers(topic) for topic in self._topics[:2])
             with self._arrived:
-                now_s = time.monotonic()
-                on = self._listening.due(now_s, publishers)
-                if on and self._look is None:
-                    self._look = Look(self._pairer.counts, now_s)
-                elif not on:
-                    self._look = None
+                on = self._listening.due(time.monotonic(), publishers)
+                taking = (
+                    self._listening.taking
+                )  # whoever wants images from here on comes for a tick of his own
+            opening = taking and not self._taking
+            if opening:
+                self._drop_old_images()
+            with self._arrived:
+                self._open_or_close(taking)
             self._switch(on)
+            executor = self._node.executor
+            if opening and executor is not None:
+                executor.wake()  # it waits without these subscriptions
+            self._ticks_off = 0 if on else self._ticks_off + 1
+            if self._ticks_off == _GIVE_BACK_TICK:
+                give_back()
 
     def stop(self) -> None:
         """Wake whoever waits for a pair: the node shuts down."""
@@ -202,16 +240,45 @@ class StereoInput:
         """Return all topics with the type that is read there."""
         return list(zip(self._topics, (self._kind, self._kind, CameraInfo, CameraInfo), strict=True))
 
+    def _open_or_close(self, taking: bool) -> None:
+        """Take images from now on, if they still are to be taken, or leave them; callers lock."""
+        self._taking = taking and self._listening.taking
+        if not self._taking:
+            self._look = None
+            self._pairer.forget_waiting()
+        elif self._look is None:
+            self._look = Look(self._pairer.counts, time.monotonic())
+
+    def _drop_old_images(self) -> None:
+        """Drop what DDS has kept of the images that were not taken: whoever wants images means new ones."""
+        for topic in self._topics[:2]:
+            subscription = self._subscribed.get(topic)
+            if subscription is None:
+                continue
+            with subscription.handle:
+                for _ in range(_QUEUE):
+                    if subscription.handle.take_message(subscription.msg_type, False) is None:
+                        break
+
+    def _images_wait(self) -> bool:
+        """Return whether DDS keeps few images while they are not taken; qos_overrides may ask for many."""
+        profiles = filter(None, map(self._profiles.get, self._topics[:2]))
+        return all(p.history == QoSHistoryPolicy.KEEP_LAST and p.depth <= _QUEUE for p in profiles)
+
     def _switch(self, on: bool) -> None:
         """Make the subscriptions that are needed now, and drop the others."""
         with self._arrived:
             missing = [self._infos.get(side) is None for side in SIDES]
         wanted = dict(zip(self._topics, (on, on, on or missing[0], on or missing[1]), strict=True))
         callbacks = [*map(self._image_callback, SIDES), *map(self._info_callback, SIDES)]
-        # One group for all: stamps must reach the pairer in order of arrival. And one for each time, as a
-        # group of rclpy remembers for ever what it once had.
-        group = MutuallyExclusiveCallbackGroup()
-        for name, (topic, kind), callback in zip(self._names, self._kinds(), callbacks, strict=True):
+        # One group for both cameras: stamps must reach the pairer in order of arrival. And one for each time,
+        # as a group of rclpy remembers for ever what it once had.
+        images = _Gate(lambda: self._taking or not self._images_wait())
+        infos = _Gate(lambda: self._taking or None in self.camera_infos)
+        groups = (images, images, infos, infos)
+        for name, (topic, kind), callback, group in zip(
+            self._names, self._kinds(), callbacks, groups, strict=True
+        ):
             if wanted[topic] and topic not in self._subscribed:
                 self._subscribed[topic] = self._subscribe(kind, name, topic, callback, group)
             elif not wanted[topic] and topic in self._subscribed:

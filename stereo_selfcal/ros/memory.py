@@ -9,17 +9,20 @@ _M_ARENA_MAX = -8  # of mallopt(3), malloc.h of glibc
 
 
 def use_one_heap() -> None:
-    """Have all threads take their memory from one heap; to be called before there are any.
+    """Have no thread from now on get a heap of its own.
 
-    By default each thread has its own, which keeps what a calibration took for the next one in that
-    thread: the node grew by 30 MiB in its first minutes. Python's own lock lets one thread allocate at a
-    time anyway.
+    By default each has one, which keeps what a calibration took for the next one in that thread: the node
+    grew by 30 MiB in its first minutes. Python's own lock lets one thread allocate at a time anyway.
+    (Importing rclpy starts threads that get two heaps before the node can ask: all share these three.)
     """
     with suppress(AttributeError, OSError):
         ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 1)
 
 
 def give_back() -> None:
-    """Give back what is not in use: 25 MiB after a frame of 1280 x 720. Takes some milliseconds."""
+    """Give back what is not in use: 25 MiB after a frame of 1280 x 720, 5 after a look.
+
+    Takes some milliseconds at most.
+    """
     with suppress(AttributeError, OSError):
         ctypes.CDLL(None).malloc_trim(0)

@@ -17,8 +17,8 @@ from ..result_file import NODE_NAME
 from .memory import use_one_heap
 from .selfcal import SelfcalNode
 
-# Parameter services and timer, images, one call of ~/calibrate that waits, and one that is told "busy".
-_THREADS = 4
+# Parameter services, timer, images, one call of ~/calibrate that waits, and one that is told "busy".
+_THREADS = 5
 # Fast DDS crashed in 2 of some 440 measured ends when a service was destroyed while the
 # acknowledgement of its last answer may have been on its way; with the pause in none of 571.
 _CALM_S = 0.2

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
@@ -65,7 +66,13 @@ class DiagnosticsReporter:
         self._measured: _Measured | None = None
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 1)
         # On the steady clock: a simulation that stands still must not silence the diagnostics.
-        node.create_timer(PERIOD_S, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        # And in a group of its own: parameter services must not wait while subscriptions are made.
+        node.create_timer(
+            PERIOD_S,
+            self._on_timer,
+            callback_group=MutuallyExclusiveCallbackGroup(),
+            clock=Clock(clock_type=ClockType.STEADY_TIME),
+        )
 
     def snapshot(self) -> Snapshot:
         """Return what there is to report."""

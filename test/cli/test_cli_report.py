@@ -7,13 +7,20 @@ import numpy as np
 import pytest
 
 from stereo_selfcal.cli.report import FrameRow, as_json, table_header, table_row, table_summary
+from stereo_selfcal.core.config import CalibratorConfig
 from stereo_selfcal.core.drive import Drive, DriveChange, DriveSegment
 from stereo_selfcal.core.extrinsics import Extrinsics
 from stereo_selfcal.core.results import CalibrationResult, Rejection, RejectReason, rejected
+from stereo_selfcal.offline import Replay
+from stereo_selfcal.synth.scenes import PAPER_RIG
 
 POSE = Extrinsics(1.0 / 3.0, math.radians(-2.0), 0.1)
 RESULT = CalibrationResult("fine", None, POSE, np.diag([1e-6, 1e-8, 1e-8]), -0.02, n_frames=1)
 REFUSED = rejected(Rejection(RejectReason.LINES_NOT_CONVERGING, "lines", 1, 2, "px", "drive straight"))
+
+
+def replay(rows, drive):
+    return Replay(tuple(rows), drive, PAPER_RIG, CalibratorConfig())
 
 
 @pytest.mark.parametrize("reason", list(RejectReason))
@@ -35,20 +42,20 @@ def test_pitch_and_roll_are_shown_in_degrees_with_sign():
 
 
 def test_one_frame_has_no_spread():
-    text = table_summary([FrameRow(0.0, None, POSE)], RESULT)
+    text = table_summary(replay([FrameRow(0.0, None, POSE)], Drive(RESULT)))
     assert "mean" in text
     assert "over the frames" not in text
 
 
 def test_refused_result_has_no_estimate():
-    text = table_summary([FrameRow.from_result(REFUSED, 0.0)] * 2, REFUSED)
+    text = table_summary(replay([FrameRow.from_result(REFUSED, 0.0)] * 2, Drive(REFUSED)))
     assert "0 of 2 frames accepted" in text
     assert "2 x lines_not_converging" in text
     assert "fused" not in text
 
 
 def test_json_keeps_every_digit():
-    content = json.loads(as_json([FrameRow.from_result(RESULT, 1.7e9 + 0.1)], RESULT))
+    content = json.loads(as_json(replay([FrameRow.from_result(RESULT, 1.7e9 + 0.1)], Drive(RESULT))))
     assert content["extrinsics"] == {"height_m": 1 / 3, "pitch_rad": math.radians(-2.0), "roll_rad": 0.1}
     assert content["frames"][0]["stamp_s"] == 1.7e9 + 0.1
     assert content["std"]["height_m"] == math.sqrt(1e-6)
@@ -57,7 +64,7 @@ def test_json_keeps_every_digit():
 def test_json_never_holds_nan():
     broken = CalibrationResult("nan", None, Extrinsics(math.nan, 0, 0), np.eye(3))
     with pytest.raises(ValueError, match="JSON"):
-        as_json([], broken)
+        as_json(replay([], Drive(broken)))
 
 
 def moved_drive():
@@ -73,8 +80,7 @@ def moved_drive():
 
 
 def test_a_move_is_told_with_what_was_before_and_after():
-    drive = moved_drive()
-    text = table_summary([FrameRow(0.0, None, POSE)] * 2, drive.estimate, drive=drive)
+    text = table_summary(replay([FrameRow(0.0, None, POSE)] * 2, moved_drive()))
     lines = [line.split() for line in text.splitlines()]
     assert ["100.0", "s", "to", "160.0", "s", "0.3333", "-2.000", "+5.730"] in lines
     assert ["moved", "160.5", "s", "(within", "2.0", "s)", "by", "0.1667", "+1.000", "+0.000"] in lines
@@ -83,8 +89,7 @@ def test_a_move_is_told_with_what_was_before_and_after():
 
 
 def test_json_has_segments_and_changes():
-    drive = moved_drive()
-    content = json.loads(as_json([], drive.estimate, drive=drive))
+    content = json.loads(as_json(replay([], moved_drive())))
     before, after = content["segments"]
     assert before["extrinsics"]["height_m"] == 1 / 3
     assert before["standard_error"] is None

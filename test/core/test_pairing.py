@@ -86,6 +86,14 @@ def test_approximate_works_with_a_queue_of_one():
     assert feed(StampPairer(True, 0.01, queue_size=1), arrivals) == [(i, i + 5) for i in range(0, 900, 100)]
 
 
+def test_what_waits_can_be_forgotten():
+    pairer = StampPairer()
+    feed(pairer, [("L", 0), ("R", 5)])
+    pairer.forget_waiting()
+    assert feed(pairer, [("R", 0), ("L", 5), ("R", 5)]) == [(5, 5)]
+    assert pairer.counts.left == 2
+
+
 def test_flush_gives_the_last_pair():
     pairer = StampPairer(True, 0.01)
     assert feed(pairer, [("L", 0), ("R", 5)]) == []

@@ -59,7 +59,7 @@ def test_numbers_are_those_of_replay_to_the_last_digit(cluster, tmp_path, stretc
     (path,) = make_bags(tmp_path, 1, n_frames=7)
     expected = replayed(path)
     found = run(cluster, [path], stretch_s=stretch_s)[path.name].calibrated.replay
-    assert as_json(found.rows, found.estimate) == as_json(expected.rows, expected.estimate)
+    assert as_json(found) == as_json(expected)
     assert found.estimate.covariance.tolist() == expected.estimate.covariance.tolist()
     assert [row.recorded_ns for row in found.rows] == [row.recorded_ns for row in expected.rows]
 
@@ -103,7 +103,7 @@ def test_a_damaged_recording_in_stretches_ends_where_it_ends_as_a_whole(cluster,
     assert found.damage == expected.damage
     assert done.outcome.status is Status.DAMAGED
     assert done.outcome.reason == expected.damage
-    assert as_json(found.rows, found.estimate) == as_json(expected.rows, expected.estimate)
+    assert as_json(found) == as_json(expected)
 
 
 def test_reports_are_made_by_workers_and_one_that_fails_costs_nothing_else(cluster, roads):

@@ -53,7 +53,7 @@ def soon(monkeypatch):
 
 
 def text(replay):
-    return as_json(replay.rows, replay.estimate) + as_csv(replay.rows)
+    return as_json(replay) + as_csv(replay.rows)
 
 
 def test_the_outcome_is_the_same_with_any_number_of_jobs(soon):

@@ -69,7 +69,7 @@ def frame(number, pixels=None, sides=SIDES):
 @pytest.mark.parametrize(("left_over", "silent"), [((), SIDES), (("left",), ("right",))])
 def test_camera_that_stops_in_the_middle_is_named(start, monkeypatch, left_over, silent):
     monkeypatch.setattr(calibration, "_SILENCE_S", 0.3)
-    node = start(frames=1000, timeout_s=1.5)
+    node = start(frames=1000, timeout_s=4.0)
 
     def messages(number):
         return frame(number, sides=left_over) if node.calibrated_frames else [*infos(), *frame(number)]

@@ -68,3 +68,43 @@ def test_who_wants_an_image_each_second_keeps_it_listening():
         listening.arrived(end_s + second + 0.01, True)
         listening.release(end_s + second + 0.02)
         assert listening.due(end_s + second + 0.9, CAMERA)
+
+
+def test_single_images_are_taken_for_their_moment_only():
+    listening, now_s = looked()
+    listening.want()
+    assert listening.taking
+    assert listening.arrived(now_s, True)
+    assert not listening.arrived(now_s, True)
+    listening.release(now_s)
+    assert not listening.taking
+    assert listening.due(now_s + 2.0, CAMERA), "subscribed it stays"
+    assert not listening.taking
+
+
+def test_a_look_is_had_besides_single_images():
+    """Rates are measured over a second, not over a moment."""
+    listening, now_s = looked()
+    times = []
+    for step in range(100):
+        now_s += 0.5
+        listening.due(now_s, CAMERA)
+        if listening.taking:
+            times.append(now_s)
+            listening.arrived(now_s, True)
+        if step % 4 == 0:
+            listening.want()
+            listening.arrived(now_s, True)
+            listening.release(now_s)
+    assert times[-1] - times[0] <= LOOK_S
+    assert times[0] - looked()[1] == pytest.approx(PERIOD_S, abs=0.5)
+
+
+def test_who_gets_no_image_has_the_camera_looked_at():
+    listening, now_s = looked()
+    listening.want()
+    listening.release(now_s + 1.0)
+    assert not listening.taking
+    assert listening.due(now_s + 2.0, CAMERA)
+    assert listening.taking
+    assert all(listening.due(now_s + t, CAMERA) and listening.taking for t in range(3, 1000))

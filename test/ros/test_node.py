@@ -12,16 +12,15 @@ pytest.importorskip("rclpy")
 import ros_graph
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.parameter import Parameter
-from ros_graph import Graph, wait_for
+from ros_graph import RESULTS, Graph, wait_for
 
 from stereo_selfcal import CalibrationResult, Extrinsics
-from stereo_selfcal.result_file import RESULT_NAMES, load_result
+from stereo_selfcal.result_file import load_result
 from stereo_selfcal.ros import selfcal as selfcal_module
 from stereo_selfcal.ros.calibration import Outcome
 from stereo_selfcal.ros.node import main
 from stereo_selfcal.ros.selfcal import SelfcalNode
 
-RESULTS = [f"extrinsics.{name}" for name in RESULT_NAMES]
 RESULT = CalibrationResult(
     "calibrated", extrinsics=Extrinsics(1.5, 0.05, -0.01), covariance=np.diag([1e-4, 1e-6, 4e-6]), n_frames=1
 )

@@ -1,9 +1,8 @@
-"""The node as a real process over DDS: what it answers, publishes, sets and saves."""
+"""The node as a real process over DDS: what it answers, publishes and saves, and how it ends."""
 
 import math
 import signal
 import threading
-import time
 
 import numpy as np
 import pytest
@@ -12,21 +11,13 @@ pytest.importorskip("rclpy")
 
 import ros_graph
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterType, ParameterValue
-from rclpy.node import Node
-from ros_graph import Camera, NodeProcess, blank, rendered, stamp_of, wait_for
-from sensor_msgs.msg import Image
-from visualization_msgs.msg import MarkerArray
+from rcl_interfaces.msg import ParameterEvent
+from ros_graph import LONG_S, RESULTS, SHORT_S, Camera, blank, rendered, stamp_of, wait_for
 
 from stereo_selfcal import Calibrator, CalibratorConfig, Extrinsics
-from stereo_selfcal.canvas import GREEN, SKY_BLUE, VERMILION, YELLOW
 from stereo_selfcal.core.pairing import stamp_to_s
-from stereo_selfcal.result_file import RESULT_NAMES, load_result
+from stereo_selfcal.result_file import load_result
 
-RESULTS = [f"extrinsics.{name}" for name in RESULT_NAMES]
-# For calls that are to fail, though images have to arrive: long enough on a busy machine.
-SHORT_S = 4.0
-LONG_S = 40.0
 TRUTH = Extrinsics(1.4, math.radians(3.0), math.radians(0.8))  # of the scene straight_road
 
 
@@ -70,34 +61,6 @@ def test_result_is_the_same_in_every_place(graph, start, tmp_path):
     assert pose.pose.pose.position.z == expected.extrinsics.height_m
     covariance = np.array(pose.pose.covariance).reshape(6, 6)
     np.testing.assert_array_equal(covariance[np.ix_([2, 4, 3], [2, 4, 3])], expected.covariance)
-
-
-def test_result_file_is_a_parameter_file_of_any_node(graph, start, tmp_path):
-    path = tmp_path / "out.yaml"
-    start({"output_path": path})
-    with Camera(graph, [rendered()]):
-        assert graph.calibrate().success
-    node = Node(
-        "any_node",
-        cli_args=["--ros-args", "--params-file", str(path)],
-        automatically_declare_parameters_from_overrides=True,
-    )
-    try:
-        saved = load_result(path)
-        assert node.get_parameter("extrinsics.height_m").value == saved.extrinsics.height_m
-        assert node.get_parameter("extrinsics.roll_std_rad").value == saved.std.roll_rad
-        assert node.get_parameter("provenance.source").value == saved.provenance["source"]
-        assert node.get_parameter("provenance.rig.width").value == 640
-    finally:
-        node.destroy_node()
-
-
-def test_result_file_among_the_nodes_own_parameters_is_no_result(graph, start, tmp_path):
-    """Old extrinsics must not be taken for a calibration of this run."""
-    path = tmp_path / "old.yaml"
-    path.write_text("/**: {ros__parameters: {extrinsics: {height_m: 9.0}, provenance: {schema: 1}}}")
-    start(arguments=["--params-file", str(path)])
-    assert graph.parameters(*RESULTS) == [None] * 6
 
 
 @pytest.mark.parametrize("encoding", ["mono16", "bgr8", "rgba8", "png"])
@@ -291,162 +254,3 @@ def test_signal_while_images_stream_ends_it_cleanly(graph, start):
         graph.wait_for_diagnostics(lambda values, _: int(values["pairs"]) > 5)
         assert process.end() == 0
     assert "xception" not in process.output, process.output
-
-
-@pytest.mark.parametrize(
-    ("parameters", "words"),
-    [
-        ({"timeout_s": -1.0}, "timeout_s is -1.0: it must lie in 0.1 ... 3600.0 s"),
-        ({"timeout_s": "soon"}, "timeout_s is 'soon': a value of type float is needed"),
-        ({"frames": 0}, "frames is 0: it must lie in 1 ... 10000"),
-        ({"rig.cx": ".nan"}, "rig.cx is nan: it must lie in"),
-        ({"image_transport": "theora"}, "is 'theora': it must be one of raw, compressed; have others republ"),
-        ({"rectified": False, "rig.fx": 500.0}, "rig.fx is set, but rectified is false: rig.* describes"),
-        ({"road_frame": "''"}, "road_frame is empty"),
-        ({"publish_tf": True, "road_frame": "/road"}, "frames of /tf_static do not begin with a slash"),
-        ({"search.height_min_m": 6.0}, "the first must be the smaller"),
-    ],
-)
-def test_wrong_parameter_at_the_start_is_one_line(start, parameters, words):
-    process = start(parameters)
-    assert process.wait() == 2
-    (line,) = [line for line in process.output.splitlines() if line.startswith("stereo_selfcal: ")]
-    assert words in line
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--params-file", "/nowhere.yaml"], "Couldn't parse params file: '--params-file /nowhere.yaml'"),
-        (["-r", "left"], "Couldn't parse remap rule: '-r left'"),
-        (["--no-such-flag"], "--no-such-flag"),
-    ],
-)
-def test_wrong_ros_arguments_are_one_line(start, arguments, words):
-    process = start(arguments=arguments)
-    assert process.wait() == 2
-    (line,) = [line for line in process.output.splitlines() if line.startswith("stereo_selfcal: ")]
-    assert "wrong ROS arguments: " in line and words in line
-
-
-def test_whole_numbers_are_taken_for_floats(graph, start):
-    start({"timeout_s": 7})
-    assert graph.parameters("timeout_s") == [7.0]
-    assert graph.set_parameter("timeout_s", 8).successful
-    assert graph.parameters("timeout_s") == [8.0]
-
-
-def test_wrong_values_are_refused_with_a_reason_and_change_nothing(graph, start):
-    start()
-    before = graph.parameters("timeout_s", "frames", "seed", "search.height_min_m", "image_transport")
-    for name, value, words in (
-        ("timeout_s", math.nan, "out of range"),
-        ("timeout_s", 0.0, "out of range"),
-        ("timeout_s", "soon", "Wrong parameter type"),
-        ("frames", 0, "out of range"),
-        ("seed", -1, "out of range"),
-        ("search.height_min_m", 19.0, "search.height_min_m is 19.0, search.height_max_m is 4.0"),
-        ("image_transport", "compressed", "read-only"),
-        ("road_frame", "", "road_frame is empty"),
-        ("extrinsics.height_m", 1.0, "extrinsics.height_m is a result: it is set by ~/calibrate alone"),
-        ("no_such_parameter", 1, "undeclared"),
-    ):
-        outcome = graph.set_parameter(name, value)
-        assert not outcome.successful
-        assert words in outcome.reason
-    assert graph.parameters("timeout_s", "frames", "seed", "search.height_min_m", "image_transport") == before
-    assert graph.parameters("extrinsics.height_m") == [None]
-
-
-def test_results_cannot_be_deleted(graph, start):
-    start()
-    with Camera(graph, [rendered()]):
-        assert graph.calibrate().success
-    unset = Parameter(name="extrinsics.height_m", value=ParameterValue(type=ParameterType.PARAMETER_NOT_SET))
-    assert not graph.set_parameter("extrinsics.height_m", unset).successful
-    assert graph.parameters("extrinsics.height_m") != [None]
-
-
-def values_of(status):
-    return {pair.key: pair.value for pair in status.values}
-
-
-def test_diagnostics_say_why_nothing_happens_and_what_is_found(graph, start, tmp_path):
-    path = tmp_path / "missing" / "out.yaml"
-    start({"timeout_s": LONG_S, "output_path": path})
-    by_topic = {
-        topic: graph.wait_for_diagnostics(lambda _, s, topic=topic: s.name == f"/stereo_selfcal: {topic}")
-        for topic in ("calibration", "images", "camera info")
-    }
-    assert {status.hardware_id for status in by_topic.values()} == {"stereo_camera"}
-    assert {status.level for status in by_topic.values()} == {b"\1"}
-    assert by_topic["calibration"].message.startswith("uncalibrated: call ~/calibrate")
-    assert "nothing arrives on /left/image_rect (0 publishers)" in by_topic["images"].message
-    assert by_topic["camera info"].message.startswith("no CameraInfo on /left/camera_info (publishers: 0)")
-    with Camera(graph, [blank(), rendered()]):
-        graph.wait_for_diagnostics(lambda v, s: float(v["pair_rate_hz"]) > 1 and s.level == b"\0")
-        info = graph.wait_for_diagnostics(lambda v, s: v["baseline"] == "0.1481 m" and s.level == b"\0")
-        assert info.message == "640 x 480 px, baseline 0.1481 m, from CameraInfo"
-        while int(values_of(graph.wait_for_diagnostics(lambda v, _: v["state"]))["frames_rejected"]) == 0:
-            assert graph.calibrate().success  # with one of the frames that are bare at times
-    status = graph.wait_for_diagnostics(lambda v, _: v["state"] == "calibrated")
-    values = values_of(status)
-    assert status.level == b"\1" and f"in effect, but not saved: {path}" in status.message
-    assert values["height"].startswith("1.40") and "mm)" in values["height"]
-    assert values["last_rejection"] == "no_lines_found"
-    assert values["rejected_no_lines_found"] == values["frames_rejected"]
-    assert values["time_per_frame"].endswith(")")
-
-
-def test_pictures_are_drawn_while_somebody_looks(graph, start):
-    """Why there is nothing to see, then the current image, then what a call made of its frame."""
-    start({"timeout_s": LONG_S})
-    pictures = {"debug_image": [], "birds_eye": []}
-    subscriptions = [
-        graph.node.create_subscription(Image, f"{ros_graph.NAME}/{name}", received.append, 1)
-        for name, received in pictures.items()
-    ]
-    shown, above = pictures["debug_image"], pictures["birds_eye"]
-
-    def bar(messages):
-        """Return the colour of the verdict of the last picture."""
-        return tuple(messages[-1].data[3 * 2 : 3 * 2 + 3]) if messages else None
-
-    try:
-        ros_graph.wait_until(lambda: bar(shown) == VERMILION, "a notice that nothing arrives")
-        with Camera(graph, [rendered()]):
-            ros_graph.wait_until(lambda: bar(shown) == YELLOW, "the image, not calibrated")
-            assert graph.calibrate().success
-            ros_graph.wait_until(lambda: bar(shown) == bar(above) == GREEN, "the calibrated frame")
-            calibrated = shown[-1]
-            ros_graph.wait_until(lambda: bar(shown) == SKY_BLUE, "the calibration in force")
-        pose = graph.latest(PoseWithCovarianceStamped, "pose")
-    finally:
-        graph.destroy(graph.node.destroy_subscription, *subscriptions)
-    assert calibrated.header.stamp == pose.header.stamp
-    assert calibrated.header.frame_id == "stereo_camera"
-    assert (calibrated.encoding, calibrated.width) == ("bgr8", 960)
-    assert len(calibrated.data) == calibrated.step * calibrated.height
-
-
-def test_markers_wait_for_late_listeners(graph, start):
-    start({"road_frame": "asphalt"})
-    with Camera(graph, [rendered()]):
-        assert graph.calibrate().success
-    markers = graph.latest(MarkerArray, "markers").markers
-    pose = graph.latest(PoseWithCovarianceStamped, "pose")
-    assert {m.header.frame_id for m in markers} == {"asphalt"}
-    assert all(m.header.stamp == pose.header.stamp for m in markers)
-    assert [len(m.points) > 10 for m in markers if m.ns == "lane_lines"] == [True, True]
-
-
-def test_malformed_request_does_not_end_the_node(tmp_path, graph):
-    with NodeProcess(tmp_path) as process:
-        broken = Parameter(name="timeout_s", value=ParameterValue(type=99))
-        request = ros_graph.SetParameters.Request(parameters=[broken])
-        graph.start(ros_graph.SetParameters, "set_parameters", request)
-        deadline = time.monotonic() + ros_graph.PATIENCE_S
-        while "99 is not a valid" not in process.output and time.monotonic() < deadline:
-            time.sleep(0.1)
-        assert graph.parameters("frames") == [1]
-        assert process.end() == 0

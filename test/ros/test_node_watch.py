@@ -15,16 +15,15 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.parameter import Parameter
-from ros_graph import Camera, rendered
+from ros_graph import RESULTS, Camera, rendered
 
 from stereo_selfcal import CalibrationResult, Extrinsics
-from stereo_selfcal.result_file import RESULT_NAMES, load_result, write_result
+from stereo_selfcal.result_file import load_result, write_result
 from stereo_selfcal.ros import selfcal as selfcal_module
 from stereo_selfcal.ros.calibration import Outcome
 from stereo_selfcal.ros.record import FrameReport
 from stereo_selfcal.ros.selfcal import SelfcalNode
 
-RESULTS = [f"extrinsics.{name}" for name in RESULT_NAMES]
 POSE = np.array([1.5, 0.05, -0.01])
 COVARIANCE = np.diag([1e-6, 1e-8, 4e-8])
 BUMP = np.array([0.0, 0.02, 0.0])
