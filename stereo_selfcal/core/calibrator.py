@@ -13,6 +13,7 @@ from .combination import (
     MAX_LINE_HEIGHT_M,
     covariance_by_profile,
     covariance_by_rectification,
+    covariance_by_stages,
     lies_on,
     same_road,
     surely_right,
@@ -250,10 +251,11 @@ class Calibrator:
         if refusal:
             return rejected(refusal, gates=gates, **known)
         best = fit if refined is None else refined
+        of_road = covariance_by_profile(refined) + covariance_by_stages(extrinsics, fit.covariance, refined)
         result = CalibrationResult(
             message="",
             extrinsics=evidence.of_lines,
-            covariance=best.covariance + covariance_by_profile(refined),
+            covariance=best.covariance + of_road,
             lane_yaw_rad=best.lane_yaw_rad,
             lane_curvature_per_m=bends.lateral_per_m,
             n_frames=1,

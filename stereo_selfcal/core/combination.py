@@ -30,8 +30,6 @@ _LEAST_WEIGHT = 1e-3  # of an outlier
 _N_ROWS = 8  # of a line, which has two parameters
 # Of the chi-squared distribution with three degrees of freedom: exceeded in one of twenty cases.
 _UNLIKELY_CHI2_3 = 7.815
-# Near and far differ: one false alarm in 15 000 frames for normal errors.
-_DIFFER_SIGMAS = 4.0
 # Painted lines are parallel only so far: on the plane of the asphalt, those of 12 recorded roads meet at an
 # angle of 5 mrad (RMS), as a lane does that is 5 cm wider after 10 m.
 _PAINT_STD_RAD = 0.005
@@ -41,6 +39,8 @@ MAX_LINE_HEIGHT_M = 0.030
 # Height [m], pitch, roll [rad] by which both may differ all the same, as far as the lever of the nearest line
 # stretches that: an estimate off by this is called wrong, and the asphalt alone is better by half.
 MAX_DIFFERENCE = np.array([0.060, np.radians(0.5), np.radians(1.2)])
+# The same, of an estimate that has nothing but its own standard deviation to show that it is not wrong.
+WRONG = MAX_DIFFERENCE.copy()
 
 _SURE_SIGMAS = 3.0  # one in 370
 
@@ -133,7 +133,7 @@ def place_of_line(left: ImageLine, right: ImageLine, plane: Array, rig: StereoRi
 
 def surely_right(covariance: Array) -> bool:
     """Whether three standard deviations of an estimate are less than what is called wrong."""
-    return bool(np.all(_SURE_SIGMAS * np.sqrt(np.diag(covariance)) <= MAX_DIFFERENCE))
+    return bool(np.all(_SURE_SIGMAS * np.sqrt(np.diag(covariance)) <= WRONG))
 
 
 def lies_on(pattern: LanePattern, rig: StereoRig, lines: Extrinsics, road: Extrinsics) -> bool:
@@ -194,14 +194,32 @@ def covariance_by_road(
 def covariance_by_profile(refined: RefinedFit | None) -> Array:
     """Return the covariance (3, 3) of an estimate from lines whose near and far parts differ.
 
-    They are of one plane within noise, or the road is none and the estimate is as uncertain as they differ.
+    They are of one plane within noise, or the road is none and the estimate is as uncertain as they differ,
+    and as what is not seen of the road 5 to 20 m ahead may go on.
     """
     covariance = np.zeros((3, 3))
-    if refined is not None and refined.profile is not None:
-        profile = refined.profile
-        surely = np.any(np.abs(profile.change) > _DIFFER_SIGMAS * profile.std)
-        covariance[:2, :2] = np.outer(profile.change, profile.change) * surely
+    profile = None if refined is None else refined.profile
+    if profile is not None and profile.bent:
+        covariance[:2, :2] = np.outer(profile.change, profile.change) + profile.covariance
     return covariance
+
+
+def covariance_by_stages(lines: Extrinsics, covariance: Array, refined: RefinedFit | None) -> Array:
+    """Return the covariance (3, 3) of a refined estimate that is not that of the lines it began with.
+
+    Both are of the same stripes. Where they differ by more than their covariances explain, one of them has
+    taken something else for a part of a stripe, and it is not known which.
+
+    Args:
+        lines: Estimate from the lines.
+        covariance: (3, 3) of it.
+        refined: Fit of the grey values.
+    """
+    if refined is None:
+        return np.zeros((3, 3))
+    difference = refined.extrinsics.as_array() - lines.as_array()
+    chi2 = float(difference @ np.linalg.solve(covariance + refined.covariance, difference))
+    return np.outer(difference, difference) * (chi2 > _UNLIKELY_CHI2_3)
 
 
 def covariance_by_paint(

@@ -26,7 +26,7 @@ LANE_M = 3.75
 # the slope of the own lane.
 GREATEST_FALL = 0.05
 # What is said to be the greatest is taken as two standard deviations.
-_FALL_STD = GREATEST_FALL / 2.0
+FALL_STD = GREATEST_FALL / 2.0
 # Boundaries that miss their common point by this have half of their credit (:mod:`.matching`); a further line
 # could be left out, so it is held to that.
 _MAX_CONCURRENCY_PX = HALF_CREDIT_PX
@@ -81,8 +81,19 @@ def further_lines(
         if missed_px > _MAX_CONCURRENCY_PX:
             continue
         taken.append((aside_m, width_m))
-        found.append(FurtherLine(*lines, float(np.hypot(UNEVEN_STD_M, _FALL_STD * beyond_m))))
+        found.append(FurtherLine(*lines, float(np.hypot(UNEVEN_STD_M, FALL_STD * _lever_m(own, aside_m)))))
     return tuple(found)
+
+
+def _lever_m(own: list[float], aside_m: float) -> float:
+    """Return how much higher a line comes to lie over the plane by a change of slope beside it [m].
+
+    Beyond the boundaries, where the next lane begins: at the nearer one; between them: at the line itself.
+    """
+    first, second = abs(aside_m - min(own)), abs(aside_m - max(own))
+    if min(own) < aside_m < max(own):
+        return first * second / (first + second)
+    return min(first, second)
 
 
 def height_between(

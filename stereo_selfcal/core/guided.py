@@ -20,12 +20,12 @@ from .extraction import Image
 from .extrinsics import Array, Extrinsics
 from .lines import refit_line
 from .matching import (
-    MIN_SIMILARITY,
     Candidate,
     Candidates,
     Match,
     MatchedLines,
     Matches,
+    looks_alike,
     may_lie_on_road,
     sample_pattern,
     similarity,
@@ -161,7 +161,7 @@ def _seen_by_both(
     if not may_lie_on_road(left, right, rig, config):
         return None
     alike = similarity(images, left, right)
-    if alike < MIN_SIMILARITY:
+    if not looks_alike(alike):
         return None
     return Match(Candidate(left, candidate.votes), Candidate(right, candidate.votes), alike)
 

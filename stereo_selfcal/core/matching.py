@@ -10,6 +10,7 @@ baseline over the height: this bounds what can be a line on the road at all.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -36,9 +37,10 @@ _MAX_PAIRS = 5
 _MIN_ROW_OVERLAP = 0.5  # of the shorter line: one stray block in the sky makes a line twice as long
 _MAX_WIDTH_RATIO = 2.0
 _MAX_CONTRAST_RATIO = 2.5
-# Least correlation of the cross-sections of one line in both images: half of the variance in common.
-# Over real frames the same line has 0.75 ... 1, a line and the kerb next to it -0.2 ... 0.6.
-MIN_SIMILARITY = 0.7
+# Least correlation r of the cross-sections of one line in both images, as Fisher's z = atanh(r), whose
+# scatter does not depend on r. This is r = 0.7, half of the variance in common; over real frames the same
+# line has 0.75 ... 1, a line and the kerb next to it -0.2 ... 0.6.
+MIN_LIKENESS = 0.867
 # Places of the cross-section, in stripe widths from the left edge of the stripe.
 _SECTION_WIDTHS = np.linspace(-3.0, 4.0, 29)
 _SECTION_ROW_STEP = 3
@@ -139,7 +141,7 @@ def match_lines(
             (a, b) for a, b in product(of_left, of_right) if may_lie_on_road(a.line, b.line, rig, config)
         ]
         matches = [Match(a, b, similarity(images, a.line, b.line)) for a, b in possible]
-        sides.append([match for match in matches if match.similarity >= MIN_SIMILARITY])
+        sides.append([match for match in matches if looks_alike(match.similarity)])
     return sides[0], sides[1]
 
 
@@ -233,6 +235,11 @@ def similarity(images: tuple[Image, Image], left: ImageLine, right: ImageLine) -
     a, b = a - a.mean(), b - b.mean()
     norm = float(np.sqrt((a @ a) * (b @ b)))
     return float(a @ b) / norm if norm > 0.0 else 0.0
+
+
+def looks_alike(correlation: float) -> bool:
+    """Whether the cross-sections of two lines correlate as those of one line do."""
+    return correlation >= math.tanh(MIN_LIKENESS)
 
 
 def _overlap(a: Array, b: Array) -> float:

@@ -27,6 +27,10 @@ _NEAR_M, _LANES_M = (0.02, 0.08), ((0.20, 0.40), (0.15, 0.90))
 _NEAR_SAMPLES, _LANE_SAMPLES = 4, 9  # across each
 _HALVES = ((0.2, 0.4), (0.6, 0.8))  # of a stripe from the lane on, without its edges
 _ALIKE = 0.06  # of the contrast, by which both sides of a stripe in a shadow may differ
+# The face of the lowest kerbs is 6 cm high; a camera sees it as wide along the row as its line is inclined,
+# which may be narrower than the strip. So it is looked for apart: a pixel farther from the edge, as lines
+# that bend a little are off by as much, and where a pixel is left of it.
+_LOWEST_FACE_M, _FACE_PX = 0.06, 1.0
 # Nothing is read nearer to an edge than what lens and pixel smear: of the edge, 0.6 % is left there. The
 # strip beside the stripe must be as wide. Within the stripe both edges leave the same: less will do.
 _SMEAR_SIGMAS, _INNER_SMEAR = 2.5, 0.6
@@ -47,12 +51,17 @@ class Rim:
         tone: Grey of the half of the stripe that is turned to the lane less that of the other: a face that
             passes for a part of the stripe, the halves of a rail.
         tone_std: Its standard deviation.
+        face: As step, of what is as narrow as the face of the lowest kerb, and the same far and near: the
+            smaller of both. NaN where that is too narrow in the image.
+        face_std: Its standard deviation.
     """
 
     step: float
     step_std: float
     tone: float = 0.0
     tone_std: float = 0.0
+    face: float = np.nan
+    face_std: float = np.nan
 
 
 def measure_rims(
@@ -79,11 +88,19 @@ def measure_rims(
             if (rim := _rim(image, line, (width_m, float(blur)), index == 0, plane, rig)) is not None
         ]
         if seen:
-            values = np.array([[rim.step, rim.step_std, rim.tone, rim.tone_std] for rim in seen])
-            means = values.mean(axis=0)
-            stds = np.sqrt((values**2).mean(axis=0) / len(seen))
-            rims.append(Rim(float(means[0]), float(stds[1]), float(means[2]), float(stds[3])))
+            step = _mean_of([(rim.step, rim.step_std) for rim in seen])
+            tone = _mean_of([(rim.tone, rim.tone_std) for rim in seen])
+            face = _mean_of([(rim.face, rim.face_std) for rim in seen if np.isfinite(rim.face)])
+            rims.append(Rim(*step, *tone, *face))
     return tuple(rims)
+
+
+def _mean_of(pairs: list[tuple[float, float]]) -> tuple[float, float]:
+    """Return the mean of independent values and its standard deviation; NaN of none."""
+    if not pairs:
+        return np.nan, np.nan
+    values, stds = np.array(pairs).T
+    return float(values.mean()), float(np.sqrt((stds**2).mean() / len(stds)))
 
 
 def _rim(
@@ -118,11 +135,14 @@ def _rim(
     beyond_px = [smear_px, smear_px, smear_px, -smear_px, 0.0, 0.0]
     parts += [-width_m * np.linspace(first, last, _NEAR_SAMPLES) for first, last in _HALVES]
     reach = np.concatenate(parts) * px_per_m + np.repeat(beyond_px, [len(part) for part in parts])
+    face_px = _LOWEST_FACE_M * abs(line.slope) * rig.fy / rig.fx * px_per_m
+    beside_px = smear_px + _FACE_PX
+    reach = np.column_stack([beside_px + (face_px - beside_px) * np.linspace(0.0, 1.0, _NEAR_SAMPLES), reach])
     u = (edge + side * reach).astype(np.float32)
     v = np.broadcast_to(rows, u.shape).astype(np.float32)
     read = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float64)
-    near, *lanes, beyond, first_half, second_half = np.split(
-        read, np.cumsum([len(part) for part in parts])[:-1], axis=1
+    face, near, *lanes, beyond, first_half, second_half = np.split(
+        read, np.cumsum([_NEAR_SAMPLES, *(len(part) for part in parts)])[:-1], axis=1
     )
     near, beyond = near.mean(axis=1), beyond.mean(axis=1)
     lane = min((np.median(each, axis=1) for each in lanes), key=lambda each: abs(upper_median(near - each)))
@@ -133,14 +153,33 @@ def _rim(
         return None
     step, step_std = _middle(near - lane)
     dark, _ = _middle(near - beyond)
-    if step < 0.0 and abs(dark) <= _ALIKE * contrast:
+    shadow = abs(dark) <= _ALIKE * contrast
+    if step < 0.0 and shadow:
         step = 0.0
+    broad = face_px[:, 0] >= beside_px + _FACE_PX
+    faces = (np.nan, np.nan)
+    if np.count_nonzero(broad) >= _LEAST_ROWS:
+        faces = _alike_along((face.mean(axis=1) - lane)[broad])
+        if faces[0] < 0.0 and shadow:
+            faces = (0.0, faces[1])
     # Only where there is paint, and enough of it between its edges.
     wide = (painted > contrast / 2.0) & (_HALVES[0][0] * width_m * px_per_m[:, 0] >= _INNER_SMEAR * smear_px)
     tone, tone_std = (
         _middle((halves[0] - halves[1])[wide]) if np.count_nonzero(wide) >= _LEAST_ROWS else (0.0, 0.0)
     )
-    return Rim(step / contrast, step_std / contrast, tone / contrast, tone_std / contrast)
+    return Rim(*(value / contrast for value in (step, step_std, tone, tone_std, *faces)))
+
+
+def _alike_along(values: Array) -> tuple[float, float]:
+    """Return the smaller median of the far and the near half, 0 where they differ in sign; and its deviation.
+
+    A face runs along the whole stripe; an edge that is off where a stripe bends does not.
+    """
+    halves = [_middle(half) for half in np.array_split(values, 2)]
+    (far, far_std), (near, near_std) = halves
+    if far * near <= 0.0:
+        return 0.0, max(far_std, near_std)
+    return min(halves, key=lambda half: abs(half[0]))
 
 
 def _middle(values: Array) -> tuple[float, float]:

@@ -24,12 +24,15 @@ NEAR_M, FAR_M = 5.0, 20.0
 # Heights at these distances [m], linear between them: a change of slope shows within a few metres.
 _NODES_M = np.array([3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0])
 _N_STEPS = 61  # of the plane through them
-# Before anything is seen: a road falls or rises by this at a node [m], and bends by this [1/m], the sharpest
-# bend for which lines pass for straight.
-_HEIGHT_STD_M, _BEND_STD_PER_M = 0.3, 1e-3
+# Before anything is seen: a road falls or rises by this at a node [m], its slope changes by this from one
+# node to the next (half of what a crest or dip of 250 m radius does in 5 m, the sharpest in a street), and it
+# bends by this [1/m], the sharpest bend for which lines pass for straight.
+_HEIGHT_STD_M, _SLOPE_STD, _BEND_STD_PER_M = 0.3, 0.01, 1e-3
 # Edges of paint are straight to a tenth of a pixel: no block weighs more than that.
 _EDGE_STD_PX = 0.1
 _MOST_PX = 5.0  # the window of the refinement sees no farther
+# Of a height: one false alarm in 15 000 for normal errors.
+BENT_SIGMAS = 4.0
 _TUKEY_SIGMAS, _REWEIGHTINGS = 4.685, 5
 _SIGMA_OVER_MAD = 1.4826
 
@@ -60,14 +63,27 @@ class Profile:
     Attributes:
         at_m: (K,) distances [m].
         heights_m: (K,) heights there [m].
+        stds_m: (K,) their standard deviations [m].
         change: (2,) height [m] and pitch [rad] of the plane 5 to 20 m ahead, less those of the fit.
-        std: (2,) their standard deviations.
+        covariance: (2, 2) of it: great where the road is not seen that far.
     """
 
     at_m: Array
     heights_m: Array
+    stds_m: Array
     change: Array
-    std: Array
+    covariance: Array
+
+    @property
+    def std(self) -> Array:
+        """(2,) standard deviations of the change."""
+        deviations: Array = np.sqrt(np.diag(self.covariance))
+        return deviations
+
+    @property
+    def bent(self) -> bool:
+        """Whether the road surely leaves the plane of the fit where it is seen."""
+        return bool(np.any(np.abs(self.heights_m) > BENT_SIGMAS * self.stds_m))
 
 
 def measure_profile(edges: EdgeResiduals, rig: StereoRig, pose: Extrinsics) -> Profile | None:
@@ -96,11 +112,11 @@ def measure_profile(edges: EdgeResiduals, rig: StereoRig, pose: Extrinsics) -> P
     variance = edges.blocks.variance / np.maximum(information[usable], 1e-9) + _EDGE_STD_PX**2
     hats = np.stack([np.interp(at, _NODES_M, one) for one in np.eye(len(_NODES_M))], axis=1)
     design = np.column_stack([(slope * rig.fy / at)[:, None] * hats, -rig.fx * at / 2.0])
-    prior = 1.0 / np.append(np.full(len(_NODES_M), _HEIGHT_STD_M), _BEND_STD_PER_M) ** 2
+    prior = _prior()
     weights = np.ones(len(off))
     for _ in range(_REWEIGHTINGS):
         weighted = design * (weights / variance)[:, None]
-        inverse = np.linalg.inv(weighted.T @ design + np.diag(prior))
+        inverse = np.linalg.inv(weighted.T @ design + prior)
         solution = inverse @ (weighted.T @ off)
         relative = np.abs(off - design @ solution) / np.sqrt(variance)
         scale = max(1.0, _SIGMA_OVER_MAD * upper_median(relative))
@@ -116,6 +132,17 @@ def measure_profile(edges: EdgeResiduals, rig: StereoRig, pose: Extrinsics) -> P
     return Profile(
         _NODES_M,
         solution[:n],
+        np.sqrt(np.diag(covariance)[:n]),
         change @ solution[:n],
-        np.sqrt(np.diag(change @ covariance[:n, :n] @ change.T)),
+        change @ covariance[:n, :n] @ change.T,
     )
+
+
+def _prior() -> Array:
+    """Return the information of the heights and of the bend before anything is seen, (K + 1, K + 1)."""
+    slopes = np.diff(np.eye(len(_NODES_M)), axis=0) / np.diff(_NODES_M)[:, None]
+    kinks = np.diff(slopes, axis=0) / _SLOPE_STD
+    information = np.zeros((len(_NODES_M) + 1, len(_NODES_M) + 1))
+    information[:-1, :-1] = kinks.T @ kinks + np.eye(len(_NODES_M)) / _HEIGHT_STD_M**2
+    information[-1, -1] = 1.0 / _BEND_STD_PER_M**2
+    return information

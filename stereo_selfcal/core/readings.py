@@ -54,6 +54,9 @@ _SHAPE_SIGMAS = 3.0
 # Between a painted stripe and its lane there is nothing: in random worlds shadows, dapples and noise leave up
 # to 5 % of the paint's contrast, kerbs show a face of 7 % and more.
 _MAX_RIM = 0.06
+# What is as narrow as the face of the lowest kerb: 99 % of the roads of random worlds leave less than 7 %
+# there, faces that are seen 12 % and more.
+_MAX_FACE = 0.10
 # What no line and no slope may do by chance, of the standard deviations of what is measured.
 _SURELY_SIGMAS = 4.0
 
@@ -303,9 +306,11 @@ def painted(evidence: Evidence) -> Reading | None:
     """Read what lies between the stripes and the lane."""
     if not evidence.rims:
         return None
-    steps = [(rim.step, rim.step_std, "between a stripe and the lane") for rim in evidence.rims]
-    steps += [(rim.tone, rim.tone_std, "within a stripe") for rim in evidence.rims]
-    limits = [(abs(step), max(_MAX_RIM, _SURELY_SIGMAS * std), where) for step, std, where in steps]
+    beside, within = "between a stripe and the lane", "within a stripe"
+    steps = [(rim.step, rim.step_std, _MAX_RIM, beside) for rim in evidence.rims]
+    steps += [(rim.tone, rim.tone_std, _MAX_RIM, within) for rim in evidence.rims]
+    steps += [(rim.face, rim.face_std, _MAX_FACE, beside) for rim in evidence.rims if math.isfinite(rim.face)]
+    limits = [(abs(step), max(most, _SURELY_SIGMAS * std), where) for step, std, most, where in steps]
     step, limit, where = max(limits, key=lambda each: each[0] / each[1])
     what = f"step of grey {where}, over the contrast of the stripe"
     return Reading(what, step, limit, "", step <= limit)

@@ -17,6 +17,7 @@ from .combination import (
 )
 from .config import CalibratorConfig
 from .corridor import CELL_WIDTH_M, plane_of
+from .crown import covariance_by_crown
 from .extraction import Image
 from .further import height_between
 from .gates import judge
@@ -109,16 +110,18 @@ def _ask_rest(
     result: CalibrationResult, evidence: Evidence, seen: Seen, rig: StereoRig, config: CalibratorConfig
 ) -> CalibrationResult:
     """Judge an estimate that rests on the lines alone by what else the images show."""
-    assert result.pattern is not None and result.extrinsics is not None
+    pattern, extrinsics, covariance = result.pattern, result.extrinsics, result.covariance
+    assert pattern is not None and extrinsics is not None and covariance is not None
+    result = replace(result, covariance=covariance + covariance_by_crown(evidence.refined))
     evidence = replace(evidence, fitted=evidence.refined is not None)
     if evidence.refined is not None:
-        rims = measure_rims(seen.images, result.pattern, evidence.refined, rig)
+        rims = measure_rims(seen.images, pattern, evidence.refined, rig)
         evidence = replace(evidence, rims=rims)
     if seen.points is not None:
-        plane = plane_of(result.extrinsics, rig)
-        between = height_between(result.pattern, plane, seen.matches, seen.points, rig, config)
+        plane = plane_of(extrinsics, rig)
+        between = height_between(pattern, plane, seen.matches, seen.points, rig, config)
         evidence = replace(evidence, between_m=between)
-    vertical = horizon_offset(seen.images, rig, result.extrinsics)
+    vertical = horizon_offset(seen.images, rig, extrinsics)
     return _judged(result, replace(evidence, vertical=vertical))
 
 

@@ -9,12 +9,14 @@ from independent_camera import ideal_pattern
 
 from stereo_selfcal import Extrinsics
 from stereo_selfcal.core.combination import (
-    MAX_DIFFERENCE,
     MAX_LINE_HEIGHT_M,
+    WRONG,
     combine,
     covariance_by_paint,
+    covariance_by_profile,
     covariance_by_rectification,
     covariance_by_road,
+    covariance_by_stages,
     heights_over,
     heights_over_asphalt,
     lies_on,
@@ -23,6 +25,8 @@ from stereo_selfcal.core.combination import (
 )
 from stereo_selfcal.core.corridor import extrinsics_of, plane_of
 from stereo_selfcal.core.geometry import apply_homography, road_from_image
+from stereo_selfcal.core.profile import Profile
+from stereo_selfcal.core.refinement import RefinedFit
 from stereo_selfcal.core.texture import AGREEMENT, TextureFit, TextureQuality
 from stereo_selfcal.core.unevenness import RoadShape
 from stereo_selfcal.synth.scenes import PAPER_RIG
@@ -176,7 +180,38 @@ def test_lines_painted_not_quite_parallel_leave_a_valley():
 @pytest.mark.parametrize("place", range(3))
 def test_surely_right_is_wrong_once_in_hundreds(place):
     std = np.full(3, 1e-6)
-    std[place] = 0.99 * MAX_DIFFERENCE[place] / 3
+    std[place] = 0.99 * WRONG[place] / 3
     assert surely_right(np.diag(std**2))
-    std[place] = 1.01 * MAX_DIFFERENCE[place] / 3
+    std[place] = 1.01 * WRONG[place] / 3
     assert not surely_right(np.diag(std**2))
+
+
+def refined_to(pose, profile=None):
+    nothing = np.empty(0)
+    return RefinedFit(
+        pose, np.eye(3) * 1e-6, 0.0, 0.0, profile, nothing, nothing, nothing, np.full(2, 0.5), 2.0, 1.0, 50
+    )
+
+
+def test_stages_that_contradict_each_other_are_as_uncertain_as_they_differ():
+    of_lines = np.eye(3) * 3e-6  # with that of the refinement: 2 mm and mrad
+    difference = np.array([0.0, 0.0, 0.007])
+    off = refined_to(Extrinsics.from_array(POSE.as_array() + difference))
+    np.testing.assert_allclose(
+        covariance_by_stages(POSE, of_lines, off), np.outer(difference, difference), atol=1e-15
+    )
+    near = refined_to(Extrinsics.from_array(POSE.as_array() + 0.7 * difference))
+    assert not covariance_by_stages(POSE, of_lines, near).any()
+    assert not covariance_by_stages(POSE, of_lines, None).any()
+
+
+def test_a_road_seen_to_bend_is_as_uncertain_as_it_may_go_on():
+    change, covariance = np.array([0.02, 0.003]), np.diag([0.03, 0.004]) ** 2
+
+    def found(height_m):
+        profile = Profile(np.array([15.0]), np.array([height_m]), np.array([0.002]), change, covariance)
+        return covariance_by_profile(refined_to(POSE, profile))
+
+    np.testing.assert_allclose(found(0.0081)[:2, :2], np.outer(change, change) + covariance)
+    assert not found(0.0081)[2].any()
+    assert not found(0.0079).any()

@@ -22,7 +22,7 @@ NOTHING = np.empty(0)
 POSE = Extrinsics(1.5, 0.02, -0.01)
 STRAIGHT = Bends(0.0, 1e-6, 0.0, 1e-6)
 LINES = LineFit(np.eye(3) * 1e-8, 0.0, 2.0)
-FLAT = Profile(NOTHING, NOTHING, np.zeros(2), np.array([1e-3, 1e-4]))
+FLAT = Profile(NOTHING, NOTHING, NOTHING, np.zeros(2), np.diag([1e-3, 1e-4]) ** 2)
 REFINED = RefinedFit(
     POSE, np.eye(3) * 1e-8, 0.0, 0.0, FLAT, NOTHING, NOTHING, NOTHING, np.full(2, 0.5), 2.0, 1.0, 50
 )
@@ -292,7 +292,7 @@ def test_lines_lie_in_the_asphalt(sign):
 )
 def test_near_and_far_parts_of_the_road_are_one_plane(change, what, value, threshold):
     def with_profile(change, std=(1e-3, 1e-4)):
-        return replace(REFINED, profile=Profile(NOTHING, NOTHING, np.array(change), np.array(std)))
+        return replace(REFINED, profile=replace(FLAT, change=np.array(change), covariance=np.diag(std) ** 2))
 
     rejection = refusal(refined=with_profile(change))
     assert_refuses(rejection, RejectReason.ROAD_NOT_FLAT, value, threshold, what)
@@ -314,6 +314,15 @@ def test_between_a_stripe_and_its_lane_there_is_nothing():
     rejection = refusal(rims=(Rim(0.0, 0.001, 0.07, 0.001),))
     assert_refuses(rejection, RejectReason.LINE_NOT_PAINTED, 0.07, 0.06, "within a stripe")
     assert refusal(rims=(Rim(0.0, 0.001, 0.07, 0.018),)) is None
+
+
+def test_a_narrow_face_beside_a_stripe_has_a_limit_of_its_own():
+    def of_face(face, std=0.001):
+        return refusal(rims=(Rim(0.0, 0.001, 0.0, 0.001, face, std), Rim(0.0, 0.001)))
+
+    assert_refuses(of_face(0.11), RejectReason.LINE_NOT_PAINTED, 0.11, 0.1, "between a stripe and the lane")
+    assert of_face(0.09) is None
+    assert of_face(0.11, 0.028) is None
 
 
 def test_lines_alone_show_both_edges():

@@ -113,6 +113,23 @@ def test_a_kerb_shows_its_face_and_paint_nothing():
     assert max(abs(rim.step) for rim in rims("kerb_for_line")) > 0.1
 
 
+def test_a_kerb_under_a_high_camera_shows_a_narrow_face():
+    """From high above and near by, it is narrower than the strip that is looked at beside a stripe."""
+
+    def rims(name):
+        world = named_world(name)
+        pose = replace(world.scene.pose, height_m=2.2)
+        world, images, result = bare(name, pose=pose, lateral_offset_m=-0.4)
+        pattern = Calibrator(world.scene.rig, LINES_ALONE).extract(*images)
+        fit = refine(images, pattern, world.scene.rig, result.stages["genetic"])
+        return measure_rims(images, pattern, fit, world.scene.rig)
+
+    faces = {name: [rim.face for rim in rims(name)] for name in ("plain", "worn_paint", "kerb_for_line")}
+    assert np.nanmax(np.abs(faces["plain"])) < 0.03
+    assert np.nanmax(np.abs(faces["worn_paint"])) < 0.06
+    assert np.nanmax(np.abs(faces["kerb_for_line"])) > 0.15
+
+
 def test_a_kerb_for_a_line_is_refused_without_any_texture():
     _, _, result = bare("kerb_for_line")
     assert result.reason is RejectReason.LINE_NOT_PAINTED
