@@ -147,6 +147,12 @@ GATES: tuple[Gate, ...] = (
         f"it may be a kerb or a rail, or lie in a shadow's edge: {_FIND_LINES}",
         readings.painted,
     ),
+    Gate(
+        "certain",
+        RejectReason.ESTIMATE_UNCERTAIN,
+        "drive on, in the middle of a flat lane where more of both lines is seen",
+        readings.certain,
+    ),
     Gate("asphalt", RejectReason.TEXTURE_DISAGREES, _KERB, readings.asphalt),
     Gate("lines in asphalt", RejectReason.TEXTURE_DISAGREES, _KERB, readings.line_heights),
 )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .combination import MAX_DIFFERENCE, MAX_LINE_HEIGHT_M
+from .combination import MAX_DIFFERENCE, MAX_LINE_HEIGHT_M, WRONG
 from .config import CalibratorConfig
 from .extrinsics import Array, Extrinsics
 from .paint import Rim
@@ -86,6 +86,7 @@ class Evidence:
         rims: What lies between the boundaries and the lane; empty where the asphalt is the better witness.
         fitted: Whether the stripes' grey values could be fitted; None where the asphalt is asked instead.
         between_m: Height of a line between the boundaries over their plane, and its standard deviation [m].
+        std: (3,) standard deviations of an estimate that rests on the lines alone [m, rad, rad].
     """
 
     config: CalibratorConfig
@@ -104,6 +105,7 @@ class Evidence:
     rims: tuple[Rim, ...] = ()
     fitted: bool | None = None
     between_m: tuple[float, float] | None = None
+    std: Array | None = None
 
     @property
     def of_lines(self) -> Extrinsics | None:
@@ -202,6 +204,13 @@ def consistent(evidence: Evidence) -> Reading | None:
     sigmas = evidence.lines.misfit_sigmas
     what = "the lines of the two cameras contradict each other whatever the road, by"
     return Reading(what, sigmas, _MAX_MISFIT_SIGMAS, "standard deviations", sigmas <= _MAX_MISFIT_SIGMAS)
+
+
+def certain(evidence: Evidence) -> Reading | None:
+    """Read whether an estimate is right more likely than not, by its own account."""
+    if evidence.std is None:
+        return None
+    return _difference("the lines alone leave a standard deviation", evidence.std, WRONG)
 
 
 def _difference(what: str, difference: Array, limits: Array) -> Reading:

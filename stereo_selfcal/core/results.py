@@ -33,6 +33,7 @@ class RejectReason(Enum):
     LINES_NOT_CONVERGING = "lines_not_converging"
     LINES_INCONSISTENT = "lines_inconsistent"
     STAGES_DISAGREE = "stages_disagree"
+    ESTIMATE_UNCERTAIN = "estimate_uncertain"
     TEXTURE_DISAGREES = "texture_disagrees"
     ROAD_WITHOUT_TEXTURE = "road_without_texture"
     IMAGE_BLURRED = "image_blurred"

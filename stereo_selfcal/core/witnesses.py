@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from .combination import (
     combine,
     covariance_by_paint,
@@ -112,8 +114,10 @@ def _ask_rest(
     """Judge an estimate that rests on the lines alone by what else the images show."""
     pattern, extrinsics, covariance = result.pattern, result.extrinsics, result.covariance
     assert pattern is not None and extrinsics is not None and covariance is not None
-    result = replace(result, covariance=covariance + covariance_by_crown(evidence.refined))
-    evidence = replace(evidence, fitted=evidence.refined is not None)
+    covariance = covariance + covariance_by_crown(evidence.refined)
+    result = replace(result, covariance=covariance)
+    std = np.sqrt(np.diag(covariance))
+    evidence = replace(evidence, fitted=evidence.refined is not None, std=std)
     if evidence.refined is not None:
         rims = measure_rims(seen.images, pattern, evidence.refined, rig)
         evidence = replace(evidence, rims=rims)

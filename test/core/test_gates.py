@@ -53,6 +53,7 @@ GOOD = Evidence(
     rims=(Rim(0.01, 0.002), Rim(-0.02, 0.002)),
     fitted=True,
     between_m=(0.005, 0.002),
+    std=np.array([0.003, 1e-4, 1e-3]),
 )
 MM, DEG = 1e3, math.degrees(1.0)
 
@@ -94,7 +95,7 @@ def test_names_are_unique_and_every_gate_has_a_remedy():
 def test_gates_without_evidence_are_not_read_and_those_of_before_not_again():
     early = replace(GOOD, bends=None, lines=None, refined=None, clipped=None, texture=None, heights_m=None)
     early = replace(early, vertical=None, buried_m=None, witness=None)
-    first, _ = judge(replace(early, rims=(), fitted=None, between_m=None))
+    first, _ = judge(replace(early, rims=(), fitted=None, between_m=None, std=None))
     assert [reading.name for reading in first] == ["plausible", "fitness"]
     # The fitness is bad by now, and was good when it was read.
     both, rejection = judge(replace(GOOD, fitness=0.0), but=first)
@@ -335,3 +336,15 @@ def test_lines_between_the_boundaries_lie_in_their_plane(height_m):
     assert_refuses(rejection, RejectReason.LINES_NOT_COPLANAR, 31.0, 30.0, "mm")
     assert refusal(between_m=(0.95 * height_m, 0.001)) is None
     assert refusal(between_m=(height_m, 0.008)) is None
+
+
+@pytest.mark.parametrize(
+    ("axis", "limit", "scale", "unit"),
+    [(0, 0.060, MM, "mm"), (1, 0.5 / DEG, DEG, "deg"), (2, 1.2 / DEG, DEG, "deg")],
+)
+def test_what_lines_alone_leave_open_is_no_estimate(axis, limit, scale, unit):
+    std = np.array([0.003, 1e-4, 1e-3])
+    assert refusal(std=np.where(np.arange(3) == axis, 0.99 * limit, std)) is None
+    rejection = refusal(std=np.where(np.arange(3) == axis, 1.01 * limit, std))
+    assert rejection.reason is RejectReason.ESTIMATE_UNCERTAIN
+    assert (rejection.value, rejection.unit) == (pytest.approx(1.01 * limit * scale), unit)
