@@ -60,6 +60,7 @@ THRESHOLDS = (
     Threshold("_MAX_RIM", readings),
     Threshold("_MAX_FACE", readings),
     Threshold("_SURELY_SIGMAS", readings),
+    Threshold("_MAX_STD", readings),
     Threshold("MAX_DIFFERENCE", combination),
     Threshold("WRONG", combination),
     Threshold("MAX_LINE_HEIGHT_M", combination),

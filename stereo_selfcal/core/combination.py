@@ -39,8 +39,7 @@ MAX_LINE_HEIGHT_M = 0.030
 # Height [m], pitch, roll [rad] by which both may differ all the same, as far as the lever of the nearest line
 # stretches that: an estimate off by this is called wrong, and the asphalt alone is better by half.
 MAX_DIFFERENCE = np.array([0.060, np.radians(0.5), np.radians(1.2)])
-# The same, of an estimate that has nothing but its own standard deviation to show that it is not wrong: the
-# asphalt's must be a third of it; what is left of the lines' must not reach it.
+# The same, of an estimate that has nothing but its own standard deviation to show that it is not wrong.
 WRONG = MAX_DIFFERENCE.copy()
 
 _SURE_SIGMAS = 3.0  # one in 370

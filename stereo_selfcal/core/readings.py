@@ -57,6 +57,8 @@ _MAX_RIM = 0.06
 # What is as narrow as the face of the lowest kerb: 99 % of the roads of random worlds leave less than 7 %
 # there, faces that are seen 12 % and more.
 _MAX_FACE = 0.10
+# Twice what is called wrong: a tape measure and a spirit level on the parked car tell as much.
+_MAX_STD = 2.0 * WRONG
 # What no line and no slope may do by chance, of the standard deviations of what is measured.
 _SURELY_SIGMAS = 4.0
 
@@ -207,10 +209,10 @@ def consistent(evidence: Evidence) -> Reading | None:
 
 
 def certain(evidence: Evidence) -> Reading | None:
-    """Read whether an estimate is right more likely than not, by its own account."""
+    """Read whether an estimate tells anything, by its own account."""
     if evidence.std is None:
         return None
-    return _difference("the lines alone leave a standard deviation", evidence.std, WRONG)
+    return _difference("the lines alone leave a standard deviation", evidence.std, _MAX_STD)
 
 
 def _difference(what: str, difference: Array, limits: Array) -> Reading:

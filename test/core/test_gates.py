@@ -340,7 +340,7 @@ def test_lines_between_the_boundaries_lie_in_their_plane(height_m):
 
 @pytest.mark.parametrize(
     ("axis", "limit", "scale", "unit"),
-    [(0, 0.060, MM, "mm"), (1, 0.5 / DEG, DEG, "deg"), (2, 1.2 / DEG, DEG, "deg")],
+    [(0, 0.120, MM, "mm"), (1, 1.0 / DEG, DEG, "deg"), (2, 2.4 / DEG, DEG, "deg")],
 )
 def test_what_lines_alone_leave_open_is_no_estimate(axis, limit, scale, unit):
     std = np.array([0.003, 1e-4, 1e-3])
