@@ -37,11 +37,13 @@ MEBIBYTE = 2**20
 
 # Parts of a calibration, by the function that does it.
 PARTS: dict[str, tuple[object, str]] = {
-    "extraction": (Calibrator, "extract"),
+    "marking stripes": (Calibrator, "_find_points"),
+    "lines": (calibrator_module, "look"),
     "genetic algorithm": (calibrator_module, "maximise_each"),
     "covariance of lines": (calibrator_module, "propagate"),
     "closed form": (calibrator_module, "compare_stages"),
     "refinement": (calibrator_module, "refine"),
+    "asphalt and other witnesses": (calibrator_module, "ask_road"),
 }
 REST, WHOLE = "all the rest", "calibrate()"
 
