@@ -62,6 +62,17 @@ def pose_error(estimate: Extrinsics, scene: Scene) -> Array:
     return error
 
 
+def pose_of_plane(plane: Array, rig: StereoRig) -> tuple[float, float, float]:
+    """Return height [m], pitch, roll [rad] of the rig from its disparity plane ``d = p0 + p1 y + p2 z`` [px].
+
+    (1, y, z) is the ray in the left camera's body frame; the plane is parallel to the road's normal.
+    """
+    length = float(np.linalg.norm(plane))
+    pitch, roll = math.asin(plane[0] / length), math.atan2(-plane[1], -plane[2])
+    height_left = rig.fx * rig.baseline_m / length
+    return height_left - math.cos(pitch) * math.sin(roll) * rig.baseline_m / 2, pitch, roll
+
+
 def add_noise(picture: Picture, noise_fraction: float, rng: np.random.Generator) -> Frame:
     """Return a noise-free picture as a camera delivers it: Gaussian noise, clipped, in whole grey levels."""
     noisy = picture

@@ -20,7 +20,7 @@ from stereo_selfcal.core.geometry import horizon_row
 from stereo_selfcal.synth.renderer import Frame
 from stereo_selfcal.synth.world import Scene
 
-from .frames import Array
+from .frames import Array, pose_of_plane
 
 N_DISPARITIES = 64
 BLOCK_PX = 5
@@ -104,17 +104,6 @@ def disparity_points(pair: Pair) -> tuple[Array, Array, Array]:
     if len(rows) < MIN_POINTS:
         raise ValueError(f"{len(rows)} disparities: too few for a plane")
     return columns.astype(np.float64), rows.astype(np.float64), disparity[rows, columns]
-
-
-def pose_of_plane(plane: Array, rig: StereoRig) -> Pose:
-    """Return the pose of the rig from its disparity plane ``d = p0 + p1 y + p2 z`` [px].
-
-    (1, y, z) is the ray in the left camera's body frame; the plane is parallel to the road's normal.
-    """
-    length = float(np.linalg.norm(plane))
-    pitch, roll = math.asin(plane[0] / length), math.atan2(-plane[1], -plane[2])
-    height_left = rig.fx * rig.baseline_m / length
-    return height_left - math.cos(pitch) * math.sin(roll) * rig.baseline_m / 2, pitch, roll
 
 
 def ransac_plane(pair: Pair) -> Pose:

@@ -13,11 +13,11 @@ import numpy as np
 
 from stereo_selfcal import Calibrator, Extrinsics, StereoRig
 from stereo_selfcal.bags import StereoBag
-from stereo_selfcal.core.corridor import extrinsics_of, plane_of
+from stereo_selfcal.core.corridor import plane_of
 from stereo_selfcal.core.extraction import Image
 from stereo_selfcal.core.results import CalibrationResult
 
-from .frames import READABLE, Array
+from .frames import READABLE, Array, pose_of_plane
 from .options import Options
 from .table import Table
 
@@ -142,11 +142,7 @@ def _strip_pose(frame: Recorded, points: tuple[Array, Array], half_width_m: floa
     for _ in range(STRIP_ROUNDS):
         near = np.abs(rays @ plane - disparity) < STRIP_INLIER_PX
         plane = np.linalg.lstsq(rays[near], disparity[near], rcond=None)[0]
-    left = extrinsics_of(plane, rig)
-    across = (
-        np.cos(left.pitch_rad) * np.sin(left.roll_rad) * rig.baseline_m / 2.0
-    )  # left camera over the middle
-    pose: Array = (left.as_array() - [across, 0.0, 0.0]) * READABLE
+    pose: Array = np.array(pose_of_plane(plane, rig)) * READABLE
     return pose
 
 

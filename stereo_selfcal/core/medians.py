@@ -18,7 +18,7 @@ def median(values: Array) -> float:
     """Return the median of values (N,); of an even number, the mean of the two in the middle."""
     middle = len(values) // 2
     if len(values) % 2:
-        return float(np.partition(values, middle)[middle])
+        return upper_median(values)
     lower, upper = np.partition(values, (middle - 1, middle))[middle - 1 : middle + 1].tolist()
     return float(lower + upper) / 2.0
 

@@ -32,7 +32,7 @@ _HEIGHT_STD_M, _SLOPE_STD, _BEND_STD_PER_M = 0.3, 0.01, 1e-3
 _EDGE_STD_PX = 0.1
 _MOST_PX = 5.0  # the window of the refinement sees no farther
 # Of a height: one false alarm in 15 000 for normal errors.
-BENT_SIGMAS = 4.0
+_BENT_SIGMAS = 4.0
 _TUKEY_SIGMAS, _REWEIGHTINGS = 4.685, 5
 _SIGMA_OVER_MAD = 1.4826
 
@@ -83,7 +83,7 @@ class Profile:
     @property
     def bent(self) -> bool:
         """Whether the road surely leaves the plane of the fit where it is seen."""
-        return bool(np.any(np.abs(self.heights_m) > BENT_SIGMAS * self.stds_m))
+        return bool(np.any(np.abs(self.heights_m) > _BENT_SIGMAS * self.stds_m))
 
 
 def measure_profile(edges: EdgeResiduals, rig: StereoRig, pose: Extrinsics) -> Profile | None:

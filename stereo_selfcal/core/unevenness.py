@@ -242,12 +242,12 @@ def _likely(
     pivots = np.diagonal(np.linalg.cholesky(products), axis1=-2, axis2=-1)
     log_likelihood = -0.5 * pivots[..., -1] ** 2 - np.log(pivots[..., :-1] * _PROFILES[:, None]).sum(axis=-1)
     log_likelihood += np.log(scaled).sum(axis=2)[..., None]  # (mismatch, roughness, profile)
-    log_likelihood -= np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)[:, None, None]
+    log_root = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)  # of the determinant
+    log_likelihood -= log_root[:, None, None]
     posterior = np.exp(log_likelihood - log_likelihood.max())
     posterior /= posterior.sum()
-    of_plane = np.linalg.cholesky(by_noise + _MISMATCH_OF_PLANE_PX[:, None, None] ** 2 * by_mismatch)
-    rest = np.linalg.solve(of_plane, np.broadcast_to(contrast[:, None], (*of_plane.shape[:2], 1)))[..., 0]
-    plane = -0.5 * (rest**2).sum(axis=1) - np.log(np.diagonal(of_plane, axis1=1, axis2=2)).sum(axis=1)
+    n = len(_MISMATCH_OF_PLANE_PX)  # the first of those tried
+    plane = -0.5 * ((inverse[:n] @ contrast) ** 2).sum(axis=1) - log_root[:n]
     return (
         float(posterior.sum(axis=(0, 2)) @ _ROUGHNESS),
         float(np.sqrt(posterior.sum(axis=(1, 2)) @ _MISMATCH_PX**2)),

@@ -198,9 +198,8 @@ class StereoInput:
             publishers = tuple(self.publishers(topic) for topic in self._topics[:2])
             with self._arrived:
                 on = self._listening.due(time.monotonic(), publishers)
-                taking = (
-                    self._listening.taking
-                )  # whoever wants images from here on comes for a tick of his own
+                # Whoever wants images from here on comes for a tick of his own.
+                taking = self._listening.taking
             opening = taking and not self._taking
             if opening:
                 self._drop_old_images()

@@ -10,7 +10,7 @@ import yaml
 pytest.importorskip("rclpy")
 
 import ros_graph
-from ros_graph import Graph, NodeProcess, wait_for, wait_until
+from ros_graph import NodeProcess, wait_for, wait_until
 
 from stereo_selfcal.cli import replay
 from stereo_selfcal.result_file import load_result
@@ -26,13 +26,6 @@ def bag(tmp_path_factory):
     path = tmp_path_factory.mktemp("bags") / "short"
     write_bag(path, replace(named_scene("straight_road"), n_frames=N_FRAMES))
     return path
-
-
-@pytest.fixture(scope="module")
-def graph():
-    graph = Graph()
-    yield graph
-    graph.close()
 
 
 def test_node_and_replay_give_the_same_numbers(graph, tmp_path, bag):

@@ -18,7 +18,6 @@ from ros_graph import (
     RIG,
     SIDES,
     Camera,
-    Graph,
     NodeProcess,
     image_message,
     info_message,
@@ -176,13 +175,6 @@ def test_export_that_cannot_be_written_costs_neither_result_nor_file(start, tmp_
     assert answer.success
     assert f"saved to {path}, but not exported: " in answer.message
     assert path.is_file()
-
-
-@pytest.fixture(scope="module")
-def graph():
-    graph = Graph()
-    yield graph
-    graph.close()
 
 
 def test_of_twenty_clients_at_once_one_calibrates_and_the_others_are_told(graph, tmp_path):

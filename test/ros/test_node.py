@@ -12,7 +12,7 @@ pytest.importorskip("rclpy")
 import ros_graph
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.parameter import Parameter
-from ros_graph import RESULTS, Graph, wait_for
+from ros_graph import RESULTS, wait_for
 
 from stereo_selfcal import CalibrationResult, Extrinsics
 from stereo_selfcal.result_file import load_result
@@ -26,13 +26,6 @@ RESULT = CalibrationResult(
 )
 GOOD = Outcome("calibrated", RESULT, ros_graph.RIG, 5)
 VALUES = [1.5, 0.05, -0.01, 0.01, 0.001, 0.002]
-
-
-@pytest.fixture(scope="module")
-def graph():
-    graph = Graph()
-    yield graph
-    graph.close()
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ pytest.importorskip("rclpy")
 from pathlib import Path
 
 import ros_graph
-from ros_graph import Graph, NodeProcess
+from ros_graph import NodeProcess
 
 from stereo_selfcal import CalibratorConfig, ConfigError
 from stereo_selfcal.core.config import flatten
@@ -31,13 +31,6 @@ def parameters_in(name):
 
 def defaults():
     return {setting.name: setting.default for setting in all_settings()}
-
-
-@pytest.fixture(scope="module")
-def graph():
-    graph = Graph()
-    yield graph
-    graph.close()
 
 
 @pytest.mark.parametrize("name", SHIPPED)
