@@ -119,13 +119,14 @@ class TextureFit:
     cells_variance: Array
 
     @property
+    def seen(self) -> bool:
+        """Whether both images see the same texture, on enough of the road."""
+        return self.quality.sigmas >= MIN_SIGMAS and self.quality.cell_share >= MIN_CELL_SHARE
+
+    @property
     def enough_texture(self) -> bool:
-        """Whether both images see the same texture, on enough of the road, for an estimate."""
-        return bool(
-            np.all(np.array(self.quality.noise_std) <= MAX_NOISE_STD)
-            and self.quality.sigmas >= MIN_SIGMAS
-            and self.quality.cell_share >= MIN_CELL_SHARE
-        )
+        """Whether that is enough for an estimate."""
+        return self.seen and bool(np.all(np.array(self.quality.noise_std) <= MAX_NOISE_STD))
 
     @property
     def even_enough(self) -> bool:
