@@ -48,7 +48,7 @@ _MAX_CLIPPED = 0.5
 _MAX_VERTICAL_PX = 0.5
 # Half a pixel 300 px beside the middle of the image.
 _MAX_TURN_RAD = math.radians(0.1)
-# An offset counts when it is surely there.
+# An offset or a height counts when it is surely there.
 _SHAPE_SIGMAS = 3.0
 
 # Between a painted stripe and its lane there is nothing: in random worlds shadows, dapples and noise leave up
@@ -274,7 +274,7 @@ def own_heights(evidence: Evidence) -> Reading | None:
     if evidence.own_m is None:
         return None
     heights_m, stds_m = evidence.own_m
-    limits_m = np.maximum(MAX_LINE_HEIGHT_M, _SURELY_SIGMAS * stds_m)
+    limits_m = np.maximum(MAX_LINE_HEIGHT_M, _SHAPE_SIGMAS * stds_m)
     worst = int(np.argmax(np.abs(heights_m) / limits_m))
     value_m, limit_m = float(abs(heights_m[worst])), float(limits_m[worst])
     what = "the lines and the asphalt between them, without what is beyond, differ in height of a line"

@@ -289,9 +289,9 @@ def test_lines_lie_in_the_asphalt(sign):
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize(("std_m", "limit_m"), [(0.005, 0.03), (0.01, 0.04)])
+@pytest.mark.parametrize(("std_m", "limit_m"), [(0.005, 0.03), (0.02, 0.06)])
 def test_lines_lie_in_the_asphalt_between_them(sign, std_m, limit_m):
-    """Half of the lowest kerb, or four standard deviations."""
+    """Half of the lowest kerb, or three standard deviations."""
     stds_m = np.full(2, std_m)
     assert refusal(own_m=(np.array([0.0, sign * 0.99 * limit_m]), stds_m)) is None
     rejection = refusal(own_m=(np.array([sign * 1.01 * limit_m, 0.0]), stds_m))
