@@ -14,13 +14,17 @@ from .refinement import RefinedFit
 
 # Two lanes side by side are at least this wide each: less is found at road works only.
 _NARROWEST_LANE_M = 2.5
+# Between the middles of the lines of one lane there is at most this: the widest of motorways, 3.75 m, and the
+# widest line, 0.30 m. Lines farther apart are not of one lane alone, whatever the other part is.
+_WIDEST_LANE_M = 4.05
 
 
 def covariance_by_crown(refined: RefinedFit | None) -> Array:
     """Return the covariance (3, 3) that crowns give an estimate from lines, as one of the own lane.
 
     A line that was measured between the boundaries shows how the own lane lies; where there is none and the
-    boundaries are as far apart as n lanes, the slope changes between them, as it does from lane to lane.
+    boundaries are farther apart than the lines of one lane, the slope changes between them, as it does from
+    lane to lane; of n lanes at most.
     Lines nearer to each other than any lane is wide (one of them is an arrow) show a part of the own one.
 
     Args:
@@ -44,7 +48,7 @@ def covariance_by_crown(refined: RefinedFit | None) -> Array:
     higher_m = heights[right] - rise * places[right]
     shown = np.array([higher_m, 0.0, rise])
     covariance += np.outer(shown, shown)
-    lanes = int(width_m / _NARROWEST_LANE_M)
+    lanes = max(2, int(width_m / _NARROWEST_LANE_M)) if width_m > _WIDEST_LANE_M else 1
     near, far = sorted((places[left], places[right]), key=abs)
     if lanes > 1:
         # The plane goes through both borders, the lane of the camera through the nearer one.
