@@ -17,6 +17,7 @@ from .combination import (
     lies_on,
     same_road,
     surely_right,
+    surely_same,
 )
 from .config import CalibratorConfig
 from .extraction import Image, find_stripe_points
@@ -28,6 +29,7 @@ from .gates import judge
 from .genetic import GeneticResult, maximise_each
 from .geometry import SIDES
 from .guided import find_road, line_on_road, lines_on_road
+from .matching import Match
 from .pattern import LanePattern
 from .patterns import Look, Points, Refused, buried_m, look, unused_lines
 from .readings import Evidence
@@ -35,6 +37,7 @@ from .rectification import vertical_offset
 from .refinement import refine
 from .results import CalibrationResult, Rejection, RejectReason, announce, rejected
 from .rig import StereoRig
+from .texture import TextureFit, align_texture
 from .uncertainty import measure_bends, propagate
 from .witnesses import Seen, ask_road
 
@@ -48,6 +51,8 @@ _OTHER_LINES_MAY_DO = (
     RejectReason.LINE_NOT_PAINTED,
 )
 _MOST_OTHER_PAIRS = 2
+# A lane of 2.5 m has this on both sides of a camera in it, with a quarter of a metre to spare.
+_BENEATH_M = (-1.0, 1.0)
 _CLIPPED_STEP = 4  # every fourth pixel of every fourth row is enough for two digits
 
 
@@ -166,12 +171,29 @@ class Calibrator:
             result = self._solve(pattern, Seen(images, shown=shown), stamp_s)
             if result.accepted and "textured" in result.stages:
                 return result
-        seen = line_on_road(shown.extrinsics, matches, points, images, self.rig, self.config)
+        return self._from_asphalt(refused, shown, matches, Seen(images, points), stamp_s)
+
+    def _from_asphalt(
+        self, refused: CalibrationResult, shown: TextureFit, matches: list[Match], seen: Seen, stamp_s: float
+    ) -> CalibrationResult:
+        """Return the pose over the asphalt where a line both cameras see lies in it; else what was refused.
+
+        Where lines that lie in it have shown that the road goes on with another slope, that stands: the
+        asphalt tells less of what is farther ahead.
+        """
         covariance = shown.covariance + covariance_by_rectification(self.rig, shown.extrinsics)
-        vertical = None
-        if seen is not None and surely_right(covariance):
-            vertical = vertical_offset(images, self.rig, shown.extrinsics, seen[1])
-        if seen is None or vertical is None:  # rows that cannot be compared may be those of a turned camera
+        if self._bent_road(refused, shown) or seen.points is None or not surely_right(covariance):
+            return refused
+        line = line_on_road(shown.extrinsics, matches, seen.points, seen.images, self.rig, self.config)
+        if line is None:
+            return refused
+        _, yaw = line
+        # What is beyond a kerb is no road, and may have decided the plane.
+        beneath = align_texture(seen.images, self.rig, shown.extrinsics, yaw, limits_m=_BENEATH_M)
+        if beneath is None or not surely_same(shown.extrinsics, beneath):
+            return refused
+        vertical = vertical_offset(seen.images, self.rig, shown.extrinsics, yaw)
+        if vertical is None:  # rows that cannot be compared may be those of a turned camera
             return refused
         gates, refusal = judge(Evidence(self.config, texture=shown, vertical=vertical))
         if refusal:
@@ -180,7 +202,7 @@ class Calibrator:
             message="",
             extrinsics=shown.extrinsics,
             covariance=covariance,
-            lane_yaw_rad=seen[1],
+            lane_yaw_rad=yaw,
             stamp_s=stamp_s,
             n_frames=1,
             stages={"textured": shown.extrinsics},
@@ -188,6 +210,14 @@ class Calibrator:
             notes=("from the asphalt, confirmed by one line only",),
         )
         return replace(result, message=announce(result))
+
+    def _bent_road(self, refused: CalibrationResult, shown: TextureFit) -> bool:
+        """Whether lines that lie in the asphalt were refused as those of a road with another slope ahead."""
+        return (
+            refused.reason is RejectReason.ROAD_NOT_FLAT
+            and refused.pattern is not None
+            and lies_on(refused.pattern, self.rig, list(refused.stages.values())[-1], shown.extrinsics)
+        )
 
     def extract(self, left: Image, right: Image) -> LanePattern | Refused:
         """Extract the calibration pattern of one frame (paper section 2.2).

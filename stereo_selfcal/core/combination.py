@@ -43,6 +43,9 @@ MAX_DIFFERENCE = np.array([0.060, np.radians(0.5), np.radians(1.2)])
 WRONG = MAX_DIFFERENCE.copy()
 
 _SURE_SIGMAS = 3.0  # one in 370
+# Asphalt that says how high a line or a plane lies excludes what is this many of its standard deviations off:
+# a second question, after all of the asphalt has agreed.
+KERB_SIGMAS = 2.0
 
 
 def same_road(a: Extrinsics, b: Extrinsics) -> bool:
@@ -64,17 +67,21 @@ def heights_over(pattern: LanePattern, rig: StereoRig, lines: Extrinsics, road: 
 
 def heights_over_asphalt(
     pattern: LanePattern, rig: StereoRig, lines: Extrinsics, texture: TextureFit
-) -> Array:
-    """Return how high each line lies over the asphalt beside it, on the side of the camera [m], (L,).
+) -> tuple[Array, Array]:
+    """Return how high each line lies over the asphalt beside it, on the side of the camera.
 
     Where the asphalt is no plane, a line in it need not lie in its plane; what tells a kerb is its height
-    over the asphalt it runs along: over the heights of the lane's own cells, carried on to it (kriging).
+    over the asphalt it runs along: over the heights of the lane's own cells, carried on to it (universal
+    kriging: Cressie, Statistics for Spatial Data, 1993, section 3.4).
 
     Args:
         pattern: The lines.
         rig: Intrinsics and baseline.
         lines: Estimate from them: their disparities.
         texture: The asphalt.
+
+    Returns:
+        (L,) heights, (L,) their standard deviations by the asphalt's [m].
     """
     yaw, left_m, right_m = lane_in_road(pattern.boundaries, rig, lines)
     xy = texture.cells_xy_m
@@ -83,14 +90,22 @@ def heights_over_asphalt(
     xy, residuals = xy[inner], texture.cells_height_m[inner]
     # Outliers are cells of little weight.
     variances = texture.cells_variance[inner] / np.maximum(texture.cells_weight[inner], _LEAST_WEIGHT)
-    heights = []
+    heights, stds = [], []
     for height, weights, places in _heights_along(pattern, rig, lines, texture.extrinsics):
-        kernel, profile = kernels(np.concatenate([places, xy]))
+        at = np.concatenate([places, xy])
+        kernel, profile = kernels(at)
         of_road = texture.shape.roughness * kernel + texture.shape.profile**2 * profile
-        n = len(places)
-        carried = of_road[:n, n:] @ np.linalg.solve(of_road[n:, n:] + np.diag(variances), residuals)
-        heights.append(float(np.average(height - carried, weights=weights)))
-    return np.array(heights)
+        planes = np.column_stack([np.ones(len(at)), at])
+        n, mean = len(places), weights / weights.sum()
+        to_cells, measured = mean @ of_road[:n, n:], of_road[n:, n:] + np.diag(variances)
+        carried = np.linalg.solve(measured, np.column_stack([to_cells, planes[n:]]))
+        by_cells, information = carried[:, 0], planes[n:].T @ carried[:, 1:]
+        left = mean @ planes[:n] - by_cells @ planes[n:]
+        heights.append(float(mean @ height - by_cells @ residuals))
+        variance = mean @ of_road[:n, :n] @ mean - by_cells @ to_cells
+        variance += left @ np.linalg.pinv(information) @ left
+        stds.append(float(np.sqrt(max(variance, 0.0))))
+    return np.array(heights), np.array(stds)
 
 
 def _heights_along(
@@ -134,6 +149,13 @@ def place_of_line(left: ImageLine, right: ImageLine, plane: Array, rig: StereoRi
 def surely_right(covariance: Array) -> bool:
     """Whether three standard deviations of an estimate are less than what is called wrong."""
     return bool(np.all(_SURE_SIGMAS * np.sqrt(np.diag(covariance)) <= WRONG))
+
+
+def surely_same(road: Extrinsics, other: TextureFit) -> bool:
+    """Whether a part of the asphalt excludes that a road is wrong."""
+    std = np.sqrt(np.diag(other.covariance))
+    difference = np.abs(road.as_array() - other.extrinsics.as_array())
+    return other.seen and bool(np.all(difference + KERB_SIGMAS * std <= WRONG))
 
 
 def lies_on(pattern: LanePattern, rig: StereoRig, lines: Extrinsics, road: Extrinsics) -> bool:

@@ -153,6 +153,7 @@ GATES: tuple[Gate, ...] = (
         "drive on, in the middle of a flat lane where more of both lines is seen",
         readings.certain,
     ),
+    Gate("lines in lane", RejectReason.TEXTURE_DISAGREES, _KERB, readings.own_heights),
     Gate("asphalt", RejectReason.TEXTURE_DISAGREES, _KERB, readings.asphalt),
     Gate("lines in asphalt", RejectReason.TEXTURE_DISAGREES, _KERB, readings.line_heights),
 )

@@ -48,7 +48,7 @@ _MAX_CLIPPED = 0.5
 _MAX_VERTICAL_PX = 0.5
 # Half a pixel 300 px beside the middle of the image.
 _MAX_TURN_RAD = math.radians(0.1)
-# An offset counts when it is surely there.
+# An offset or a height counts when it is surely there.
 _SHAPE_SIGMAS = 3.0
 
 # Between a painted stripe and its lane there is nothing: in random worlds shadows, dapples and noise leave up
@@ -84,6 +84,7 @@ class Evidence:
         witness: Texture of the asphalt over what is needed to believe it; None where it need not be.
         texture: The asphalt, where it can be believed.
         heights_m: (L,) heights of the lines over it [m].
+        own_m: (2,) heights of the boundaries over the asphalt between them, and their deviations [m].
         vertical: Vertical offset between the images.
         rims: What lies between the boundaries and the lane; empty where the asphalt is the better witness.
         fitted: Whether the stripes' grey values could be fitted; None where the asphalt is asked instead.
@@ -103,6 +104,7 @@ class Evidence:
     witness: float | None = None
     texture: TextureFit | None = None
     heights_m: Array | None = None
+    own_m: tuple[Array, Array] | None = None
     vertical: VerticalOffset | None = None
     rims: tuple[Rim, ...] = ()
     fitted: bool | None = None
@@ -265,6 +267,18 @@ def line_heights(evidence: Evidence) -> Reading | None:
     value = float(np.abs(evidence.heights_m).max())
     what = "the lines and the asphalt between them differ in height of a line over the asphalt"
     return Reading(what, 1e3 * value, 1e3 * MAX_LINE_HEIGHT_M, "mm", value <= MAX_LINE_HEIGHT_M)
+
+
+def own_heights(evidence: Evidence) -> Reading | None:
+    """Read how high the boundaries lie over the asphalt between them, whatever is beyond."""
+    if evidence.own_m is None:
+        return None
+    heights_m, stds_m = evidence.own_m
+    limits_m = np.maximum(MAX_LINE_HEIGHT_M, _SHAPE_SIGMAS * stds_m)
+    worst = int(np.argmax(np.abs(heights_m) / limits_m))
+    value_m, limit_m = float(abs(heights_m[worst])), float(limits_m[worst])
+    what = "the lines and the asphalt between them, without what is beyond, differ in height of a line"
+    return Reading(what, 1e3 * value_m, 1e3 * limit_m, "mm", value_m <= limit_m)
 
 
 def witness(evidence: Evidence) -> Reading | None:

@@ -119,13 +119,14 @@ class TextureFit:
     cells_variance: Array
 
     @property
+    def seen(self) -> bool:
+        """Whether both images see the same texture, on enough of the road."""
+        return self.quality.sigmas >= MIN_SIGMAS and self.quality.cell_share >= MIN_CELL_SHARE
+
+    @property
     def enough_texture(self) -> bool:
-        """Whether both images see the same texture, on enough of the road, for an estimate."""
-        return bool(
-            np.all(np.array(self.quality.noise_std) <= MAX_NOISE_STD)
-            and self.quality.sigmas >= MIN_SIGMAS
-            and self.quality.cell_share >= MIN_CELL_SHARE
-        )
+        """Whether that is enough for an estimate."""
+        return self.seen and bool(np.all(np.array(self.quality.noise_std) <= MAX_NOISE_STD))
 
     @property
     def even_enough(self) -> bool:
@@ -135,9 +136,9 @@ class TextureFit:
     @property
     def sufficiency(self) -> float:
         """Texture, area and evenness over what is needed, the least of them: below 1 it is no witness."""
-        needed = [self.quality.sigmas / MIN_SIGMAS, self.quality.cell_share / MIN_CELL_SHARE]
-        needed += list(MAX_NOISE_STD / np.array(self.quality.noise_std))
-        return float(min([*needed, *(AGREEMENT / np.sqrt(np.diag(self.covariance)))]))
+        of_texture, of_area = self.quality.sigmas / MIN_SIGMAS, self.quality.cell_share / MIN_CELL_SHARE
+        of_noise = MAX_NOISE_STD / self.quality.noise_std
+        return float(min(of_texture, of_area, *of_noise, *(AGREEMENT / np.sqrt(np.diag(self.covariance)))))
 
 
 def align_texture(
@@ -316,9 +317,8 @@ def _search(images: tuple[Image, Image], rig: StereoRig, start: Array, layout: _
         reach = float(np.abs(corridor.cell_rays @ change).max())
         n = min(_SEARCH_MOST_STEPS, int(np.ceil(reach / _SEARCH_STEP_PX)))
         changes.append(np.linspace(-1.0, 1.0, 2 * n + 1)[:, None] * change)
-    candidates = (changes[0][:, None, None] + changes[1][None, :, None] + changes[2][None, None]).reshape(
-        -1, 3
-    )
+    grid = changes[0][:, None, None] + changes[1][None, :, None] + changes[2][None, None]
+    candidates = grid.reshape(-1, 3)
     displacements = candidates @ corridor.cell_rays.T
     most = int(np.ceil(np.abs(displacements).max())) + 1
     correlations = _correlate(images, corridor, half_disparity(corridor, start, rig), most)

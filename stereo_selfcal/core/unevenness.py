@@ -146,7 +146,8 @@ def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface |
     if np.count_nonzero(seen) < _LEAST_CELLS:
         return None
     y, x, noise, at = cells.heights[seen], design[seen], cells.variances[seen], cells.xy[seen]
-    if np.linalg.matrix_rank(x / np.abs(x).max(axis=0)) < x.shape[1]:
+    greatest = np.abs(x).max(axis=0)  # zero where all cells are straight before the camera
+    if np.any(greatest == 0.0) or np.linalg.matrix_rank(x / greatest) < x.shape[1]:
         return None
     kernel, profile = kernels(at)
     typical = (

@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .combination import (
+    KERB_SIGMAS,
+    MAX_LINE_HEIGHT_M,
     combine,
     covariance_by_paint,
     covariance_by_rectification,
@@ -21,11 +23,13 @@ from .config import CalibratorConfig
 from .corridor import CELL_WIDTH_M, plane_of
 from .crown import covariance_by_crown
 from .extraction import Image
+from .extrinsics import Array, Extrinsics
 from .further import height_between
 from .gates import judge
 from .horizon import horizon_offset
 from .matching import Matches
 from .paint import measure_rims
+from .pattern import LanePattern
 from .patterns import Points
 from .readings import Evidence
 from .rectification import vertical_offset
@@ -37,6 +41,10 @@ from .texture import TextureFit, align_texture
 # The road goes on beyond its lines by a shoulder or another lane: a cell more on either side has the lines
 # inside of the surface they are compared with, not on its rim.
 _BESIDE_M = CELL_WIDTH_M
+# What is beyond a line that is a kerb is no road, and may be all there is to see. So the asphalt between the
+# lines is asked once more, alone: from where the lane begins beside a kerb's face of 15 cm (:mod:`.paint`),
+# and half a stripe.
+_WITHIN_M = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,17 +95,29 @@ def ask_road(
     if fit is not None:  # a road that is no plane is so for the lines, be it a witness or not
         known_road = (pattern, rig, lines, fit.shape)
         of_lines = of_lines + covariance_by_road(*known_road) + covariance_by_paint(*known_road)
+    result = replace(result, covariance=of_lines)
+    lacking = ""
     if fit is None or not fit.enough_texture or not fit.even_enough:
         lacking = "too uneven" if fit is not None and fit.enough_texture else "too little texture"
+        sufficiency = 0.0 if fit is None else fit.sufficiency
+    else:
+        within_m = (float(right_m) + _WITHIN_M, float(left_m) - _WITHIN_M)
+        between = align_texture(seen.images, rig, lines, yaw, limits_m=within_m)
+        evidence = replace(evidence, own_m=_heights_over_own(pattern, rig, lines, between))
+        sufficiency = _surely_no_kerb(evidence.own_m)
+        if sufficiency < 1.0:
+            lacking = "too little texture between the lines"
+    if fit is None or lacking:
         if config.texture.required:
-            evidence = replace(evidence, witness=0.0 if fit is None else fit.sufficiency)
+            evidence = replace(evidence, witness=sufficiency)
         notes = (*result.notes, f"not checked against the asphalt: {lacking}")
-        return _ask_rest(replace(result, notes=notes, covariance=of_lines), evidence, seen, rig, config)
+        return _ask_rest(replace(result, notes=notes), evidence, seen, rig, config)
     evidence = replace(
         evidence,
         texture=fit,
-        heights_m=heights_over_asphalt(pattern, rig, lines, fit),
-        vertical=vertical_offset(seen.images, rig, fit.extrinsics, yaw, limits_m=limits_m),
+        heights_m=heights_over_asphalt(pattern, rig, lines, fit)[0],
+        vertical=vertical_offset(seen.images, rig, fit.extrinsics, yaw, limits_m=limits_m)
+        or horizon_offset(seen.images, rig, fit.extrinsics),
     )
     result = _judged(replace(result, stages={**result.stages, "textured": fit.extrinsics}), evidence)
     if not result.accepted:
@@ -127,6 +147,23 @@ def _ask_rest(
         evidence = replace(evidence, between_m=between)
     vertical = horizon_offset(seen.images, rig, extrinsics)
     return _judged(result, replace(evidence, vertical=vertical))
+
+
+def _heights_over_own(
+    pattern: LanePattern, rig: StereoRig, lines: Extrinsics, between: TextureFit | None
+) -> tuple[Array, Array] | None:
+    """Return how high the boundaries lie over the asphalt between them, and the standard deviations [m]."""
+    if between is None or not between.seen:
+        return None
+    return heights_over_asphalt(pattern.boundaries, rig, lines, between)
+
+
+def _surely_no_kerb(own_m: tuple[Array, Array] | None) -> float:
+    """Return how surely neither line is the lowest kerb, twice as high as a line may be: 1 is enough."""
+    if own_m is None:
+        return 0.0
+    heights_m, stds_m = own_m
+    return float(np.min((2.0 * MAX_LINE_HEIGHT_M - np.abs(heights_m)) / (KERB_SIGMAS * stds_m)))
 
 
 def _judged(result: CalibrationResult, evidence: Evidence) -> CalibrationResult:

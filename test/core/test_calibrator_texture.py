@@ -69,13 +69,17 @@ def raised(monkeypatch, height_m):
     monkeypatch.setattr(calibrator_module, "refine", kerb)
 
 
-def test_lines_on_another_plane_than_the_asphalt_are_refused(monkeypatch):
+@pytest.mark.parametrize("beyond_too", [True, False])
+def test_lines_on_another_plane_than_the_asphalt_are_refused(monkeypatch, beyond_too):
+    """Than that between them alone, or than all of it."""
     scene, images = coarse_asphalt(12.0)
     align = witnesses.align_texture
 
-    def lower(*arguments, **settings):
-        fit = align(*arguments, **settings)
-        return replace(fit, extrinsics=replace(fit.extrinsics, height_m=fit.extrinsics.height_m + 0.07))
+    def lower(*arguments, limits_m, **settings):
+        fit = align(*arguments, limits_m=limits_m, **settings)
+        beyond = limits_m[1] > max(line.offset_m for line in scene.road.lines) - scene.lateral_offset_m
+        down_m = 0.07 * (beyond == beyond_too)
+        return replace(fit, extrinsics=replace(fit.extrinsics, height_m=fit.extrinsics.height_m + down_m))
 
     monkeypatch.setattr(witnesses, "align_texture", lower)
     monkeypatch.setattr(calibrator_module, "line_on_road", lambda *_: None)
@@ -83,7 +87,8 @@ def test_lines_on_another_plane_than_the_asphalt_are_refused(monkeypatch):
     result = Calibrator(scene.rig).add(*images)
     assert result.reason is RejectReason.TEXTURE_DISAGREES
     assert result.extrinsics is None
-    assert {"genetic", "refined", "textured"} <= set(result.stages)
+    assert {"genetic", "refined"} <= set(result.stages)
+    assert ("textured" in result.stages) == beyond_too  # else that of the lane says otherwise
     assert "asphalt" in result.message
     assert not result.gates[-1].passed and all(gate.passed for gate in result.gates[:-1])
 

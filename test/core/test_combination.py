@@ -11,6 +11,7 @@ from stereo_selfcal import Extrinsics
 from stereo_selfcal.core.combination import (
     MAX_LINE_HEIGHT_M,
     WRONG,
+    _heights_along,
     combine,
     covariance_by_paint,
     covariance_by_profile,
@@ -22,13 +23,14 @@ from stereo_selfcal.core.combination import (
     lies_on,
     same_road,
     surely_right,
+    surely_same,
 )
 from stereo_selfcal.core.corridor import extrinsics_of, plane_of
 from stereo_selfcal.core.geometry import apply_homography, road_from_image
 from stereo_selfcal.core.profile import Profile
 from stereo_selfcal.core.refinement import RefinedFit
 from stereo_selfcal.core.texture import AGREEMENT, TextureFit, TextureQuality
-from stereo_selfcal.core.unevenness import RoadShape
+from stereo_selfcal.core.unevenness import RoadShape, kernels
 from stereo_selfcal.synth.scenes import PAPER_RIG
 
 POSE = Extrinsics(1.4, 0.05, 0.02)
@@ -150,14 +152,51 @@ def asphalt(height_beside_m, height_beyond_m):
 def test_a_line_in_a_hollow_of_the_asphalt_lies_in_it():
     lower = moved(height_m=0.03)
     np.testing.assert_allclose(heights_over(PATTERN, PAPER_RIG, lower, POSE), -0.03, rtol=0.05)
-    heights = heights_over_asphalt(PATTERN, PAPER_RIG, lower, asphalt(-0.03, 0.03))
+    heights, _ = heights_over_asphalt(PATTERN, PAPER_RIG, lower, asphalt(-0.03, 0.03))
     np.testing.assert_allclose(heights, 0.0, atol=0.012)  # the nearest cell is half a metre away
 
 
 def test_a_kerb_is_higher_than_the_lane_however_high_the_pavement_is():
     higher = moved(height_m=-0.06)
-    heights = heights_over_asphalt(PATTERN, PAPER_RIG, higher, asphalt(0.0, 0.06))
+    heights, _ = heights_over_asphalt(PATTERN, PAPER_RIG, higher, asphalt(0.0, 0.06))
     np.testing.assert_allclose(heights, 0.06, rtol=0.1)
+
+
+def test_heights_over_the_asphalt_scatter_by_their_standard_deviations():
+    """Roads drawn as they are said to be, with lines that lie in them: 200 heights of each line."""
+    flat = asphalt(0.0, 0.0)
+    between = np.abs(flat.cells_xy_m[:, 1]) < 1.75
+    (_, left_weights, left), (_, right_weights, right) = _heights_along(PATTERN, PAPER_RIG, POSE, POSE)
+    n, weights = len(left), [left_weights, right_weights]
+    at = np.concatenate([left, right, flat.cells_xy_m[between]])
+    kernel, profile = kernels(at)
+    of_road = flat.shape.roughness * kernel + flat.shape.profile**2 * profile
+    rng = np.random.default_rng(0)
+    roads = rng.multivariate_normal(np.zeros(len(at)), of_road, size=200, method="eigh")
+    # Heights are those over the plane that was fitted to the cells, by generalised least squares.
+    planes = np.column_stack([np.ones(len(at)), at])
+    information = np.linalg.inv(of_road[2 * n :, 2 * n :] + 1e-6 * np.eye(np.count_nonzero(between)))
+    fit = np.linalg.solve(planes[2 * n :].T @ information @ planes[2 * n :], planes[2 * n :].T @ information)
+    relative = []
+    for road in roads:
+        measured = road[2 * n :] + rng.normal(0.0, 1e-3, np.count_nonzero(between))
+        plane = fit @ measured
+        heights = np.full(len(between), np.nan)
+        heights[between] = measured - planes[2 * n :] @ plane
+        seen, std = heights_over_asphalt(PATTERN, PAPER_RIG, POSE, replace(flat, cells_height_m=heights))
+        # The lines are in the plane of the pose; the road under them is as much higher as it is there.
+        under = (road - planes @ plane)[: 2 * n].reshape(2, n)
+        relative.append((seen + np.average(under, axis=1, weights=np.array(weights))) / std)
+    assert 0.8 < np.sqrt(np.mean(np.square(relative))) < 1.25
+
+
+@pytest.mark.parametrize(("height_m", "same"), [(0.0, True), (0.039, True), (0.041, False)])
+def test_asphalt_excludes_what_is_two_deviations_off(height_m, same):
+    """A road is wrong by 60 mm: with a deviation of 10 mm, that is excluded up to 40 mm."""
+    other = replace(asphalt(0.0, 0.0), covariance=np.diag([0.01, 1e-4, 1e-4]) ** 2)
+    assert surely_same(moved(height_m=height_m), other) == same
+    unseen = replace(other, quality=replace(other.quality, cell_share=0.1))
+    assert not surely_same(moved(height_m=height_m), unseen)
 
 
 def test_lines_painted_not_quite_parallel_leave_a_valley():

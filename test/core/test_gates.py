@@ -49,6 +49,7 @@ GOOD = Evidence(
     witness=3.0,
     texture=ASPHALT,
     heights_m=np.zeros(2),
+    own_m=(np.zeros(2), np.full(2, 0.005)),
     vertical=VerticalOffset(0.1, 0.02, 0.0, 0.0, 40),
     rims=(Rim(0.01, 0.002), Rim(-0.02, 0.002)),
     fitted=True,
@@ -94,7 +95,7 @@ def test_names_are_unique_and_every_gate_has_a_remedy():
 
 def test_gates_without_evidence_are_not_read_and_those_of_before_not_again():
     early = replace(GOOD, bends=None, lines=None, refined=None, clipped=None, texture=None, heights_m=None)
-    early = replace(early, vertical=None, buried_m=None, witness=None)
+    early = replace(early, vertical=None, buried_m=None, witness=None, own_m=None)
     first, _ = judge(replace(early, rims=(), fitted=None, between_m=None, std=None))
     assert [reading.name for reading in first] == ["plausible", "fitness"]
     # The fitness is bad by now, and was good when it was read.
@@ -285,6 +286,17 @@ def test_lines_lie_in_the_asphalt(sign):
     rejection = refusal(heights_m=np.array([sign * 0.0301, 0.0]))
     words = "height of a line over the asphalt", "kerb"
     assert_refuses(rejection, RejectReason.TEXTURE_DISAGREES, 30.1, 30.0, *words)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("std_m", "limit_m"), [(0.005, 0.03), (0.02, 0.06)])
+def test_lines_lie_in_the_asphalt_between_them(sign, std_m, limit_m):
+    """Half of the lowest kerb, or three standard deviations."""
+    stds_m = np.full(2, std_m)
+    assert refusal(own_m=(np.array([0.0, sign * 0.99 * limit_m]), stds_m)) is None
+    rejection = refusal(own_m=(np.array([sign * 1.01 * limit_m, 0.0]), stds_m))
+    words = "without what is beyond", "kerb"
+    assert_refuses(rejection, RejectReason.TEXTURE_DISAGREES, 1010.0 * limit_m, 1e3 * limit_m, *words)
 
 
 @pytest.mark.parametrize(

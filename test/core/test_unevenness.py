@@ -50,3 +50,16 @@ def test_heights_of_a_plane_without_any_noise_have_a_likelihood(road):
     _, design, noise, profile, kernel, metres = road
     found = unevenness._likely(np.zeros(len(metres)), design, noise, profile, kernel, metres)
     assert np.all(np.isfinite(found))
+
+
+@pytest.mark.parametrize("column", [1, 2])
+def test_cells_that_do_not_determine_a_plane_have_none(road, column):
+    """All of them straight before the camera, or all as far away."""
+    heights, design, noise, _, _, metres = road
+    xy = design[:, 1:].copy()
+    cells = unevenness.Cells(heights, noise, metres, xy)
+    assert unevenness.fit_surface(cells, design) is not None
+    for value in (0.0, 1.0):
+        flat = design.copy()
+        flat[:, column] = value
+        assert unevenness.fit_surface(cells, flat) is None
