@@ -14,7 +14,7 @@ from rclpy.utilities import remove_ros_args
 
 from ..core.errors import ConfigError, SelfcalError
 from ..result_file import NODE_NAME
-from .memory import use_one_heap
+from .memory import spare_what_stays, use_one_heap
 from .selfcal import SelfcalNode
 
 # Parameter services, timer, images, one call of ~/calibrate that waits, and one that is told "busy".
@@ -64,6 +64,7 @@ def _run(arguments: list[str]) -> None:
         raise ConfigError(f"ROS does not start: {_one_line(error)}") from error
     try:
         selfcal = SelfcalNode()
+        spare_what_stays()
         executor = _Executor(_THREADS)
         executor.add_node(selfcal.node)
         try:
