@@ -148,6 +148,12 @@ GATES: tuple[Gate, ...] = (
         readings.painted,
     ),
     Gate(
+        "level stripes",
+        RejectReason.LINE_NOT_PAINTED,
+        f"it may be a kerb with its face, or a rail: {_FIND_LINES}",
+        readings.level_stripes,
+    ),
+    Gate(
         "certain",
         RejectReason.ESTIMATE_UNCERTAIN,
         "drive on, in the middle of a flat lane where more of both lines is seen",

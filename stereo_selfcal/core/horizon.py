@@ -35,6 +35,9 @@ _SHIFT_STEP = 2  # rows: the blur leaves correlation that far
 _TURNS_RAD = np.radians(np.linspace(-2.0, 2.0, 41))
 _PASSES = 2
 _ALIGN = 256  # as in :mod:`.corridor`
+# Where nothing but slanted edges is seen, it counts that what is far away has next to no disparity: 40 m
+# ahead and farther, with the paper's rig. Six cells are twice the numbers that are sought, and one more each.
+_DISPARITY_STD_PX, _LEAST_CELLS = 2.0, 6
 # What stands before the horizon is nearer, and its slanted edges pass for a turn: in recorded frames of roads
 # the turn by the horizon and that by the asphalt differ by this (RMS of 33), several times what they promise.
 _NEARER_STD_RAD = math.radians(0.04)
@@ -67,7 +70,13 @@ def horizon_offset(
     half = np.maximum(half_disparity(band, plane_of(extrinsics, rig), rig), np.float32(0.0))
     place = (band.u + half, band.u - half, v)
     start = _search(left[0], right[0], band, place, columns, most)
-    seen = refine_offset((left, right), band, place, usable, rig, start, _PASSES, most, cv2.INTER_LINEAR)
+    views = (left, right)
+    seen = refine_offset(views, band, place, usable, rig, start, _PASSES, most, cv2.INTER_LINEAR)
+    if seen is None:  # a bare horizon that is slanted, or much noise
+        far_away = (_DISPARITY_STD_PX, _LEAST_CELLS)
+        seen = refine_offset(
+            views, band, place, usable, rig, start, _PASSES, most, cv2.INTER_LINEAR, *far_away
+        )
     if seen is None:
         return None
     return replace(seen, roll_std_rad=math.hypot(seen.roll_std_rad, _NEARER_STD_RAD))

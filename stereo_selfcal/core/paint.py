@@ -15,6 +15,7 @@ import numpy as np
 from .corridor import plane_of
 from .extraction import MIN_CONTRAST_GREY, Image
 from .extrinsics import Array
+from .faces import UNSEEN, Face
 from .medians import upper_median
 from .pattern import ImageLine, LanePattern
 from .refinement import RefinedFit
@@ -54,6 +55,7 @@ class Rim:
         face: As step, of what is as narrow as the face of the lowest kerb, and the same far and near: the
             smaller of both. NaN where that is too narrow in the image.
         face_std: Its standard deviation.
+        lower: How low the edge towards the lane lies: a face that is a part of the stripe.
     """
 
     step: float
@@ -62,6 +64,7 @@ class Rim:
     tone_std: float = 0.0
     face: float = np.nan
     face_std: float = np.nan
+    lower: Face = UNSEEN
 
 
 def measure_rims(
@@ -91,7 +94,7 @@ def measure_rims(
             step = _mean_of([(rim.step, rim.step_std) for rim in seen])
             tone = _mean_of([(rim.tone, rim.tone_std) for rim in seen])
             face = _mean_of([(rim.face, rim.face_std) for rim in seen if np.isfinite(rim.face)])
-            rims.append(Rim(*step, *tone, *face))
+            rims.append(Rim(*step, *tone, *face, refined.faces[index]))
     return tuple(rims)
 
 
@@ -167,7 +170,8 @@ def _rim(
     tone, tone_std = (
         _middle((halves[0] - halves[1])[wide]) if np.count_nonzero(wide) >= _LEAST_ROWS else (0.0, 0.0)
     )
-    return Rim(*(value / contrast for value in (step, step_std, tone, tone_std, *faces)))
+    step, step_std, tone, tone_std = (value / contrast for value in (step, step_std, tone, tone_std))
+    return Rim(step, step_std, tone, tone_std, faces[0] / contrast, faces[1] / contrast)
 
 
 def _alike_along(values: Array) -> tuple[float, float]:

@@ -29,8 +29,8 @@ _N_STEPS = 61  # of the plane through them
 # bends by this [1/m], the sharpest bend for which lines pass for straight.
 _HEIGHT_STD_M, _SLOPE_STD, _BEND_STD_PER_M = 0.3, 0.01, 1e-3
 # Edges of paint are straight to a tenth of a pixel: no block weighs more than that.
-_EDGE_STD_PX = 0.1
-_MOST_PX = 5.0  # the window of the refinement sees no farther
+EDGE_STD_PX = 0.1
+MOST_PX = 5.0  # the window of the refinement sees no farther
 # Of a height: one false alarm in 15 000 for normal errors.
 _BENT_SIGMAS = 4.0
 _TUKEY_SIGMAS, _REWEIGHTINGS = 4.685, 5
@@ -103,13 +103,13 @@ def measure_profile(edges: EdgeResiduals, rig: StereoRig, pose: Extrinsics) -> P
     columns = np.moveaxis(edges.columns, 2, -1)  # (2, L, N, 2)
     below = edges.rows[:, None] - horizon_row(rig, pose, columns)
     x = rig.fy * pose.height_m / np.maximum(below, 1.0)
-    usable = edges.blocks.usable[..., None] & (x < _NODES_M[-1]) & (np.abs(edges.displacement) < _MOST_PX)
+    usable = edges.blocks.usable[..., None] & (x < _NODES_M[-1]) & (np.abs(edges.displacement) < MOST_PX)
     slopes = np.broadcast_to(edges.slopes[:, :, None], columns.shape)
     information = np.diagonal(edges.blocks.information, axis1=-2, axis2=-1)[..., :2]
     off, slope, at = edges.displacement[usable], slopes[usable], x[usable]
     if len(off) < 2 * len(_NODES_M):
         return None
-    variance = edges.blocks.variance / np.maximum(information[usable], 1e-9) + _EDGE_STD_PX**2
+    variance = edges.blocks.variance / np.maximum(information[usable], 1e-9) + EDGE_STD_PX**2
     hats = np.stack([np.interp(at, _NODES_M, one) for one in np.eye(len(_NODES_M))], axis=1)
     design = np.column_stack([(slope * rig.fy / at)[:, None] * hats, -rig.fx * at / 2.0])
     prior = _prior()

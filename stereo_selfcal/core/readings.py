@@ -333,12 +333,25 @@ def painted(evidence: Evidence) -> Reading | None:
         return None
     beside, within = "between a stripe and the lane", "within a stripe"
     steps = [(rim.step, rim.step_std, _MAX_RIM, beside) for rim in evidence.rims]
-    steps += [(rim.tone, rim.tone_std, _MAX_RIM, within) for rim in evidence.rims]
+    # A shadow may end within a stripe that is level.
+    tones = [rim for rim in evidence.rims if not rim.lower.surely_lower_than(MAX_LINE_HEIGHT_M)]
+    steps += [(rim.tone, rim.tone_std, _MAX_RIM, within) for rim in tones]
     steps += [(rim.face, rim.face_std, _MAX_FACE, beside) for rim in evidence.rims if math.isfinite(rim.face)]
     limits = [(abs(step), max(most, _SURELY_SIGMAS * std), where) for step, std, most, where in steps]
     step, limit, where = max(limits, key=lambda each: each[0] / each[1])
     what = f"step of grey {where}, over the contrast of the stripe"
     return Reading(what, step, limit, "", step <= limit)
+
+
+def level_stripes(evidence: Evidence) -> Reading | None:
+    """Read how low the edges of the stripes towards the lane lie below their others."""
+    faces = [rim.lower for rim in evidence.rims if math.isfinite(rim.lower.height_m)]
+    if not faces:
+        return None
+    limits = [(abs(face.height_m), max(MAX_LINE_HEIGHT_M, _SURELY_SIGMAS * face.std_m)) for face in faces]
+    value_m, limit_m = max(limits, key=lambda each: each[0] / each[1])
+    what = "one edge of a stripe lies lower than the other, by"
+    return Reading(what, 1e3 * value_m, 1e3 * limit_m, "mm", value_m <= limit_m)
 
 
 def fitted(evidence: Evidence) -> Reading | None:

@@ -6,6 +6,7 @@ each other until the grey values agree.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -114,6 +115,8 @@ def refine_offset(
     passes: int,
     most_px: int,
     how: int,
+    disparity_std_px: float = math.inf,
+    least_cells: int = _LEAST_CELLS,
 ) -> VerticalOffset | None:
     """Refine an offset and a turn, good to a row or so, by what the cells show.
 
@@ -127,6 +130,8 @@ def refine_offset(
         passes: How often.
         most_px: An offset twice as great has run away.
         how: Interpolation of OpenCV.
+        disparity_std_px: How well the disparity is known; if not at all, edges that are slanted say little.
+        least_cells: Fewer than that are too few.
 
     Returns:
         Offset and turn, or None where too little is seen, or it has run away.
@@ -139,7 +144,8 @@ def refine_offset(
         tilt = np.float32(0.5) * (np.float32(offset) + np.float32(turn) * (samples.u - np.float32(rig.cx)))
         of_left = np.stack([sample(channel, at_left, v - tilt, how) for channel in left])
         of_right = np.stack([sample(channel, at_right, v + tilt, how) for channel in right])
-        solution = combine_cells(*measure_cells(of_left, of_right, usable, samples), columns)
+        cells = measure_cells(of_left, of_right, usable, samples, disparity_std_px)
+        solution = combine_cells(*cells, columns, least_cells)
         if solution is None:
             return None
         offset, turn = offset + solution.offset_px, turn + solution.roll_rad
@@ -181,7 +187,9 @@ def _centred(samples: Floats, usable: Floats, corridor: Corridor) -> Floats:
     return centred
 
 
-def measure_cells(left: Floats, right: Floats, usable: Floats, corridor: Corridor) -> tuple[Array, Array]:
+def measure_cells(
+    left: Floats, right: Floats, usable: Floats, corridor: Corridor, disparity_std_px: float = math.inf
+) -> tuple[Array, Array]:
     """Return the vertical displacement of the cells [px] and its variance; infinite without texture.
 
     Args:
@@ -189,6 +197,7 @@ def measure_cells(left: Floats, right: Floats, usable: Floats, corridor: Corrido
         right: The same of the right image.
         usable: (N,) 1 for samples that count, 0 for others.
         corridor: The samples, in segments and cells; the means of the segments are removed.
+        disparity_std_px: How well the disparity is known.
     """
     left, right = _centred(left, usable, corridor), _centred(right, usable, corridor)
     scale = np.sqrt(np.vdot(left[0], left[0]) / max(np.vdot(right[0], right[0]), 1e-6))
@@ -204,28 +213,32 @@ def measure_cells(left: Floats, right: Floats, usable: Floats, corridor: Corrido
     alone = sums(by_left * by_left) * sums(by_right * by_right)
     by_noise = _CELL_SIGMAS * np.sqrt(alone * _CORRELATED_SAMPLES / count)
     seen = common[1, 1] > by_noise[1]
+    noise = np.maximum(sums(difference * difference) / count, _QUANTISATION)
     # An edge along the row has nothing across it, which a wrong disparity could move.
     slanted = common[0, 0] > by_noise[0]
-    along = np.where(slanted, common[0, 1] / np.where(slanted, common[0, 0], 1.0), 0.0)
+    known = noise / disparity_std_px**2
+    along = np.where(slanted, common[0, 1] / np.where(slanted, common[0, 0] + known, 1.0), 0.0)
     by_row = np.where(seen, common[1, 1] - along * common[0, 1], 0.0)
-    seen &= by_row > _LEAST_INFORMATION * common[1, 1]
+    seen &= by_row > (_LEAST_INFORMATION * common[1, 1] if math.isinf(disparity_std_px) else 0.0)
     rest = gradient[1] - along * gradient[0]
     safe = np.where(seen, by_row, 1.0)
-    noise = np.maximum(sums(difference * difference) / count, _QUANTISATION)
     # The right image lies lower by the displacement: its grey values there, less those on the left, fall.
     return np.where(seen, rest / safe, 0.0), np.where(seen, noise / safe, np.inf)
 
 
-def combine_cells(cells: Array, variance: Array, columns: Array) -> VerticalOffset | None:
+def combine_cells(
+    cells: Array, variance: Array, columns: Array, least_cells: int = _LEAST_CELLS
+) -> VerticalOffset | None:
     """Fit an offset and a turn to the displacements of the cells; their scatter is the uncertainty.
 
     Args:
         cells: (C,) vertical displacements [px].
         variance: (C,) of them; infinite where a cell shows nothing.
         columns: (C,) place of the cells beside the principal point [px].
+        least_cells: Fewer than that are too few.
     """
     seen = np.isfinite(variance)
-    if np.count_nonzero(seen) < _LEAST_CELLS:
+    if np.count_nonzero(seen) < least_cells:
         return None
     design = np.column_stack([np.ones(np.count_nonzero(seen)), columns[seen]])
     sigma = np.sqrt(variance[seen])

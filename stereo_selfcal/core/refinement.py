@@ -20,6 +20,7 @@ import numpy.typing as npt
 from .blocks import BLOCK_ROWS, RAMP_PX, Blocks, measure_blocks
 from .extraction import Image, edge_response
 from .extrinsics import Array, Extrinsics
+from .faces import UNSEEN, Face, measure_faces
 from .gauss_newton import MIN_BLOCKS, Known, Step, solve_step
 from .pattern import LanePattern, row_towards
 from .profile import EdgeResiduals, Profile, measure_profile
@@ -90,6 +91,7 @@ class RefinedFit:
         noise_grey: Standard deviation of the grey values about the model.
         scale: Deviance of a block over what the noise explains; 1 where the model is the road.
         n_blocks: Blocks of rows that count.
+        faces: Whether the edges of both boundaries towards the lane lie lower than their others.
     """
 
     extrinsics: Extrinsics
@@ -104,6 +106,7 @@ class RefinedFit:
     noise_grey: float
     scale: float
     n_blocks: int
+    faces: tuple[Face, Face] = (UNSEEN, UNSEEN)
 
 
 def refine(
@@ -185,6 +188,7 @@ def refine(
         noise_grey=float(np.sqrt(blocks.variance)),
         scale=solution.scale,
         n_blocks=len(solution.relative),
+        faces=measure_faces(residuals, widths, rig),
     )
 
 

@@ -103,8 +103,10 @@ def ask_road(
     else:
         within_m = (float(right_m) + _WITHIN_M, float(left_m) - _WITHIN_M)
         between = align_texture(seen.images, rig, lines, yaw, limits_m=within_m)
-        evidence = replace(evidence, own_m=_heights_over_own(pattern, rig, lines, between))
-        sufficiency = _surely_no_kerb(evidence.own_m)
+        own_m = _heights_over_own(pattern, rig, lines, between)
+        sufficiency = _surely_no_kerb(own_m)
+        if between is not None and between.enough_texture:  # less may be aligned by chance
+            evidence = replace(evidence, own_m=own_m)
         if sufficiency < 1.0:
             lacking = "too little texture between the lines"
     if fit is None or lacking:

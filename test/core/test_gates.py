@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from stereo_selfcal import CalibratorConfig, Extrinsics, RejectReason
+from stereo_selfcal.core.faces import Face
 from stereo_selfcal.core.gates import GATES, judge
 from stereo_selfcal.core.paint import Rim
 from stereo_selfcal.core.profile import Profile
@@ -51,7 +52,7 @@ GOOD = Evidence(
     heights_m=np.zeros(2),
     own_m=(np.zeros(2), np.full(2, 0.005)),
     vertical=VerticalOffset(0.1, 0.02, 0.0, 0.0, 40),
-    rims=(Rim(0.01, 0.002), Rim(-0.02, 0.002)),
+    rims=(Rim(0.01, 0.002, lower=Face(0.002, 0.003)), Rim(-0.02, 0.002)),
     fitted=True,
     between_m=(0.005, 0.002),
     std=np.array([0.003, 1e-4, 1e-3]),
@@ -336,6 +337,24 @@ def test_a_narrow_face_beside_a_stripe_has_a_limit_of_its_own():
     assert_refuses(of_face(0.11), RejectReason.LINE_NOT_PAINTED, 0.11, 0.1, "between a stripe and the lane")
     assert of_face(0.09) is None
     assert of_face(0.11, 0.028) is None
+
+
+def test_a_shadow_may_end_within_a_stripe_that_is_level():
+    """One edge may be lower than the other by half the lowest kerb; 30 mm less two deviations are surely less."""
+    shaded = Rim(0.0, 0.002, tone=0.3, tone_std=0.002)
+    assert refusal(rims=(replace(shaded, lower=Face(0.019, 0.005)),)) is None
+    for unsure in (Face(0.021, 0.005), Face(0.0, 0.016), Face()):
+        rejection = refusal(rims=(replace(shaded, lower=unsure),))
+        assert_refuses(rejection, RejectReason.LINE_NOT_PAINTED, 0.3, 0.06, "within a stripe")
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("std_m", "limit_m"), [(0.001, 0.03), (0.01, 0.04)])
+def test_both_edges_of_a_stripe_lie_in_the_road(sign, std_m, limit_m):
+    good, bad = (Rim(0.0, 0.002, lower=Face(sign * part * limit_m, std_m)) for part in (0.99, 1.01))
+    assert refusal(rims=(good,)) is None
+    rejection = refusal(rims=(Rim(0.0, 0.002), bad))
+    assert_refuses(rejection, RejectReason.LINE_NOT_PAINTED, 1010 * limit_m, 1e3 * limit_m, "kerb")
 
 
 def test_lines_alone_show_both_edges():

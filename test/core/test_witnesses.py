@@ -56,6 +56,19 @@ def test_horizon_is_found_with_a_wrong_roll():
     assert abs(found.offset_px) < 0.1 and abs(found.roll_rad) < 2e-4
 
 
+@pytest.mark.parametrize("turned_deg", [0.0, 0.5])
+def test_a_bare_horizon_that_is_slanted_shows_the_turn_as_well(turned_deg):
+    """Along a slanted edge, rows and disparities are one: what is far away has next to no disparity."""
+    camera = named_world("plain").scene.right
+    soft = replace(camera, photometry=replace(camera.photometry, psf_sigma_px=1.5))
+    pose = replace(named_world("plain").truth, roll_rad=math.radians(2.6))
+    turned = replace(soft, turned_rad=math.radians(turned_deg))
+    world, images, _ = bare("plain", pose=pose, left=soft, right=turned)
+    found = horizon_offset(images, world.scene.rig, pose)
+    assert found is not None
+    assert found.roll_rad == pytest.approx(-math.radians(turned_deg), abs=math.radians(0.05))
+
+
 def test_horizon_outside_of_the_image_says_nothing():
     world, images, _ = bare("plain")
     up = Extrinsics(1.4, math.radians(24.5), 0.0)
@@ -159,3 +172,27 @@ def test_a_line_between_two_others_tells_a_crown(fall):
     # Both outer lines lie as much lower as the road falls to them, the crown is rounded off.
     assert height_m == pytest.approx(1.75 * fall, abs=0.012)
     assert std_m < 0.01
+
+
+def test_a_face_that_passes_for_a_part_of_a_stripe_shows_its_height():
+    """As bright as the top of the kerb, it makes the stripe wider, in one camera more than in the other."""
+    scene = named_world("kerb_for_line").scene
+    for height_m in (0.08, 0.12):
+        kerb = replace(scene.kerbs[0], height_m=height_m, face_grey=scene.kerbs[0].top_grey)
+        world, images, result = bare("kerb_for_line", kerbs=(kerb,))
+        pattern = Calibrator(world.scene.rig, LINES_ALONE).extract(*images)
+        faces = refine(images, pattern, world.scene.rig, result.stages["genetic"]).faces
+        of_paint, of_kerb = faces if scene.kerbs[0].face_m < 0.0 else faces[::-1]
+        assert of_paint.surely_lower_than(0.03)
+        assert of_kerb.height_m == pytest.approx(height_m, rel=0.3)
+        assert of_kerb.height_m > 4.0 * of_kerb.std_m
+        assert result.reason is RejectReason.LINE_NOT_PAINTED
+
+
+def test_both_edges_of_paint_lie_in_the_road_also_in_a_shadow():
+    for name in ("plain", "worn_paint", "double_line", "shadows_across"):
+        world, images, result = bare(name)
+        pattern = Calibrator(world.scene.rig, LINES_ALONE).extract(*images)
+        faces = refine(images, pattern, world.scene.rig, result.stages["genetic"]).faces
+        for face in faces:
+            assert abs(face.height_m) < max(0.01, 3.0 * face.std_m), name
