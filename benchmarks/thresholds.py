@@ -16,7 +16,7 @@ import numpy as np
 
 from stereo_selfcal import Calibrator, CalibratorConfig, StereoRig
 from stereo_selfcal.bags import StereoBag
-from stereo_selfcal.core import calibrator, combination, guided, matching, readings, texture, witnesses
+from stereo_selfcal.core import calibrator, combination, faces, guided, matching, readings, texture, witnesses
 
 from .options import Options
 from .recorded import BAG, FRAMES
@@ -65,6 +65,7 @@ THRESHOLDS = (
     Threshold("WRONG", combination),
     Threshold("MAX_LINE_HEIGHT_M", combination),
     Threshold("KERB_SIGMAS", combination),
+    Threshold("_EXCLUDED_SIGMAS", faces),
     Threshold("_WITHIN_M", witnesses),
     Threshold("_BENEATH_M", calibrator),
     Threshold("AGREEMENT", texture),

@@ -340,7 +340,7 @@ def test_a_narrow_face_beside_a_stripe_has_a_limit_of_its_own():
 
 
 def test_a_shadow_may_end_within_a_stripe_that_is_level():
-    """One edge may be lower than the other by half the lowest kerb; 30 mm less two deviations are surely less."""
+    """One edge may be lower than the other by half the lowest kerb, less two deviations to be sure."""
     shaded = Rim(0.0, 0.002, tone=0.3, tone_std=0.002)
     assert refusal(rims=(replace(shaded, lower=Face(0.019, 0.005)),)) is None
     for unsure in (Face(0.021, 0.005), Face(0.0, 0.016), Face()):
