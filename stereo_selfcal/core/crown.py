@@ -37,10 +37,11 @@ def covariance_by_crown(refined: RefinedFit | None) -> Array:
     if refined is None:
         return covariance
     places, heights = refined.positions_m, refined.heights_m
-    if not np.any(places > 0.0) or not np.any(places < 0.0):
-        return covariance
-    left = int(np.argmin(np.where(places > 0.0, places, np.inf)))
-    right = int(np.argmax(np.where(places < 0.0, places, -np.inf)))
+    if np.any(places > 0.0) and np.any(places < 0.0):
+        left = int(np.argmin(np.where(places > 0.0, places, np.inf)))
+        right = int(np.argmax(np.where(places < 0.0, places, -np.inf)))
+    else:  # one is an arrow before the camera
+        left, right = int(np.argmax(places[:2])), int(np.argmin(places[:2]))
     width_m = places[left] - places[right]
     # Height of the own lane over the plane below the camera, and how it rises to the left: what lies higher
     # makes the camera lower; what rises to the left, its roll less.

@@ -64,7 +64,7 @@ def test_one_lane_has_no_crown():
     assert covariance_by_crown(fit([2.2, -1.9], [0.0, 0.0])).any()
     # Lines in one plane leave nothing to be said, however many they are.
     assert not covariance_by_crown(fit([4.8, -1.6, 1.6], [0.0, 0.0, 0.0])).any()
-    assert not covariance_by_crown(fit([-0.2, -1.8], [0.0, 0.0])).any()
+    assert not covariance_by_crown(fit([-0.2, -2.8], [0.0, 0.0])).any()
     assert not covariance_by_crown(None).any()
 
 
@@ -72,6 +72,9 @@ def test_half_a_lane_shows_half_of_it():
     """An arrow in the middle of the lane stands for a line; the other half may slope otherwise."""
     half = np.sqrt(np.diag(covariance_by_crown(fit([0.05, -1.2], [0.0, 0.0]))))
     np.testing.assert_allclose(half, [0.0125 * 1.2, 0.0, 0.0125])
+    # Where the arrow is to the same side of the camera as the line, too.
+    aside = np.sqrt(np.diag(covariance_by_crown(fit([-0.05, -1.3], [0.0, 0.0]))))
+    np.testing.assert_allclose(aside, [0.0125 * 1.3, 0.0, 0.0125])
     # Where both borders are there as well, it does not matter what else is.
     assert not covariance_by_crown(fit([1.6, -1.2, 0.05], [0.0, 0.0, 0.0])).any()
 
