@@ -61,12 +61,12 @@ def measure_faces(edges: EdgeResiduals, widths_m: Array, rig: StereoRig) -> tupl
 
 def _face(edges: EdgeResiduals, widths_m: Array, rig: StereoRig, stripe: int) -> Face:
     wider = [_wider(edges, float(widths_m[stripe]), camera, stripe) for camera in (0, 1)]
-    if not np.all(np.isfinite(wider)):
-        return UNSEEN
     (left_m, left_std_m), (right_m, right_std_m) = wider
     # The edge towards the lane: the right one of the left stripe, the left one of the right stripe.
     inclined = edges.slopes[:, stripe, 1 - stripe] * rig.fy / rig.fx * (-1.0 if stripe == 0 else 1.0)
     stretch = float(inclined[0] - inclined[1])
+    if stretch == 0.0 or not np.all(np.isfinite(wider)):
+        return UNSEEN
     return Face((left_m - right_m) / stretch, float(np.hypot(left_std_m, right_std_m)) / abs(stretch))
 
 
