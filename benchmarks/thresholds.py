@@ -53,6 +53,8 @@ THRESHOLDS = (
     Threshold("_MIN_VERTICAL_RADIUS_M", readings),
     Threshold("_MAX_MISFIT_SIGMAS", readings),
     Threshold("_MAX_STAGE_SIGMAS", readings),
+    Threshold("_MIN_STRIPE_M", readings),
+    Threshold("_MIN_LANE_M", readings),
     Threshold("_MAX_BLUR_PX", readings),
     Threshold("_MAX_CLIPPED", readings),
     Threshold("_MAX_VERTICAL_PX", readings),

@@ -62,6 +62,7 @@ def judge(
 
 
 _KERB = "one of them may be a kerb, or slope otherwise: drive on, in the middle of a flat lane"
+_ONE_ROAD = f"check that left and right are not swapped, and {_FIND_LINES}"
 
 GATES: tuple[Gate, ...] = (
     Gate(
@@ -97,6 +98,8 @@ GATES: tuple[Gate, ...] = (
         f"something else lies beside the lines: {_FIND_LINES}",
         readings.stages,
     ),
+    Gate("stripe width", RejectReason.LINES_NOT_MATCHED, _ONE_ROAD, readings.stripe_width),
+    Gate("lane width", RejectReason.LINES_NOT_MATCHED, _ONE_ROAD, readings.lane_width),
     Gate(
         "near and far",
         RejectReason.ROAD_NOT_FLAT,

@@ -33,6 +33,10 @@ _MIN_VERTICAL_RADIUS_M = 1800.0
 # right camera turned by 0.02 rad about its axis gives 37, a vertical offset of a quarter of a pixel 21.
 _MAX_MISFIT_SIGMAS = 7.0
 
+# The narrowest lines there are, rails of trams; and half of the narrowest lane, where an arrow in its middle
+# is taken for a line.
+_MIN_STRIPE_M, _MIN_LANE_M = 0.05, 1.25
+
 # How far the refinement may lead away from the lines: by what the asphalt can tell apart, or, in noise, by
 # this many standard deviations of the lines' estimate: edges are rough, as above.
 _MAX_STAGE_SIGMAS = 10.0
@@ -234,6 +238,24 @@ def stages(evidence: Evidence) -> Reading | None:
     limits = np.maximum(AGREEMENT, _MAX_STAGE_SIGMAS * sigmas)
     change = evidence.refined.extrinsics.as_array() - evidence.genetic.as_array()
     return _difference("lines and grey values of the stripes differ", change, limits)
+
+
+def stripe_width(evidence: Evidence) -> Reading | None:
+    """Read the width of the boundaries' stripes on the road."""
+    if evidence.refined is None or len(evidence.refined.widths_m) < 2:
+        return None
+    value_m = float(evidence.refined.widths_m[:2].min())
+    what = "the lines of both cameras are those of one road only if they are this narrow"
+    return Reading(what, value_m, _MIN_STRIPE_M, "m", value_m >= _MIN_STRIPE_M)
+
+
+def lane_width(evidence: Evidence) -> Reading | None:
+    """Read how far the boundaries are apart on the road."""
+    if evidence.refined is None or len(evidence.refined.positions_m) < 2:
+        return None
+    value_m = float(np.ptp(evidence.refined.positions_m[:2]))
+    what = "the lines of both cameras are those of one road only if they are this near to each other"
+    return Reading(what, value_m, _MIN_LANE_M, "m", value_m >= _MIN_LANE_M)
 
 
 def blur(evidence: Evidence) -> Reading | None:

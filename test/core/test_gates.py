@@ -24,8 +24,9 @@ POSE = Extrinsics(1.5, 0.02, -0.01)
 STRAIGHT = Bends(0.0, 1e-6, 0.0, 1e-6)
 LINES = LineFit(np.eye(3) * 1e-8, 0.0, 2.0)
 FLAT = Profile(NOTHING, NOTHING, NOTHING, np.zeros(2), np.diag([1e-3, 1e-4]) ** 2)
+PLACES, WIDTHS = np.array([1.7, -1.8]), np.array([0.15, 0.12])
 REFINED = RefinedFit(
-    POSE, np.eye(3) * 1e-8, 0.0, 0.0, FLAT, NOTHING, NOTHING, NOTHING, np.full(2, 0.5), 2.0, 1.0, 50
+    POSE, np.eye(3) * 1e-8, 0.0, 0.0, FLAT, PLACES, WIDTHS, np.zeros(2), np.full(2, 0.5), 2.0, 1.0, 50
 )
 ASPHALT = TextureFit(
     POSE,
@@ -204,6 +205,16 @@ def test_refinement_stays_near_the_lines(axis, limit, scale, sign):
     # In noise the lines are less sure, and so is what they ask of the refinement.
     noisy = replace(LINES, covariance=np.eye(3) * (0.11 * limit) ** 2)
     assert refusal(refined=far, lines=noisy, **without) is None
+
+
+def test_lines_of_one_road_are_as_wide_and_as_far_apart_as_lines_are():
+    """With the cameras exchanged, the next line may be taken for the same one, on a road far too small."""
+    assert refusal(refined=replace(REFINED, widths_m=np.array([0.051, 0.2]))) is None
+    rejection = refusal(refined=replace(REFINED, widths_m=np.array([0.2, 0.049])))
+    assert_refuses(rejection, RejectReason.LINES_NOT_MATCHED, 0.049, 0.05, "narrow", "swapped")
+    assert refusal(refined=replace(REFINED, positions_m=np.array([0.26, -1.0]))) is None
+    rejection = refusal(refined=replace(REFINED, positions_m=np.array([0.24, -1.0])))
+    assert_refuses(rejection, RejectReason.LINES_NOT_MATCHED, 1.24, 1.25, "near to each other", "swapped")
 
 
 def test_blur():

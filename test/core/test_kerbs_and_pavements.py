@@ -1,4 +1,4 @@
-"""What is beyond the lines is no road: pavement behind a kerb, grass beside the other line."""
+"""What is beyond the lines is no road: pavement behind a kerb, grass beside the other line; other lanes."""
 
 import math
 from dataclasses import replace
@@ -11,7 +11,7 @@ from stereo_selfcal.core import calibrator as calibrator_module
 from stereo_selfcal.core import witnesses
 from stereo_selfcal.synth.ingredients import Band, Shadow
 from stereo_selfcal.synth.road_shape import RoadShape
-from stereo_selfcal.synth.worlds import RIGS, named_world, render_world
+from stereo_selfcal.synth.worlds import RIGS, named_world, random_world, render_world
 
 # What the node promises never to accept: mm, deg, deg.
 WRONG = np.array([30.0, 0.3, 0.8])
@@ -140,3 +140,14 @@ def test_a_turned_camera_is_seen_at_the_horizon_where_the_road_does_not_show_it(
     result = Calibrator(scene.rig).add(*images)
     assert result.reason is RejectReason.IMAGES_NOT_RECTIFIED
     assert result.gates[-1].name == "not turned"
+
+
+@pytest.mark.parametrize("index", [13, 242])
+def test_with_exchanged_cameras_the_next_line_is_not_taken_for_the_same_one(index):
+    """Shifted by one, lines as far apart as each other are those of a road a few times too small."""
+    world = random_world(np.random.default_rng([706130, index]))
+    assert world.scene.swapped
+    images = render_world(world, np.random.default_rng([706130, index, 1]))
+    result = Calibrator(world.scene.rig).add(*images)
+    assert result.reason is RejectReason.LINES_NOT_MATCHED
+    assert "swapped" in result.message
