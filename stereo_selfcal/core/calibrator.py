@@ -190,7 +190,7 @@ class Calibrator:
         _, yaw = line
         # What is beyond a kerb is no road, and may have decided the plane.
         beneath = align_texture(seen.images, self.rig, shown.extrinsics, yaw, limits_m=_BENEATH_M)
-        if beneath is None or not surely_same(shown.extrinsics, beneath):
+        if beneath is None or not surely_same(shown.extrinsics, beneath, self.rig):
             return refused
         vertical = vertical_offset(seen.images, self.rig, shown.extrinsics, yaw)
         if vertical is None:  # rows that cannot be compared may be those of a turned camera

@@ -33,6 +33,7 @@ _UNLIKELY_CHI2_3 = 7.815
 # Painted lines are parallel only so far: on the plane of the asphalt, those of 12 recorded roads meet at an
 # angle of 5 mrad (RMS), as a lane does that is 5 cm wider after 10 m.
 _PAINT_STD_RAD = 0.005
+_HALF_LANE_M = 1.75  # of a usual one
 _ANGLE_STEPS = np.array([1e-4, 1e-5, 1e-5])  # m, rad, rad: of a derivative
 # Painted lines lie in the asphalt; the lowest kerbs are 6 cm high, and half of that tells them apart.
 MAX_LINE_HEIGHT_M = 0.030
@@ -151,11 +152,37 @@ def surely_right(covariance: Array) -> bool:
     return bool(np.all(_SURE_SIGMAS * np.sqrt(np.diag(covariance)) <= WRONG))
 
 
-def surely_same(road: Extrinsics, other: TextureFit) -> bool:
-    """Whether a part of the asphalt excludes that a road is wrong."""
-    std = np.sqrt(np.diag(other.covariance))
-    difference = np.abs(road.as_array() - other.extrinsics.as_array())
-    return other.seen and bool(np.all(difference + KERB_SIGMAS * std <= WRONG))
+def surely_same(road: Extrinsics, other: TextureFit, rig: StereoRig) -> bool:
+    """Whether a part of the asphalt excludes that a road is that of a kerb beside the lane.
+
+    Args:
+        road: A road from more of the asphalt.
+        other: The part of it that is surely of the lane.
+        rig: Intrinsics and baseline.
+
+    Returns:
+        Whether the lowest kerb is excluded at both sides of the lane, as far ahead as the part is known best.
+    """
+    if not other.seen:
+        return False
+    known = np.isfinite(other.cells_height_m)
+    weights = other.cells_weight[known] / other.cells_variance[known]
+    ahead_m = float(np.average(other.cells_xy_m[known, 0], weights=weights))
+    sides = np.array([[ahead_m, side, -road.height_m] for side in (_HALF_LANE_M, -_HALF_LANE_M)])
+    ray = sides @ road_from_camera_rotation(road.pitch_rad, road.roll_rad)
+    ray /= ray[:, :1]
+    seen = ray @ plane_of(road, rig)
+
+    def higher_m(pose: Array) -> Array:
+        height: Array = (ray @ plane_of(Extrinsics.from_array(pose), rig) - seen) * road.height_m / seen
+        return height
+
+    pose = other.extrinsics.as_array()
+    steps = np.diag(_ANGLE_STEPS)
+    by_pose = np.stack([higher_m(pose + step) - higher_m(pose - step) for step in steps], axis=1)
+    by_pose /= 2.0 * _ANGLE_STEPS
+    std_m = np.sqrt(np.einsum("si,ij,sj->s", by_pose, other.covariance, by_pose))
+    return bool(np.all(np.abs(higher_m(pose)) + KERB_SIGMAS * std_m <= 2.0 * MAX_LINE_HEIGHT_M))
 
 
 def lies_on(pattern: LanePattern, rig: StereoRig, lines: Extrinsics, road: Extrinsics) -> bool:

@@ -190,13 +190,24 @@ def test_heights_over_the_asphalt_scatter_by_their_standard_deviations():
     assert 0.8 < np.sqrt(np.mean(np.square(relative))) < 1.25
 
 
-@pytest.mark.parametrize(("height_m", "same"), [(0.0, True), (0.039, True), (0.041, False)])
-def test_asphalt_excludes_what_is_two_deviations_off(height_m, same):
-    """A road is wrong by 60 mm: with a deviation of 10 mm, that is excluded up to 40 mm."""
-    other = replace(asphalt(0.0, 0.0), covariance=np.diag([0.01, 1e-4, 1e-4]) ** 2)
-    assert surely_same(moved(height_m=height_m), other) == same
+@pytest.mark.parametrize(
+    ("change", "same"),
+    [
+        ({}, True),
+        ({"height_m": 0.036}, True),
+        ({"height_m": 0.044}, False),
+        # A kerb is that high beside the camera; what is ahead has the lever of its distance.
+        ({"roll_rad": 0.036 / 1.75}, True),
+        ({"roll_rad": 0.044 / 1.75}, False),
+        ({"pitch_rad": -0.044 / 5.0}, False),
+    ],
+)
+def test_asphalt_excludes_a_kerb_that_is_two_deviations_off(change, same):
+    """The lowest one is 60 mm high: with a deviation of 10 mm, that is excluded up to 40 mm."""
+    other = replace(asphalt(0.0, 0.0), covariance=np.diag([0.01, 1e-5, 1e-5]) ** 2)
+    assert surely_same(moved(**change), other, PAPER_RIG) == same
     unseen = replace(other, quality=replace(other.quality, cell_share=0.1))
-    assert not surely_same(moved(height_m=height_m), unseen)
+    assert not surely_same(moved(**change), unseen, PAPER_RIG)
 
 
 def test_lines_painted_not_quite_parallel_leave_a_valley():
