@@ -8,7 +8,7 @@ both can be weighted by their information.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -34,7 +34,7 @@ _UNLIKELY_CHI2_3 = 7.815
 # angle of 5 mrad (RMS), as a lane does that is 5 cm wider after 10 m.
 _PAINT_STD_RAD = 0.005
 _HALF_LANE_M = 1.75  # of a usual one
-_ANGLE_STEPS = np.array([1e-4, 1e-5, 1e-5])  # m, rad, rad: of a derivative
+_POSE_STEPS = np.array([1e-4, 1e-5, 1e-5])  # m, rad, rad: of a derivative
 # Painted lines lie in the asphalt; the lowest kerbs are 6 cm high, and half of that tells them apart.
 MAX_LINE_HEIGHT_M = 0.030
 # Height [m], pitch, roll [rad] by which both may differ all the same, as far as the lever of the nearest line
@@ -178,11 +178,19 @@ def surely_same(road: Extrinsics, other: TextureFit, rig: StereoRig) -> bool:
         return height
 
     pose = other.extrinsics.as_array()
-    steps = np.diag(_ANGLE_STEPS)
-    by_pose = np.stack([higher_m(pose + step) - higher_m(pose - step) for step in steps], axis=1)
-    by_pose /= 2.0 * _ANGLE_STEPS
-    std_m = np.sqrt(np.einsum("si,ij,sj->s", by_pose, other.covariance, by_pose))
-    return bool(np.all(np.abs(higher_m(pose)) + KERB_SIGMAS * std_m <= 2.0 * MAX_LINE_HEIGHT_M))
+    by_pose = _derivative(higher_m, pose)
+    stds_m = np.sqrt(np.einsum("si,ij,sj->s", by_pose, other.covariance, by_pose))
+    return surely_no_kerb(higher_m(pose), stds_m) >= 1.0
+
+
+def surely_no_kerb(heights_m: Array, stds_m: Array) -> float:
+    """Return how surely nothing is the lowest kerb, twice as high as a line may be: 1 is enough.
+
+    Args:
+        heights_m: (N,) heights over the asphalt [m].
+        stds_m: (N,) their standard deviations [m].
+    """
+    return float(np.min((2.0 * MAX_LINE_HEIGHT_M - np.abs(heights_m)) / (KERB_SIGMAS * stds_m)))
 
 
 def lies_on(pattern: LanePattern, rig: StereoRig, lines: Extrinsics, road: Extrinsics) -> bool:
@@ -306,15 +314,20 @@ def _angle_by_pose(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics)
     columns = [line.column_at(rows) for line, rows in zip(pattern.left, ends, strict=True)]
     points = np.stack([np.array(columns), ends], axis=-1)
 
-    def angle(pose: Array) -> float:
+    def angle(pose: Array) -> Array:
         to_road = road_from_image(rig, Extrinsics.from_array(pose), "left")
         far, near = np.moveaxis(apply_homography(to_road, points), 1, 0)
         tangents = (far[:, 1] - near[:, 1]) / (far[:, 0] - near[:, 0])
-        return float(np.arctan(tangents[0]) - np.arctan(tangents[1]))
+        return np.asarray(np.arctan(tangents[0]) - np.arctan(tangents[1]))
 
-    pose = extrinsics.as_array()
-    steps = np.diag(_ANGLE_STEPS)
-    return np.array([angle(pose + step) - angle(pose - step) for step in steps]) / (2.0 * _ANGLE_STEPS)
+    return _derivative(angle, extrinsics.as_array())
+
+
+def _derivative(function: Callable[[Array], Array], pose: Array) -> Array:
+    """Return the derivative (..., 3) of what depends on a pose (height [m], pitch and roll [rad])."""
+    changes = [function(pose + step) - function(pose - step) for step in np.diag(_POSE_STEPS)]
+    derivative: Array = np.stack(changes, axis=-1) / (2.0 * _POSE_STEPS)
+    return derivative
 
 
 def covariance_by_rectification(rig: StereoRig, extrinsics: Extrinsics) -> Array:

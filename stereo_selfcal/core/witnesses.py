@@ -11,13 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .combination import (
-    KERB_SIGMAS,
-    MAX_LINE_HEIGHT_M,
     combine,
     covariance_by_paint,
     covariance_by_rectification,
     covariance_by_road,
     heights_over_asphalt,
+    surely_no_kerb,
 )
 from .config import CalibratorConfig
 from .corridor import CELL_WIDTH_M, plane_of
@@ -104,7 +103,7 @@ def ask_road(
         within_m = (float(right_m) + _WITHIN_M, float(left_m) - _WITHIN_M)
         between = align_texture(seen.images, rig, lines, yaw, limits_m=within_m)
         own_m = _heights_over_own(pattern, rig, lines, between)
-        sufficiency = _surely_no_kerb(own_m)
+        sufficiency = 0.0 if own_m is None else surely_no_kerb(*own_m)
         if between is not None and between.enough_texture:  # less may be aligned by chance
             evidence = replace(evidence, own_m=own_m)
         if sufficiency < 1.0:
@@ -158,14 +157,6 @@ def _heights_over_own(
     if between is None or not between.seen:
         return None
     return heights_over_asphalt(pattern.boundaries, rig, lines, between)
-
-
-def _surely_no_kerb(own_m: tuple[Array, Array] | None) -> float:
-    """Return how surely neither line is the lowest kerb, twice as high as a line may be: 1 is enough."""
-    if own_m is None:
-        return 0.0
-    heights_m, stds_m = own_m
-    return float(np.min((2.0 * MAX_LINE_HEIGHT_M - np.abs(heights_m)) / (KERB_SIGMAS * stds_m)))
 
 
 def _judged(result: CalibrationResult, evidence: Evidence) -> CalibrationResult:
