@@ -13,6 +13,7 @@ import numpy as np
 from .combination import (
     combine,
     covariance_by_paint,
+    covariance_by_profile,
     covariance_by_rectification,
     covariance_by_road,
     heights_over_asphalt,
@@ -124,7 +125,10 @@ def ask_road(
     if not result.accepted:
         return result
     extrinsics, covariance = combine(lines, of_lines, fit)
-    covariance = covariance + covariance_by_rectification(rig, extrinsics)
+    # A road that goes on otherwise far ahead than near by does so for its asphalt as well.
+    covariance = (
+        covariance + covariance_by_rectification(rig, extrinsics) + covariance_by_profile(evidence.refined)
+    )
     stages = {**result.stages, "combined": extrinsics}
     return replace(result, stages=stages, extrinsics=extrinsics, covariance=covariance)
 
