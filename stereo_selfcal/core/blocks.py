@@ -49,6 +49,8 @@ class Blocks:
         displacement: (..., 3).
         variance: Of the grey values about the model, the median over the blocks.
         usable: (...) whether both edges stand out of the noise.
+        ramp_sigmas: (...) by how many standard deviations, its own and those of lenses, the ramp is steeper
+            than expected: by more than three where it stands for an edge that is not there.
         normal: (..., 8, 8) normal equations of levels, ramp, displacements, blur and grey value.
     """
 
@@ -57,6 +59,7 @@ class Blocks:
     displacement: Array
     variance: float
     usable: npt.NDArray[np.bool_]
+    ramp_sigmas: Array
     normal: Array
 
     def measure_ramp(self) -> Array:
@@ -211,4 +214,6 @@ def _eliminate(
     level_variance = np.diagonal(inverse, axis1=-1, axis2=-2) * variance
     for contrast, side in ((left, 0), (right, 2)):
         usable &= contrast > MIN_CONTRAST_SIGMAS * np.sqrt(level_variance[..., 1] + level_variance[..., side])
-    return Blocks(information, gradient, displacement, variance, usable, normal)
+    ramp = (inverse[..., 3, None, :] @ normal[..., :4, 7, None])[..., 0, 0]
+    ramp_sigmas = np.abs(ramp) / (_RAMP_STD + np.sqrt(level_variance[..., 3]))
+    return Blocks(information, gradient, displacement, variance, usable, ramp_sigmas, normal)
