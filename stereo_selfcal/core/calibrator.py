@@ -11,7 +11,6 @@ from . import checks
 from .closed_form import compare_stages, solve_plane
 from .combination import (
     MAX_LINE_HEIGHT_M,
-    covariance_by_profile,
     covariance_by_rectification,
     covariance_by_stages,
     lies_on,
@@ -32,6 +31,7 @@ from .guided import find_road, line_on_road, lines_on_road
 from .matching import Match
 from .pattern import LanePattern
 from .patterns import Look, Points, Refused, buried_m, look, unused_lines
+from .profile import covariance_by_profile
 from .readings import Evidence
 from .rectification import vertical_offset
 from .refinement import refine
@@ -281,7 +281,8 @@ class Calibrator:
         if refusal:
             return rejected(refusal, gates=gates, **known)
         best = fit if refined is None else refined
-        of_road = covariance_by_profile(refined) + covariance_by_stages(extrinsics, fit.covariance, refined)
+        of_road = covariance_by_profile(None if refined is None else refined.profile)
+        of_road += covariance_by_stages(extrinsics, fit.covariance, refined)
         result = CalibrationResult(
             message="",
             extrinsics=evidence.of_lines,

@@ -8,9 +8,10 @@ both can be weighted by their information.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from .corridor import plane_of, plane_to_extrinsics
 from .extrinsics import Array, Extrinsics, road_from_camera_rotation
@@ -85,28 +86,41 @@ def heights_over_asphalt(
         (L,) heights, (L,) their standard deviations by the asphalt's [m].
     """
     yaw, left_m, right_m = lane_in_road(pattern.boundaries, rig, lines)
-    xy = texture.cells_xy_m
-    aside = xy[:, 1] + np.tan(yaw) * xy[:, 0]
-    inner = np.isfinite(texture.cells_height_m) & (right_m < aside) & (aside < left_m)
-    xy, residuals = xy[inner], texture.cells_height_m[inner]
+    aside = texture.cells_xy_m[:, 1] + np.tan(yaw) * texture.cells_xy_m[:, 0]
+    inner = (right_m < aside) & (aside < left_m)
+    along = _heights_along(pattern, rig, lines, texture.extrinsics)
+    over = [_over_cells(*of_line, texture, inner) for of_line in along]
+    return np.array([height for height, _ in over]), np.array([std for _, std in over])
+
+
+def _over_cells(
+    heights: Array, weights: Array, places: Array, texture: TextureFit, which: npt.NDArray[np.bool_]
+) -> tuple[float, float]:
+    """Return how high something lies over cells of the asphalt, carried on to it, and its deviation [m].
+
+    Args:
+        heights: (N,) heights over the plane of the asphalt [m].
+        weights: (N,) of them in the mean that is returned.
+        places: (N, 2) where, on the road [m].
+        texture: The asphalt.
+        which: (C,) cells that count.
+    """
+    known = np.isfinite(texture.cells_height_m) & which
+    xy, residuals = texture.cells_xy_m[known], texture.cells_height_m[known]
     # Outliers are cells of little weight.
-    variances = texture.cells_variance[inner] / np.maximum(texture.cells_weight[inner], _LEAST_WEIGHT)
-    heights, stds = [], []
-    for height, weights, places in _heights_along(pattern, rig, lines, texture.extrinsics):
-        at = np.concatenate([places, xy])
-        kernel, profile = kernels(at)
-        of_road = texture.shape.roughness * kernel + texture.shape.profile**2 * profile
-        planes = np.column_stack([np.ones(len(at)), at])
-        n, mean = len(places), weights / weights.sum()
-        to_cells, measured = mean @ of_road[:n, n:], of_road[n:, n:] + np.diag(variances)
-        carried = np.linalg.solve(measured, np.column_stack([to_cells, planes[n:]]))
-        by_cells, information = carried[:, 0], planes[n:].T @ carried[:, 1:]
-        left = mean @ planes[:n] - by_cells @ planes[n:]
-        heights.append(float(mean @ height - by_cells @ residuals))
-        variance = mean @ of_road[:n, :n] @ mean - by_cells @ to_cells
-        variance += left @ np.linalg.pinv(information) @ left
-        stds.append(float(np.sqrt(max(variance, 0.0))))
-    return np.array(heights), np.array(stds)
+    variances = texture.cells_variance[known] / np.maximum(texture.cells_weight[known], _LEAST_WEIGHT)
+    at = np.concatenate([places, xy])
+    kernel, profile = kernels(at)
+    of_road = texture.shape.roughness * kernel + texture.shape.profile**2 * profile
+    planes = np.column_stack([np.ones(len(at)), at])
+    n, mean = len(places), weights / weights.sum()
+    to_cells, measured = mean @ of_road[:n, n:], of_road[n:, n:] + np.diag(variances)
+    carried = np.linalg.solve(measured, np.column_stack([to_cells, planes[n:]]))
+    by_cells, information = carried[:, 0], planes[n:].T @ carried[:, 1:]
+    left = mean @ planes[:n] - by_cells @ planes[n:]
+    variance = mean @ of_road[:n, :n] @ mean - by_cells @ to_cells
+    variance += left @ np.linalg.pinv(information) @ left
+    return float(mean @ heights - by_cells @ residuals), float(np.sqrt(max(variance, 0.0)))
 
 
 def _heights_along(
@@ -161,26 +175,25 @@ def surely_same(road: Extrinsics, other: TextureFit, rig: StereoRig) -> bool:
         rig: Intrinsics and baseline.
 
     Returns:
-        Whether the lowest kerb is excluded at both sides of the lane, as far ahead as the part is known best.
+        Whether the lowest kerb is excluded at both sides of the lane, along all of the part.
     """
     if not other.seen:
         return False
     known = np.isfinite(other.cells_height_m)
-    weights = other.cells_weight[known] / other.cells_variance[known]
-    ahead_m = float(np.average(other.cells_xy_m[known, 0], weights=weights))
-    sides = np.array([[ahead_m, side, -road.height_m] for side in (_HALF_LANE_M, -_HALF_LANE_M)])
-    ray = sides @ road_from_camera_rotation(road.pitch_rad, road.roll_rad)
-    ray /= ray[:, :1]
-    seen = ray @ plane_of(road, rig)
-
-    def higher_m(pose: Array) -> Array:
-        height: Array = (ray @ plane_of(Extrinsics.from_array(pose), rig) - seen) * road.height_m / seen
-        return height
-
-    pose = other.extrinsics.as_array()
-    by_pose = _derivative(higher_m, pose)
-    stds_m = np.sqrt(np.einsum("si,ij,sj->s", by_pose, other.covariance, by_pose))
-    return surely_no_kerb(higher_m(pose), stds_m) >= 1.0
+    ahead_m = other.cells_xy_m[known, 0]
+    # Rows of the image weigh alike, as those of a line do.
+    rows = np.linspace(1.0 / ahead_m.max(), 1.0 / ahead_m.min(), _N_ROWS)
+    to_camera = road_from_camera_rotation(other.extrinsics.pitch_rad, other.extrinsics.roll_rad)
+    over = []
+    for side_m in (_HALF_LANE_M, -_HALF_LANE_M):
+        places = np.column_stack([1.0 / rows, np.full(_N_ROWS, side_m)])
+        ray = np.column_stack([places, np.full(_N_ROWS, -other.extrinsics.height_m)]) @ to_camera
+        ray /= ray[:, :1]
+        seen, expected = ray @ plane_of(road, rig), ray @ plane_of(other.extrinsics, rig)
+        heights = (seen - expected) * other.extrinsics.height_m / seen
+        over.append(_over_cells(heights, seen**2.0, places, other, known))
+    heights_m, stds_m = np.transpose(over)
+    return surely_no_kerb(heights_m, stds_m) >= 1.0
 
 
 def surely_no_kerb(heights_m: Array, stds_m: Array) -> float:
@@ -248,16 +261,27 @@ def covariance_by_road(
     return symmetric
 
 
-def covariance_by_profile(refined: RefinedFit | None) -> Array:
-    """Return the covariance (3, 3) of an estimate from lines whose near and far parts differ.
+def covariance_by_kerbs(
+    pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics, doubtful: Sequence[int]
+) -> Array:
+    """Return the covariance (3, 3) of an estimate from boundaries that may be the lowest kerbs, at even odds.
 
-    They are of one plane within noise, or the road is none and the estimate is as uncertain as they differ,
-    and as what is not seen of the road 5 to 20 m ahead may go on.
+    Args:
+        pattern: The lines.
+        rig: Intrinsics and baseline.
+        extrinsics: The estimate from them.
+        doubtful: Which of the boundaries.
     """
     covariance = np.zeros((3, 3))
-    profile = None if refined is None else refined.profile
-    if profile is not None and profile.bent:
-        covariance[:2, :2] = np.outer(profile.change, profile.change) + profile.covariance
+    plane = plane_of(extrinsics, rig)
+    by_plane = plane_to_extrinsics(plane, rig)
+    rays = _rays(pattern.boundaries, rig)
+    solve = np.linalg.pinv(np.concatenate(rays))
+    for line in doubtful:
+        # A kerb higher by e has a disparity greater by e / metres. At even odds, e scatters by half of it.
+        by_height = [ray @ plane / extrinsics.height_m * (i == line) for i, ray in enumerate(rays)]
+        change = by_plane @ solve @ np.concatenate(by_height) * MAX_LINE_HEIGHT_M
+        covariance += np.outer(change, change)
     return covariance
 
 

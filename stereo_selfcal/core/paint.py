@@ -39,6 +39,9 @@ _PIXEL_VARIANCE = 1.0 / 12.0
 _LEAST_ROWS, _MOST_ROWS = 12, 48
 _CONTRAST_PERCENTILE = 75.0  # of the rows: at least a quarter of a dashed line is painted
 _SIGMA_OVER_MAD = 1.4826
+# A strip of another grey is surely there beyond three standard deviations, and beyond what lens and pixel
+# leave of the stripe's two edges.
+_SURELY_SIGMAS, _LEFT_OF_EDGES = 3.0, 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +59,7 @@ class Rim:
             smaller of both. NaN where that is too narrow in the image.
         face_std: Its standard deviation.
         lower: How low the edge towards the lane lies: a face that is a part of the stripe.
+        line: Which of the two boundaries it is.
     """
 
     step: float
@@ -65,6 +69,15 @@ class Rim:
     face: float = np.nan
     face_std: float = np.nan
     lower: Face = UNSEEN
+    line: int = 0
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether something is surely there beside the stripe, be it faint: dirt, or a kerb's face."""
+        return any(
+            abs(value) > max(_LEFT_OF_EDGES, _SURELY_SIGMAS * std)  # false for NaN
+            for value, std in ((self.step, self.step_std), (self.face, self.face_std))
+        )
 
 
 def measure_rims(
@@ -94,7 +107,7 @@ def measure_rims(
             step = _mean_of([(rim.step, rim.step_std) for rim in seen])
             tone = _mean_of([(rim.tone, rim.tone_std) for rim in seen])
             face = _mean_of([(rim.face, rim.face_std) for rim in seen if np.isfinite(rim.face)])
-            rims.append(Rim(*step, *tone, *face, refined.faces[index]))
+            rims.append(Rim(*step, *tone, *face, refined.faces[index], index))
     return tuple(rims)
 
 

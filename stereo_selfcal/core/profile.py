@@ -146,3 +146,15 @@ def _prior() -> Array:
     information[:-1, :-1] = kinks.T @ kinks + np.eye(len(_NODES_M)) / _HEIGHT_STD_M**2
     information[-1, -1] = 1.0 / _BEND_STD_PER_M**2
     return information
+
+
+def covariance_by_profile(profile: Profile | None) -> Array:
+    """Return the covariance (3, 3) of an estimate from lines whose near and far parts differ.
+
+    They are of one plane within noise, or the road is none and the estimate is as uncertain as they differ,
+    and as what is not seen of the road 5 to 20 m ahead may go on.
+    """
+    covariance = np.zeros((3, 3))
+    if profile is not None and profile.bent:
+        covariance[:2, :2] = np.outer(profile.change, profile.change) + profile.covariance
+    return covariance

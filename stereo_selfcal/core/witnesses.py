@@ -12,8 +12,8 @@ import numpy as np
 
 from .combination import (
     combine,
+    covariance_by_kerbs,
     covariance_by_paint,
-    covariance_by_profile,
     covariance_by_rectification,
     covariance_by_road,
     heights_over_asphalt,
@@ -31,6 +31,7 @@ from .matching import Matches
 from .paint import measure_rims
 from .pattern import LanePattern
 from .patterns import Points
+from .profile import covariance_by_profile
 from .readings import Evidence
 from .rectification import vertical_offset
 from .results import CalibrationResult, rejected
@@ -125,10 +126,9 @@ def ask_road(
     if not result.accepted:
         return result
     extrinsics, covariance = combine(lines, of_lines, fit)
-    # A road that goes on otherwise far ahead than near by does so for its asphalt as well.
-    covariance = (
-        covariance + covariance_by_rectification(rig, extrinsics) + covariance_by_profile(evidence.refined)
-    )
+    covariance = covariance + covariance_by_rectification(rig, extrinsics)
+    if evidence.refined is not None:  # a road that is bent is so for its asphalt as well
+        covariance = covariance + covariance_by_profile(evidence.refined.profile)
     stages = {**result.stages, "combined": extrinsics}
     return replace(result, stages=stages, extrinsics=extrinsics, covariance=covariance)
 
@@ -140,12 +140,17 @@ def _ask_rest(
     pattern, extrinsics, covariance = result.pattern, result.extrinsics, result.covariance
     assert pattern is not None and extrinsics is not None and covariance is not None
     covariance = covariance + covariance_by_crown(evidence.refined)
-    result = replace(result, covariance=covariance)
-    std = np.sqrt(np.diag(covariance))
-    evidence = replace(evidence, fitted=evidence.refined is not None, std=std)
     if evidence.refined is not None:
         rims = measure_rims(seen.images, pattern, evidence.refined, rig)
         evidence = replace(evidence, rims=rims)
+        doubtful = [rim.line for rim in rims if rim.doubtful]
+        covariance = covariance + covariance_by_kerbs(pattern, rig, extrinsics, doubtful)
+        if doubtful:
+            faint = "a faint strip beside a line may be the face of a kerb"
+            result = replace(result, notes=(*result.notes, faint))
+    result = replace(result, covariance=covariance)
+    std = np.sqrt(np.diag(covariance))
+    evidence = replace(evidence, fitted=evidence.refined is not None, std=std)
     if seen.points is not None:
         plane = plane_of(extrinsics, rig)
         between = height_between(pattern, plane, seen.matches, seen.points, rig, config)

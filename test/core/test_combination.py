@@ -13,8 +13,8 @@ from stereo_selfcal.core.combination import (
     WRONG,
     _heights_along,
     combine,
+    covariance_by_kerbs,
     covariance_by_paint,
-    covariance_by_profile,
     covariance_by_rectification,
     covariance_by_road,
     covariance_by_stages,
@@ -27,7 +27,7 @@ from stereo_selfcal.core.combination import (
 )
 from stereo_selfcal.core.corridor import extrinsics_of, plane_of
 from stereo_selfcal.core.geometry import apply_homography, road_from_image
-from stereo_selfcal.core.profile import Profile
+from stereo_selfcal.core.profile import Profile, covariance_by_profile
 from stereo_selfcal.core.refinement import RefinedFit
 from stereo_selfcal.core.texture import AGREEMENT, TextureFit, TextureQuality
 from stereo_selfcal.core.unevenness import RoadShape, kernels
@@ -190,24 +190,48 @@ def test_heights_over_the_asphalt_scatter_by_their_standard_deviations():
     assert 0.8 < np.sqrt(np.mean(np.square(relative))) < 1.25
 
 
+def beneath(roughness):
+    """Return asphalt under the car, a metre to either side, level and known to a millimetre."""
+    fit = asphalt(0.0, 0.0)
+    own = np.where(np.abs(fit.cells_xy_m[:, 1]) < 1.5, fit.cells_height_m, np.nan)
+    shape = replace(fit.shape, roughness=roughness, profile=0.0)
+    return replace(fit, cells_height_m=own, shape=shape)
+
+
 @pytest.mark.parametrize(
     ("change", "same"),
     [
         ({}, True),
-        ({"height_m": 0.036}, True),
-        ({"height_m": 0.044}, False),
+        ({"height_m": 0.045}, True),
+        ({"height_m": 0.06}, False),
         # A kerb is that high beside the camera; what is ahead has the lever of its distance.
-        ({"roll_rad": 0.036 / 1.75}, True),
-        ({"roll_rad": 0.044 / 1.75}, False),
-        ({"pitch_rad": -0.044 / 5.0}, False),
+        ({"roll_rad": 0.045 / 1.75}, True),
+        ({"roll_rad": 0.06 / 1.75}, False),
+        ({"pitch_rad": -0.06 / 6.0}, False),
     ],
 )
 def test_asphalt_excludes_a_kerb_that_is_two_deviations_off(change, same):
-    """The lowest one is 60 mm high: with a deviation of 10 mm, that is excluded up to 40 mm."""
-    other = replace(asphalt(0.0, 0.0), covariance=np.diag([0.01, 1e-5, 1e-5]) ** 2)
+    """The lowest one is 60 mm high; half a metre beside the cells a smooth road is known to a few mm."""
+    other = beneath(roughness=2.7e-6)
     assert surely_same(moved(**change), other, PAPER_RIG) == same
     unseen = replace(other, quality=replace(other.quality, cell_share=0.1))
     assert not surely_same(moved(**change), unseen, PAPER_RIG)
+
+
+def test_asphalt_as_rough_as_a_kerb_is_high_excludes_none():
+    """Heights half a metre apart differ by 60 mm there: 0.06^2 / 0.5^1.5."""
+    assert not surely_same(POSE, beneath(roughness=1e-2), PAPER_RIG)
+
+
+def test_a_doubtful_boundary_may_be_the_lowest_kerb_at_even_odds():
+    """One end of the plane is lifted by half of 60 mm: of lines 3.5 m apart, the camera is in the middle."""
+    one = covariance_by_kerbs(PATTERN, PAPER_RIG, POSE, [1])
+    std = np.sqrt(np.diag(one))
+    np.testing.assert_allclose(std[[0, 2]], [0.015, 0.030 / 3.5], rtol=0.1)
+    assert std[1] < 1e-3
+    both = covariance_by_kerbs(PATTERN, PAPER_RIG, POSE, [0, 1])
+    np.testing.assert_allclose(np.diag(both), 2.0 * np.diag(one), rtol=0.1, atol=1e-7)
+    assert not covariance_by_kerbs(PATTERN, PAPER_RIG, POSE, []).any()
 
 
 def test_lines_painted_not_quite_parallel_leave_a_valley():
@@ -260,7 +284,7 @@ def test_a_road_seen_to_bend_is_as_uncertain_as_it_may_go_on():
 
     def found(height_m):
         profile = Profile(np.array([15.0]), np.array([height_m]), np.array([0.002]), change, covariance)
-        return covariance_by_profile(refined_to(POSE, profile))
+        return covariance_by_profile(profile)
 
     np.testing.assert_allclose(found(0.0081)[:2, :2], np.outer(change, change) + covariance)
     assert not found(0.0081)[2].any()
