@@ -68,7 +68,7 @@ THRESHOLDS = (
     Threshold("MAX_LINE_HEIGHT_M", combination),
     Threshold("KERB_SIGMAS", combination),
     Threshold("_EXCLUDED_SIGMAS", faces),
-    Threshold("_RAMP_SIGMAS", faces),
+    Threshold("MOST_RAMP_SIGMAS", faces),
     Threshold("_WITHIN_M", witnesses),
     Threshold("_BENEATH_M", calibrator),
     Threshold("AGREEMENT", texture),

@@ -13,11 +13,10 @@ import numpy as np
 
 from .extrinsics import Array
 from .medians import upper_median
-from .profile import EDGE_STD_PX, MOST_PX, EdgeResiduals
+from .profile import EDGE_STD_PX, MOST_PX, MOST_RAMP_SIGMAS, EdgeResiduals
 from .rig import StereoRig
 
 _EXCLUDED_SIGMAS = 2.0  # of normal errors, one in 40 to a side
-_RAMP_SIGMAS = 3.0  # a steeper ramp than any lens has stands for an edge that is elsewhere than in the fit
 _LEAST_BLOCKS = 4  # of a camera: their scatter is the uncertainty
 _TUKEY_SIGMAS, _REWEIGHTINGS = 4.685, 5
 _SIGMA_OVER_MAD = 1.4826
@@ -76,7 +75,7 @@ def _wider(edges: EdgeResiduals, width_m: float, camera: int, stripe: int) -> tu
     off = edges.displacement[camera, stripe]  # (N, 2)
     columns = edges.columns[camera, stripe]  # (2, N)
     usable = edges.blocks.usable[camera, stripe] & np.all(np.abs(off) < MOST_PX, axis=1)
-    usable &= edges.blocks.ramp_sigmas[camera, stripe] <= _RAMP_SIGMAS
+    usable &= edges.blocks.ramp_sigmas[camera, stripe] <= MOST_RAMP_SIGMAS
     if np.count_nonzero(usable) < _LEAST_BLOCKS:
         return np.nan, np.nan
     information = np.diagonal(edges.blocks.information[camera, stripe], axis1=-2, axis2=-1)[usable, :2]

@@ -31,6 +31,7 @@ _HEIGHT_STD_M, _SLOPE_STD, _BEND_STD_PER_M = 0.3, 0.01, 1e-3
 # Edges of paint are straight to a tenth of a pixel: no block weighs more than that.
 EDGE_STD_PX = 0.1
 MOST_PX = 5.0  # the window of the refinement sees no farther
+MOST_RAMP_SIGMAS = 3.0  # a steeper ramp than any lens has stands for an edge that is elsewhere than in the fit
 # Of a height: one false alarm in 15 000 for normal errors.
 _BENT_SIGMAS = 4.0
 _TUKEY_SIGMAS, _REWEIGHTINGS = 4.685, 5
@@ -103,7 +104,8 @@ def measure_profile(edges: EdgeResiduals, rig: StereoRig, pose: Extrinsics) -> P
     columns = np.moveaxis(edges.columns, 2, -1)  # (2, L, N, 2)
     below = edges.rows[:, None] - horizon_row(rig, pose, columns)
     x = rig.fy * pose.height_m / np.maximum(below, 1.0)
-    usable = edges.blocks.usable[..., None] & (x < _NODES_M[-1]) & (np.abs(edges.displacement) < MOST_PX)
+    usable = edges.blocks.usable & (edges.blocks.ramp_sigmas <= MOST_RAMP_SIGMAS)
+    usable = usable[..., None] & (x < _NODES_M[-1]) & (np.abs(edges.displacement) < MOST_PX)
     slopes = np.broadcast_to(edges.slopes[:, :, None], columns.shape)
     information = np.diagonal(edges.blocks.information, axis1=-2, axis2=-1)[..., :2]
     off, slope, at = edges.displacement[usable], slopes[usable], x[usable]
