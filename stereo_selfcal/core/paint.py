@@ -42,6 +42,9 @@ _SIGMA_OVER_MAD = 1.4826
 # A strip of another grey is surely there beyond three standard deviations, and beyond what lens and pixel
 # leave of the stripe's two edges.
 _SURELY_SIGMAS, _LEFT_OF_EDGES = 3.0, 0.01
+# Where the mean of the rows is less sure than this, a face of 6 % may go unseen (four standard deviations).
+# Noise differs from row to row as much as from far to near; what lies there (dapples, glare) does so by less.
+_BLIND_STD, _LIKE_NOISE = 0.015, 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +63,7 @@ class Rim:
         face_std: Its standard deviation.
         lower: How low the edge towards the lane lies: a face that is a part of the stripe.
         line: Which of the two boundaries it is.
+        covered: Whether so much else lies beside the stripe that the face of a kerb would not be seen.
     """
 
     step: float
@@ -70,11 +74,12 @@ class Rim:
     face_std: float = np.nan
     lower: Face = UNSEEN
     line: int = 0
+    covered: bool = False
 
     @property
     def doubtful(self) -> bool:
-        """Whether something is surely there beside the stripe, be it faint: dirt, or a kerb's face."""
-        return any(
+        """Whether there may be a kerb: something faint is surely there, or too much to see its face."""
+        return self.covered or any(
             abs(value) > max(_LEFT_OF_EDGES, _SURELY_SIGMAS * std)  # false for NaN
             for value, std in ((self.step, self.step_std), (self.face, self.face_std))
         )
@@ -107,7 +112,8 @@ def measure_rims(
             step = _mean_of([(rim.step, rim.step_std) for rim in seen])
             tone = _mean_of([(rim.tone, rim.tone_std) for rim in seen])
             face = _mean_of([(rim.face, rim.face_std) for rim in seen if np.isfinite(rim.face)])
-            rims.append(Rim(*step, *tone, *face, refined.faces[index], index))
+            covered = any(rim.covered for rim in seen)
+            rims.append(Rim(*step, *tone, *face, refined.faces[index], index, covered))
     return tuple(rims)
 
 
@@ -168,6 +174,8 @@ def _rim(
     if contrast < MIN_CONTRAST_GREY:
         return None
     step, step_std = _middle(near - lane)
+    by_row = _SIGMA_OVER_MAD * upper_median(np.abs(np.diff(near - lane))) / float(np.sqrt(2.0 * len(near)))
+    covered = step_std > _BLIND_STD * contrast and by_row < _LIKE_NOISE * step_std
     dark, _ = _middle(near - beyond)
     shadow = abs(dark) <= _ALIKE * contrast
     if step < 0.0 and shadow:
@@ -184,7 +192,8 @@ def _rim(
         _middle((halves[0] - halves[1])[wide]) if np.count_nonzero(wide) >= _LEAST_ROWS else (0.0, 0.0)
     )
     step, step_std, tone, tone_std = (value / contrast for value in (step, step_std, tone, tone_std))
-    return Rim(step, step_std, tone, tone_std, faces[0] / contrast, faces[1] / contrast)
+    narrow, narrow_std = (value / contrast for value in faces)
+    return Rim(step, step_std, tone, tone_std, narrow, narrow_std, covered=covered)
 
 
 def _alike_along(values: Array) -> tuple[float, float]:

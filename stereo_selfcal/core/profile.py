@@ -31,7 +31,7 @@ _HEIGHT_STD_M, _SLOPE_STD, _BEND_STD_PER_M = 0.3, 0.01, 1e-3
 # Edges of paint are straight to a tenth of a pixel: no block weighs more than that.
 EDGE_STD_PX = 0.1
 MOST_PX = 5.0  # the window of the refinement sees no farther
-MOST_RAMP_SIGMAS = 3.0  # a steeper ramp than any lens has stands for an edge that is elsewhere than in the fit
+MOST_RAMP_SIGMAS = 3.0  # a ramp steeper than any lens's stands for an edge that is elsewhere than in the fit
 # Of a height: one false alarm in 15 000 for normal errors.
 _BENT_SIGMAS = 4.0
 _TUKEY_SIGMAS, _REWEIGHTINGS = 4.685, 5

@@ -146,8 +146,8 @@ def _ask_rest(
         doubtful = [rim.line for rim in rims if rim.doubtful]
         covariance = covariance + covariance_by_kerbs(pattern, rig, extrinsics, doubtful)
         if doubtful:
-            faint = "a faint strip beside a line may be the face of a kerb"
-            result = replace(result, notes=(*result.notes, faint))
+            kerb = "what lies beside a line may be, or hide, the face of a kerb"
+            result = replace(result, notes=(*result.notes, kerb))
     result = replace(result, covariance=covariance)
     std = np.sqrt(np.diag(covariance))
     evidence = replace(evidence, fitted=evidence.refined is not None, std=std)
