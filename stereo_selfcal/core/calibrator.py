@@ -44,8 +44,10 @@ from .witnesses import Seen, ask_road
 # A frame that is refused is looked at again, with chains and with the next best pairs of lines; each costs a
 # search, a refinement and an alignment, so there is an end to it.
 _MOST_SECOND_LOOKS = 4
-# Where one of two lines is none of the road, other pairs get their turn: as many as that took in most worlds.
+# Where one of two lines is none of the road, or not the same in both cameras, other pairs get their turn: as
+# many as that took in most worlds.
 _OTHER_LINES_MAY_DO = (
+    RejectReason.LINES_NOT_MATCHED,
     RejectReason.LINE_BELOW_ROAD,
     RejectReason.LINES_NOT_COPLANAR,
     RejectReason.LINE_NOT_PAINTED,

@@ -22,7 +22,7 @@ from stereo_selfcal import (
 from stereo_selfcal.core.calibrator import Refused
 from stereo_selfcal.core.pattern import LanePattern
 from stereo_selfcal.synth.renderer import render
-from stereo_selfcal.synth.scenes import NAMED_SCENES
+from stereo_selfcal.synth.scenes import NAMED_SCENES, random_scene
 from stereo_selfcal.synth.world import LaneLine, Road
 
 SMALL_RIG = StereoRig(96, 80, 80.0, 80.0, 47.5, 39.5, 0.15)
@@ -435,3 +435,15 @@ def test_damaged_roads_are_results_and_finite(rendered, rows, grey, shift, data)
         assert np.all(np.isfinite(result.extrinsics.as_array()))
         assert np.all(np.linalg.eigvalsh(result.covariance) > 0)
         assert math.isfinite(result.lane_yaw_rad)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_a_second_line_beside_each_is_not_taken_for_the_first_one(seed):
+    """Either lane line has another 1.25 m beyond it; matched crosswise, they are a road a few times too small."""
+    scene = random_scene(np.random.default_rng(seed), 0.01, texture_amplitude=0.0)
+    left, right = scene.road.lines[:2]
+    more = (replace(left, offset_m=left.offset_m + 1.25), replace(right, offset_m=right.offset_m - 1.25))
+    scene = replace(scene, road=replace(scene.road, lines=(*scene.road.lines, *more)))
+    result = Calibrator(scene.rig).add(*render(scene, np.random.default_rng(seed)))
+    assert result.accepted
+    assert abs(result.extrinsics.height_m - scene.pose.height_m) < 0.005
