@@ -439,11 +439,11 @@ def test_damaged_roads_are_results_and_finite(rendered, rows, grey, shift, data)
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])
 def test_a_second_line_beside_each_is_not_taken_for_the_first_one(seed):
-    """Either lane line has another 1.25 m beyond it; matched crosswise, they are a road a few times too small."""
+    """Each has another one 1.25 m beyond it: matched crosswise, they are a road a few times too small."""
     scene = random_scene(np.random.default_rng(seed), 0.01, texture_amplitude=0.0)
     left, right = scene.road.lines[:2]
     more = (replace(left, offset_m=left.offset_m + 1.25), replace(right, offset_m=right.offset_m - 1.25))
     scene = replace(scene, road=replace(scene.road, lines=(*scene.road.lines, *more)))
     result = Calibrator(scene.rig).add(*render(scene, np.random.default_rng(seed)))
     assert result.accepted
-    assert abs(result.extrinsics.height_m - scene.pose.height_m) < 0.005
+    assert abs(result.extrinsics.height_m - scene.extrinsics.height_m) < 0.005
