@@ -28,6 +28,7 @@ class Monitor:
         config: Returns the parameters.
         check: Called a few times a second, in this thread; returns whether frames are wanted.
         report: Told every frame that was calibrated, in this thread.
+        alive: Whether the node is: after a shutdown everything fails, which is no news.
         logger: Of the node, for what should never happen.
     """
 
@@ -37,12 +38,14 @@ class Monitor:
         config: Callable[[], NodeConfig],
         check: Callable[[], bool],
         report: Callable[[FrameReport], None],
+        alive: Callable[[], bool],
         logger: Any,
     ) -> None:
         self._take = take
         self._config = config
         self._check = check
         self._report = report
+        self._alive = alive
         self._logger = logger
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name="monitor", daemon=True)
@@ -89,7 +92,7 @@ class Monitor:
                     give_back()
                 delay_s = max(0.0, min(last_s + period_s - time.monotonic(), _TICK_S))
             except Exception:  # noqa: BLE001 - a frame that fails must not end the watch
-                if not self._stopped.is_set():
+                if self._alive() and not self._stopped.is_set():
                     self._logger.error(
                         f"the watch failed on a frame:\n{traceback.format_exc()}", throttle_duration_sec=60.0
                     )

@@ -90,6 +90,7 @@ class SelfcalNode:
                 lambda: self._parameters.config,
                 self._check_cameras,
                 self._on_watched,
+                self.node.context.ok,
                 self.node.get_logger(),
             )
             self._restore(self._parameters.config)
