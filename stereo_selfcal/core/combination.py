@@ -8,7 +8,7 @@ both can be weighted by their information.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -35,7 +35,7 @@ _UNLIKELY_CHI2_3 = 7.815
 # angle of 5 mrad (RMS), as a lane does that is 5 cm wider after 10 m.
 _PAINT_STD_RAD = 0.005
 _HALF_LANE_M = 1.75  # of a usual one
-_POSE_STEPS = np.array([1e-4, 1e-5, 1e-5])  # m, rad, rad: of a derivative
+_ANGLE_STEPS = np.array([1e-4, 1e-5, 1e-5])  # m, rad, rad: of a derivative
 # Painted lines lie in the asphalt; the lowest kerbs are 6 cm high, and half of that tells them apart.
 MAX_LINE_HEIGHT_M = 0.030
 # Height [m], pitch, roll [rad] by which both may differ all the same, as far as the lever of the nearest line
@@ -338,20 +338,15 @@ def _angle_by_pose(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics)
     columns = [line.column_at(rows) for line, rows in zip(pattern.left, ends, strict=True)]
     points = np.stack([np.array(columns), ends], axis=-1)
 
-    def angle(pose: Array) -> Array:
+    def angle(pose: Array) -> float:
         to_road = road_from_image(rig, Extrinsics.from_array(pose), "left")
         far, near = np.moveaxis(apply_homography(to_road, points), 1, 0)
         tangents = (far[:, 1] - near[:, 1]) / (far[:, 0] - near[:, 0])
-        return np.asarray(np.arctan(tangents[0]) - np.arctan(tangents[1]))
+        return float(np.arctan(tangents[0]) - np.arctan(tangents[1]))
 
-    return _derivative(angle, extrinsics.as_array())
-
-
-def _derivative(function: Callable[[Array], Array], pose: Array) -> Array:
-    """Return the derivative (..., 3) of what depends on a pose (height [m], pitch and roll [rad])."""
-    changes = [function(pose + step) - function(pose - step) for step in np.diag(_POSE_STEPS)]
-    derivative: Array = np.stack(changes, axis=-1) / (2.0 * _POSE_STEPS)
-    return derivative
+    pose = extrinsics.as_array()
+    steps = np.diag(_ANGLE_STEPS)
+    return np.array([angle(pose + step) - angle(pose - step) for step in steps]) / (2.0 * _ANGLE_STEPS)
 
 
 def covariance_by_rectification(rig: StereoRig, extrinsics: Extrinsics) -> Array:
