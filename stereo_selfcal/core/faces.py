@@ -13,11 +13,17 @@ import numpy as np
 
 from .extrinsics import Array
 from .medians import upper_median
-from .profile import EDGE_STD_PX, MOST_PX, MOST_RAMP_SIGMAS, EdgeResiduals
+from .profile import EDGE_STD_PX, MOST_RAMP_SIGMAS, EdgeResiduals
 from .rig import StereoRig
 
 _EXCLUDED_SIGMAS = 2.0  # of normal errors, one in 40 to a side
 _LEAST_BLOCKS = 4  # of a camera: their scatter is the uncertainty
+# Paint has asphalt on both sides: where one edge has less than half the contrast of the other, a step of
+# something else, or none, passes for it.
+_ALIKE = 0.5
+# One step of least squares sees an edge as far as it is smeared, about a pixel; what is farther off it puts
+# too near, or sees another one (profiles, which want to know where a road leaves the fit, take them all).
+_REACH_PX = 1.0
 _TUKEY_SIGMAS, _REWEIGHTINGS = 4.685, 5
 _SIGMA_OVER_MAD = 1.4826
 
@@ -74,11 +80,13 @@ def _wider(edges: EdgeResiduals, width_m: float, camera: int, stripe: int) -> tu
     """Return by how much a camera sees a stripe wider than the fit has it, and the standard deviation [m]."""
     off = edges.displacement[camera, stripe]  # (N, 2)
     columns = edges.columns[camera, stripe]  # (2, N)
-    usable = edges.blocks.usable[camera, stripe] & np.all(np.abs(off) < MOST_PX, axis=1)
+    usable = edges.blocks.usable[camera, stripe] & np.all(np.abs(off) < _REACH_PX, axis=1)
     usable &= edges.blocks.ramp_sigmas[camera, stripe] <= MOST_RAMP_SIGMAS
+    information = np.diagonal(edges.blocks.information[camera, stripe], axis1=-2, axis2=-1)[:, :2]
+    usable &= information.min(axis=1) >= _ALIKE**2 * information.max(axis=1)  # goes by the contrast's square
     if np.count_nonzero(usable) < _LEAST_BLOCKS:
         return np.nan, np.nan
-    information = np.diagonal(edges.blocks.information[camera, stripe], axis1=-2, axis2=-1)[usable, :2]
+    information = information[usable]
     variance_px = (edges.blocks.variance / np.maximum(information, 1e-9) + EDGE_STD_PX**2).sum(axis=1)
     m_per_px = width_m / (columns[1] - columns[0])[usable]
     wider, sigma = (off[usable, 1] - off[usable, 0]) * m_per_px, np.sqrt(variance_px) * m_per_px

@@ -25,26 +25,27 @@ from .rig import StereoRig
 # high above it as it is aside. The lane begins beyond a face of 15 cm: next to that a shadow is least likely
 # to begin, but a second line may lie there, which takes less than half of what is wider.
 _NEAR_M, _LANES_M = (0.02, 0.08), ((0.20, 0.40), (0.15, 0.90))
-_NEAR_SAMPLES, _LANE_SAMPLES = 4, 9  # across each
+_NEAR_SAMPLES, _LANE_SAMPLES = 12, 27  # across each
 _HALVES = ((0.2, 0.4), (0.6, 0.8))  # of a stripe from the lane on, without its edges
 _ALIKE = 0.06  # of the contrast, by which both sides of a stripe in a shadow may differ
 # The face of the lowest kerbs is 6 cm high; a camera sees it as wide along the row as its line is inclined,
 # which may be narrower than the strip. So it is looked for apart: a pixel farther from the edge, as lines
-# that bend a little are off by as much, and where a pixel is left of it.
-_LOWEST_FACE_M, _FACE_PX = 0.06, 1.0
+# that bend a little are off by as much, and where a quarter of a pixel is left of it.
+_LOWEST_FACE_M, _FACE_PX, _LEAST_FACE_PX = 0.06, 1.0, 0.25
 # Nothing is read nearer to an edge than what lens and pixel smear: of the edge, 0.6 % is left there. The
 # strip beside the stripe must be as wide. Within the stripe both edges leave the same: less will do.
 _SMEAR_SIGMAS, _INNER_SMEAR = 2.5, 0.6
 _PIXEL_VARIANCE = 1.0 / 12.0
-_LEAST_ROWS, _MOST_ROWS = 12, 48
+_LEAST_ROWS, _MOST_ROWS = 12, 400  # all rows of usual images
 _CONTRAST_PERCENTILE = 75.0  # of the rows: at least a quarter of a dashed line is painted
 _SIGMA_OVER_MAD = 1.4826
 # A strip of another grey is surely there beyond three standard deviations, and beyond what lens and pixel
 # leave of the stripe's two edges.
 _SURELY_SIGMAS, _LEFT_OF_EDGES = 3.0, 0.01
-# Where the mean of the rows is less sure than this, a face of 6 % may go unseen (four standard deviations).
-# Noise differs from row to row as much as from far to near; what lies there (dapples, glare) does so by less.
-_BLIND_STD, _LIKE_NOISE = 0.015, 0.5
+# Where the median of the rows is less sure than this, by what lies there and not by noise, a face of 12 % may
+# go unseen (four standard deviations). Of noise, all of the rows' variance is from row to row; of dapples or
+# glare, little.
+_BLIND_STD, _LIKE_NOISE = 0.03, 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,12 +59,12 @@ class Rim:
         tone: Grey of the half of the stripe that is turned to the lane less that of the other: a face that
             passes for a part of the stripe, the halves of a rail.
         tone_std: Its standard deviation.
-        face: As step, of what is as narrow as the face of the lowest kerb, and the same far and near: the
-            smaller of both. NaN where that is too narrow in the image.
+        face: As step, of what is as narrow as the face of the lowest kerb, and the same far and near: where
+            these differ, the smaller of both. NaN where that is too narrow in the image.
         face_std: Its standard deviation.
         lower: How low the edge towards the lane lies: a face that is a part of the stripe.
         line: Which of the two boundaries it is.
-        covered: Whether so much else lies beside the stripe that the face of a kerb would not be seen.
+        covered: Whether so much else lies beside the stripe that most faces of kerbs would not be seen.
     """
 
     step: float
@@ -78,9 +79,9 @@ class Rim:
 
     @property
     def doubtful(self) -> bool:
-        """Whether there may be a kerb: something faint is surely there, or too much to see its face."""
-        return self.covered or any(
-            abs(value) > max(_LEFT_OF_EDGES, _SURELY_SIGMAS * std)  # false for NaN
+        """Whether there may be a kerb: something faint is surely there, or its face would not be seen."""
+        return self.covered or not all(
+            abs(value) <= max(_LEFT_OF_EDGES, _SURELY_SIGMAS * std)  # false for NaN
             for value, std in ((self.step, self.step_std), (self.face, self.face_std))
         )
 
@@ -174,13 +175,12 @@ def _rim(
     if contrast < MIN_CONTRAST_GREY:
         return None
     step, step_std = _middle(near - lane)
-    by_row = _SIGMA_OVER_MAD * upper_median(np.abs(np.diff(near - lane))) / float(np.sqrt(2.0 * len(near)))
-    covered = step_std > _BLIND_STD * contrast and by_row < _LIKE_NOISE * step_std
+    covered = _hides_a_face(near - lane, contrast)
     dark, _ = _middle(near - beyond)
     shadow = abs(dark) <= _ALIKE * contrast
     if step < 0.0 and shadow:
         step = 0.0
-    broad = face_px[:, 0] >= beside_px + _FACE_PX
+    broad = face_px[:, 0] >= beside_px + _LEAST_FACE_PX
     faces = (np.nan, np.nan)
     if np.count_nonzero(broad) >= _LEAST_ROWS:
         faces = _alike_along((face.mean(axis=1) - lane)[broad])
@@ -197,19 +197,40 @@ def _rim(
 
 
 def _alike_along(values: Array) -> tuple[float, float]:
-    """Return the smaller median of the far and the near half, 0 where they differ in sign; and its deviation.
+    """Return the median and its deviation; where the far and the near half differ, that of the smaller.
 
-    A face runs along the whole stripe; an edge that is off where a stripe bends does not.
+    A face runs along the whole stripe; an edge that is off where a stripe bends does not. Halves that differ
+    in sign show nothing, unless by no more than their scatter explains: then they are one.
     """
     halves = [_middle(half) for half in np.array_split(values, 2)]
     (far, far_std), (near, near_std) = halves
+    if abs(far - near) <= _SURELY_SIGMAS * float(np.hypot(far_std, near_std)):
+        return _middle(values)
     if far * near <= 0.0:
         return 0.0, max(far_std, near_std)
     return min(halves, key=lambda half: abs(half[0]))
 
 
 def _middle(values: Array) -> tuple[float, float]:
-    """Return the median and its standard deviation by the scatter."""
-    middle = upper_median(values)
-    scatter = _SIGMA_OVER_MAD * upper_median(np.abs(values - middle))
-    return middle, scatter / float(np.sqrt(len(values)))
+    """Return the median of the rows and its standard deviation, as if they were independent."""
+    return upper_median(values), _scatter(values) / float(np.sqrt(len(values)))
+
+
+def _hides_a_face(values: Array, contrast: float) -> bool:
+    """Return whether so much else lies along the rows that their median does not show a face.
+
+    Neighbouring rows see the same dapples, glare, or second line: where they differ less than the scatter
+    says, they count for fewer, as those of a first order autoregression do (Box, Jenkins and Reinsel, Time
+    Series Analysis, 1994, section 3.2).
+    """
+    scatter = _scatter(values)
+    if scatter == 0.0:
+        return False
+    by_row = _SIGMA_OVER_MAD * upper_median(np.abs(np.diff(values)))
+    of_noise = float(np.clip(by_row**2 / (2.0 * scatter**2), 1.0 / len(values), 1.0))
+    std = scatter * float(np.sqrt((2.0 - of_noise) / of_noise / len(values)))
+    return of_noise < _LIKE_NOISE and std > _BLIND_STD * contrast
+
+
+def _scatter(values: Array) -> float:
+    return _SIGMA_OVER_MAD * upper_median(np.abs(values - upper_median(values)))

@@ -143,7 +143,8 @@ def _ask_rest(
     if evidence.refined is not None:
         rims = measure_rims(seen.images, pattern, evidence.refined, rig)
         evidence = replace(evidence, rims=rims)
-        doubtful = [rim.line for rim in rims if rim.doubtful]
+        certain = {rim.line for rim in rims if not rim.doubtful}
+        doubtful = [line for line in range(2) if line not in certain]
         covariance = covariance + covariance_by_kerbs(pattern, rig, extrinsics, doubtful)
         if doubtful:
             kerb = "what lies beside a line may be, or hide, the face of a kerb"

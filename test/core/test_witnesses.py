@@ -196,3 +196,24 @@ def test_both_edges_of_paint_lie_in_the_road_also_in_a_shadow():
         faces = refine(images, pattern, world.scene.rig, result.stages["genetic"]).faces
         for face in faces:
             assert abs(face.height_m) < max(0.01, 3.0 * face.std_m), name
+
+
+def in_noise_and_soft_focus(name, seed, **changes):
+    """Return what the calibrator makes of a bare world that a lens out of focus and a noisy sensor see."""
+    world = named_world(name)
+    photometry = replace(world.scene.left.photometry, psf_sigma_px=1.1, noise_fraction=0.05)
+    cameras = {side: replace(getattr(world.scene, side), photometry=photometry) for side in ("left", "right")}
+    scene = replace(world.scene, texture_amplitude=0.0, **cameras, **changes)
+    images = render_world(replace(world, scene=scene), np.random.default_rng(seed))
+    return Calibrator(scene.rig, LINES_ALONE).add(*images)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_faint_face_is_doubted_through_noise_and_soft_focus(seed):
+    """Of 3 grey levels beside a stripe of 128, with a noise of 13: all pixels of the strip have to count."""
+    kerb = replace(named_world("kerb_for_line").scene.kerbs[0], face_grey=93.0)
+    doubted = in_noise_and_soft_focus("kerb_for_line", seed, kerbs=(kerb,))
+    assert "what lies beside a line may be, or hide, the face of a kerb" in doubted.notes
+    assert math.degrees(doubted.std.roll_rad) > 0.4
+    paint = in_noise_and_soft_focus("plain", seed)
+    assert paint.accepted and not any("kerb" in note for note in paint.notes)
