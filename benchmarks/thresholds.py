@@ -69,6 +69,8 @@ THRESHOLDS = (
     Threshold("KERB_SIGMAS", combination),
     Threshold("_EXCLUDED_SIGMAS", faces),
     Threshold("MOST_RAMP_SIGMAS", faces),
+    Threshold("_LEAST_LIKE", faces),
+    Threshold("_REACH_PX", faces),
     Threshold("_WITHIN_M", witnesses),
     Threshold("_BENEATH_M", calibrator),
     Threshold("AGREEMENT", texture),

@@ -20,7 +20,7 @@ _EXCLUDED_SIGMAS = 2.0  # of normal errors, one in 40 to a side
 _LEAST_BLOCKS = 4  # of a camera: their scatter is the uncertainty
 # Paint has asphalt on both sides: where one edge has less than half the contrast of the other, a step of
 # something else, or none, passes for it.
-_ALIKE = 0.5
+_LEAST_LIKE = 0.5
 # One step of least squares sees an edge as far as it is smeared, about a pixel; what is farther off it puts
 # too near, or sees another one (profiles, which want to know where a road leaves the fit, take them all).
 _REACH_PX = 1.0
@@ -83,7 +83,9 @@ def _wider(edges: EdgeResiduals, width_m: float, camera: int, stripe: int) -> tu
     usable = edges.blocks.usable[camera, stripe] & np.all(np.abs(off) < _REACH_PX, axis=1)
     usable &= edges.blocks.ramp_sigmas[camera, stripe] <= MOST_RAMP_SIGMAS
     information = np.diagonal(edges.blocks.information[camera, stripe], axis1=-2, axis2=-1)[:, :2]
-    usable &= information.min(axis=1) >= _ALIKE**2 * information.max(axis=1)  # goes by the contrast's square
+    usable &= information.min(axis=1) >= _LEAST_LIKE**2 * information.max(
+        axis=1
+    )  # goes by the contrast's square
     if np.count_nonzero(usable) < _LEAST_BLOCKS:
         return np.nan, np.nan
     information = information[usable]

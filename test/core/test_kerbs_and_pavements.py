@@ -153,15 +153,17 @@ def test_with_exchanged_cameras_the_next_line_is_not_taken_for_the_same_one(inde
     assert "swapped" in result.message
 
 
-def test_the_face_of_a_kerb_is_no_level_part_of_a_stripe():
+@pytest.mark.parametrize(("seed", "index"), [(253494, 1375), (730233, 31238)])
+def test_the_face_of_a_kerb_is_no_level_part_of_a_stripe(seed, index):
     """Both cameras see face and top as one stripe of the same width, where one's edge stands for the other's.
 
-    What is no edge is fitted by a ramp that is steeper than any lens's; it was taken for a level stripe,
-    whose tone a shadow may change: 31 mm and 1.3 deg off, with a standard deviation of 0.01 deg.
+    What is no edge is fitted by a ramp that is steeper than any lens's, or has little contrast; it was
+    taken for a level stripe, whose tone a shadow may change: 31 mm and 1.3 deg off, with a standard deviation
+    of 0.01 deg.
     """
-    world = random_world(np.random.default_rng([253494, 1375]))
+    world = random_world(np.random.default_rng([seed, index]))
     assert world.scene.kerbs and not world.scene.shadows
-    images = render_world(world, np.random.default_rng([253494, 1375, 1]))
+    images = render_world(world, np.random.default_rng([seed, index, 1]))
     result = Calibrator(world.scene.rig).add(*images)
     assert result.reason is RejectReason.LINE_NOT_PAINTED
 
@@ -197,9 +199,9 @@ def calibrated(seed, index):
     return world, bool(np.all(off < np.maximum(3.0 * np.sqrt(np.diag(result.covariance)) * scales, WRONG)))
 
 
-@pytest.mark.parametrize(("seed", "index"), [(699186, 1726), (378577, 339)])
+@pytest.mark.parametrize(("seed", "index"), [(699186, 1726), (378577, 339), (730233, 43716)])
 def test_what_hides_the_face_of_a_kerb_is_a_doubt(seed, index):
-    """Dappled light, glare and a second line: 1.4 deg off, with a standard deviation of 0.03 deg."""
+    """Dappled light, glare and a second line, soft focus: 1.4 deg off, by 18 and more deviations."""
     world, right = calibrated(seed, index)
     assert world.scene.kerbs and right
 
