@@ -60,6 +60,7 @@ THRESHOLDS = (
     Threshold("_MAX_VERTICAL_PX", readings),
     Threshold("_SHAPE_SIGMAS", readings),
     Threshold("_MAX_RIM", readings),
+    Threshold("_MAX_OWN_TONE", readings),
     Threshold("_MAX_FACE", readings),
     Threshold("_SURELY_SIGMAS", readings),
     Threshold("_MAX_STD", readings),

@@ -65,6 +65,8 @@ class Rim:
         lower: How low the edge towards the lane lies: a face that is a part of the stripe.
         line: Which of the two boundaries it is.
         covered: Whether so much else lies beside the stripe that most faces of kerbs would not be seen.
+        own_tone: The part of the tone that is not a shadow's which ends within the stripe: that changes the
+            paint by no more than it does the asphalt to either side.
     """
 
     step: float
@@ -76,6 +78,7 @@ class Rim:
     lower: Face = UNSEEN
     line: int = 0
     covered: bool = False
+    own_tone: float = 0.0
 
     @property
     def doubtful(self) -> bool:
@@ -112,9 +115,10 @@ def measure_rims(
         if seen:
             step = _mean_of([(rim.step, rim.step_std) for rim in seen])
             tone = _mean_of([(rim.tone, rim.tone_std) for rim in seen])
+            own_tone, _ = _mean_of([(rim.own_tone, rim.tone_std) for rim in seen])
             face = _mean_of([(rim.face, rim.face_std) for rim in seen if np.isfinite(rim.face)])
             covered = any(rim.covered for rim in seen)
-            rims.append(Rim(*step, *tone, *face, refined.faces[index], index, covered))
+            rims.append(Rim(*step, *tone, *face, refined.faces[index], index, covered, own_tone))
     return tuple(rims)
 
 
@@ -176,8 +180,7 @@ def _rim(
         return None
     step, step_std = _middle(near - lane)
     covered = _hides_a_face(near - lane, contrast)
-    dark, _ = _middle(near - beyond)
-    shadow = abs(dark) <= _ALIKE * contrast
+    shadow = abs(upper_median(near - beyond)) <= _ALIKE * contrast
     if step < 0.0 and shadow:
         step = 0.0
     broad = face_px[:, 0] >= beside_px + _LEAST_FACE_PX
@@ -188,12 +191,29 @@ def _rim(
             faces = (0.0, faces[1])
     # Only where there is paint, and enough of it between its edges.
     wide = (painted > contrast / 2.0) & (_HALVES[0][0] * width_m * px_per_m[:, 0] >= _INNER_SMEAR * smear_px)
-    tone, tone_std = (
-        _middle((halves[0] - halves[1])[wide]) if np.count_nonzero(wide) >= _LEAST_ROWS else (0.0, 0.0)
-    )
-    step, step_std, tone, tone_std = (value / contrast for value in (step, step_std, tone, tone_std))
+    tones = (0.0, 0.0, 0.0)
+    if np.count_nonzero(wide) >= _LEAST_ROWS:
+        tones = _tones(*(each[wide] for each in (*halves, near, beyond)))
+    step, step_std, tone, tone_std, own_tone = (value / contrast for value in (step, step_std, *tones))
     narrow, narrow_std = (value / contrast for value in faces)
-    return Rim(step, step_std, tone, tone_std, narrow, narrow_std, covered=covered)
+    return Rim(step, step_std, tone, tone_std, narrow, narrow_std, covered=covered, own_tone=own_tone)
+
+
+def _tones(first_half: Array, second_half: Array, near: Array, beyond: Array) -> tuple[float, float, float]:
+    """Return by what the halves of a stripe differ, its deviation, and what no shadow explains of it.
+
+    Args:
+        first_half: (N,) grey of the half towards the lane.
+        second_half: (N,) grey of the other.
+        near: (N,) grey of the asphalt beside the first half.
+        beyond: (N,) grey of that beside the second half.
+    """
+    tone, std = _middle(first_half - second_half)
+    first, second, by_first, by_second = map(upper_median, (first_half, second_half, near, beyond))
+    light = max(by_first, 1.0) / max(by_second, 1.0)  # that is left on the first half by a shadow
+    by_shadow = second * (light - 1.0) if light < 1.0 else first * (1.0 - 1.0 / light)
+    # It may end anywhere in the stripe, and change less of a half than all of it.
+    return tone, std, tone - float(np.clip(tone, min(by_shadow, 0.0), max(by_shadow, 0.0)))
 
 
 def _alike_along(values: Array) -> tuple[float, float]:

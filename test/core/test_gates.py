@@ -359,6 +359,16 @@ def test_a_shadow_may_end_within_a_stripe_that_is_level():
         assert_refuses(rejection, RejectReason.LINE_NOT_PAINTED, 0.3, 0.06, "within a stripe")
 
 
+def test_no_shadow_ends_where_the_asphalt_is_alike_on_both_sides():
+    def of_level(own_tone, std=0.002):
+        level = Face(0.0, 0.002)
+        return refusal(rims=(Rim(0.0, 0.002, tone=0.5, tone_std=std, own_tone=own_tone, lower=level),))
+
+    assert_refuses(of_level(-0.21), RejectReason.LINE_NOT_PAINTED, 0.21, 0.2, "within a stripe")
+    assert of_level(0.19) is None
+    assert of_level(-0.21, 0.055) is None
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize(("std_m", "limit_m"), [(0.001, 0.03), (0.01, 0.04)])
 def test_both_edges_of_a_stripe_lie_in_the_road(sign, std_m, limit_m):
