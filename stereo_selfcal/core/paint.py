@@ -41,7 +41,7 @@ _CONTRAST_PERCENTILE = 75.0  # of the rows: at least a quarter of a dashed line 
 _SIGMA_OVER_MAD = 1.4826
 # A strip of another grey is surely there beyond three standard deviations, and beyond what lens and pixel
 # leave of the stripe's two edges.
-_SURELY_SIGMAS, _LEFT_OF_EDGES = 3.0, 0.01
+_SURELY_SIGMAS, LEFT_OF_EDGES = 3.0, 0.01
 # Where the median of the rows is less sure than this, by what lies there and not by noise, a face of 12 % may
 # go unseen (four standard deviations). Of noise, all of the rows' variance is from row to row; of dapples or
 # glare, little.
@@ -84,7 +84,7 @@ class Rim:
     def doubtful(self) -> bool:
         """Whether there may be a kerb: something faint is surely there, or its face would not be seen."""
         return self.covered or not all(
-            abs(value) <= max(_LEFT_OF_EDGES, _SURELY_SIGMAS * std)  # false for NaN
+            abs(value) <= max(LEFT_OF_EDGES, _SURELY_SIGMAS * std)  # false for NaN
             for value, std in ((self.step, self.step_std), (self.face, self.face_std))
         )
 

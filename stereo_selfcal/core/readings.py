@@ -10,7 +10,7 @@ import numpy as np
 from .combination import MAX_DIFFERENCE, MAX_LINE_HEIGHT_M, WRONG
 from .config import CalibratorConfig
 from .extrinsics import Array, Extrinsics
-from .paint import Rim
+from .paint import LEFT_OF_EDGES, Rim
 from .rectification import VerticalOffset
 from .refinement import BLUR_MAX_PX, RefinedFit
 from .texture import AGREEMENT, TextureFit
@@ -357,16 +357,18 @@ def painted(evidence: Evidence) -> Reading | None:
     if not evidence.rims:
         return None
     beside, within = "between a stripe and the lane", "within a stripe"
-    steps = [(rim.step, rim.step_std, _MAX_RIM, beside) for rim in evidence.rims]
+    steps = []
     for rim in evidence.rims:
+        # Where the edges do not show whether they are level, the strip beside has to be bare.
+        most = LEFT_OF_EDGES if math.isnan(rim.lower.height_m) else _MAX_RIM
+        steps.append((rim.step, rim.step_std, most, beside))
         level = rim.lower.surely_lower_than(MAX_LINE_HEIGHT_M)  # a shadow, or one of two lines, may end in it
         tone, most = (rim.own_tone, _MAX_OWN_TONE) if level else (rim.tone, _MAX_RIM)
         steps.append((tone, rim.tone_std, most, within))
     steps += [(rim.face, rim.face_std, _MAX_FACE, beside) for rim in evidence.rims if math.isfinite(rim.face)]
     limits = [(abs(step), max(most, _SURELY_SIGMAS * std), where) for step, std, most, where in steps]
     step, limit, where = max(limits, key=lambda each: each[0] / each[1])
-    what = f"step of grey {where}, over the contrast of the stripe"
-    return Reading(what, step, limit, "", step <= limit)
+    return Reading(f"step of grey {where}, over the contrast of the stripe", step, limit, "", step <= limit)
 
 
 def level_stripes(evidence: Evidence) -> Reading | None:

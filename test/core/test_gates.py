@@ -53,7 +53,7 @@ GOOD = Evidence(
     heights_m=np.zeros(2),
     own_m=(np.zeros(2), np.full(2, 0.005)),
     vertical=VerticalOffset(0.1, 0.02, 0.0, 0.0, 40),
-    rims=(Rim(0.01, 0.002, lower=Face(0.002, 0.003)), Rim(-0.02, 0.002)),
+    rims=(Rim(0.01, 0.002, lower=Face(0.002, 0.003)), Rim(-0.02, 0.002, lower=Face(0.004, 0.02))),
     fitted=True,
     between_m=(0.005, 0.002),
     std=np.array([0.003, 1e-4, 1e-3]),
@@ -327,18 +327,27 @@ def test_near_and_far_parts_of_the_road_are_one_plane(change, what, value, thres
 
 
 def test_between_a_stripe_and_its_lane_there_is_nothing():
+    known = Face(0.0, 0.02)
     assert_refuses(
-        refusal(rims=(Rim(0.0, 0.001), Rim(-0.07, 0.001))),
+        refusal(rims=(Rim(0.0, 0.001), Rim(-0.07, 0.001, lower=known))),
         RejectReason.LINE_NOT_PAINTED,
         0.07,
         0.06,
         "kerb",
     )
-    assert refusal(rims=(Rim(0.0, 0.001), Rim(0.055, 0.001))) is None
-    assert refusal(rims=(Rim(0.07, 0.018),)) is None
+    assert refusal(rims=(Rim(0.0, 0.001), Rim(0.055, 0.001, lower=known))) is None
+    assert refusal(rims=(Rim(0.07, 0.018, lower=known),)) is None
     rejection = refusal(rims=(Rim(0.0, 0.001, 0.07, 0.001),))
     assert_refuses(rejection, RejectReason.LINE_NOT_PAINTED, 0.07, 0.06, "within a stripe")
     assert refusal(rims=(Rim(0.0, 0.001, 0.07, 0.018),)) is None
+
+
+def test_the_strip_beside_a_stripe_is_bare_where_its_edges_show_nothing():
+    """Neither says then that it is paint: the upper half of a rail, 143 mm and 4.8 deg off."""
+    rejection = refusal(rims=(Rim(-0.011, 0.001), Rim(0.0, 0.001)))
+    assert_refuses(rejection, RejectReason.LINE_NOT_PAINTED, 0.011, 0.01, "between a stripe and the lane")
+    assert refusal(rims=(Rim(-0.009, 0.001), Rim(0.0, 0.001))) is None
+    assert refusal(rims=(Rim(-0.011, 0.003), Rim(0.0, 0.001))) is None
 
 
 def test_a_narrow_face_beside_a_stripe_has_a_limit_of_its_own():
