@@ -30,7 +30,7 @@ from .geometry import SIDES
 from .guided import find_road, line_on_road, lines_on_road
 from .matching import Match
 from .pattern import LanePattern
-from .patterns import Look, Points, Refused, buried_m, look, unused_lines
+from .patterns import Look, Points, Refused, buried_m, cross, look, unused_lines
 from .profile import covariance_by_profile
 from .readings import Evidence
 from .rectification import vertical_offset
@@ -127,7 +127,11 @@ class Calibrator:
             result = self._solve(first.patterns[0].joined(further), seen, stamp_s, depths[0])
             if further and not result.accepted:
                 result = self._solve(first.patterns[0], seen, stamp_s, depths[0])
-            others = [i for i, depth in enumerate(depths) if i and depth <= MAX_LINE_HEIGHT_M]
+            others = [
+                i
+                for i, depth in enumerate(depths)
+                if i and depth <= MAX_LINE_HEIGHT_M and not cross(first.patterns[0], first.patterns[i])
+            ]
             for i in others[:_MOST_OTHER_PAIRS]:
                 if result.reason in _OTHER_LINES_MAY_DO:
                     result = self._solve(first.patterns[i], seen, stamp_s, depths[i])

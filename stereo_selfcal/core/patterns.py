@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -30,6 +31,9 @@ from .results import Rejection, RejectReason
 from .rig import StereoRig
 
 Points = tuple[StripePoints, StripePoints]
+
+# Lines of worn stripes in noise are known to half a pixel where they end.
+_SURELY_APART_PX = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,6 +163,26 @@ def buried_m(patterns: list[LanePattern], rig: StereoRig) -> list[float]:
                 depth = max(depth, -height_m - GREATEST_FALL * beyond_m)
         depths.append(float(depth))
     return depths
+
+
+def cross(a: LanePattern, b: LanePattern) -> bool:
+    """Return whether a line of one pattern crosses one of the other in the rows that show both.
+
+    Lines of one road meet at their vanishing point only: one of the two leads from one stripe to another.
+    """
+    return any(
+        _cross(*pair)
+        for camera in ("left", "right")
+        for pair in product(getattr(a, camera), getattr(b, camera))
+    )
+
+
+def _cross(a: ImageLine, b: ImageLine) -> bool:
+    ends = np.array([max(a.rows.min(), b.rows.min()), min(a.rows.max(), b.rows.max())])
+    if ends[0] >= ends[1]:
+        return False
+    apart = a.column_at(ends) - b.column_at(ends)
+    return bool(apart.min() < -_SURELY_APART_PX and apart.max() > _SURELY_APART_PX)
 
 
 def _pairs_of(pattern: LanePattern) -> list[tuple[ImageLine, ImageLine]]:

@@ -232,3 +232,9 @@ def test_noise_hides_no_kerb(noise_index):
     result = Calibrator(scene.rig).add(*images)
     assert result.accepted
     assert not any("kerb" in note for note in result.notes)
+
+
+def test_a_line_that_leads_from_one_stripe_to_the_next_is_no_other_line():
+    """It crosses a line of the first pair, which it had refused, and was taken for its own: 109 mm off."""
+    _, right = calibrated(772962, 190)
+    assert right

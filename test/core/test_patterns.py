@@ -1,12 +1,14 @@
 """Pairs of lines of one frame, and which of them is the road: nothing lies below it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from independent_camera import ideal_pattern
 
 from stereo_selfcal import Extrinsics
 from stereo_selfcal.core.pattern import LanePattern
-from stereo_selfcal.core.patterns import buried_m
+from stereo_selfcal.core.patterns import buried_m, cross
 from stereo_selfcal.synth.scenes import PAPER_RIG
 
 POSE = Extrinsics(1.4, 0.03, 0.0)
@@ -46,3 +48,14 @@ def test_roads_fall_beyond_their_own_lane():
     assert buried_m([road, lane(left_m=4.75, left_above_m=-0.14)], PAPER_RIG)[0] < 0.03
     assert buried_m([road, lane(left_m=4.75, left_above_m=-0.25)], PAPER_RIG)[0] > 0.03
     assert buried_m([road, lane(left_m=7.0, left_above_m=-0.5)], PAPER_RIG)[0] < 0.03
+
+
+def test_lines_of_one_road_do_not_cross():
+    road = lane()
+    for other in (road, lane(left_m=2.0), lane(right_m=-5.0), lane(left_m=5.0, right_m=-2.0)):
+        assert not cross(road, other) and not cross(other, road)
+    slanted = [replace(line, slope=1.1 * line.slope) for line in road.left]
+    assert cross(road, replace(road, left=tuple(slanted)))
+    # What the noise of an edge does to a line is no crossing.
+    shaken = [replace(line, u_mid=line.u_mid + 0.3, slope=line.slope + 0.002) for line in road.left]
+    assert not cross(road, replace(road, left=tuple(shaken)))
