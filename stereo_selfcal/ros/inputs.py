@@ -31,6 +31,8 @@ from .memory import give_back
 
 SIDES = ("left", "right")
 
+# What rmw calls the node of a publisher that was discovered before its node was.
+_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 _LONGEST_FORMAT = 80  # of what is reported once a second; a message may hold any text
 _QUEUE = 5  # the depth of rmw's profile for sensor data (REP 2003), as is the best effort
 # A tick later than the one that unsubscribes: an image may still be in a callback then.
@@ -153,6 +155,8 @@ class StereoInput:
         for topic, kind in self._kinds():
             for publisher in self._node.get_publishers_info_by_topic(topic):
                 name = f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
+                if publisher.node_name == _UNKNOWN_NODE:
+                    name = "a node not known by name yet"
                 wanted = f"sensor_msgs/msg/{kind.__name__}"
                 compatible, reason = qos_check_compatible(publisher.qos_profile, self._profiles[topic])
                 if publisher.topic_type != wanted:
