@@ -127,14 +127,15 @@ class Calibrator:
             result = self._solve(first.patterns[0].joined(further), seen, stamp_s, depths[0])
             if further and not result.accepted:
                 result = self._solve(first.patterns[0], seen, stamp_s, depths[0])
-            others = [
-                i
-                for i, depth in enumerate(depths)
-                if i and depth <= MAX_LINE_HEIGHT_M and not cross(first.patterns[0], first.patterns[i])
-            ]
-            for i in others[:_MOST_OTHER_PAIRS]:
-                if result.reason in _OTHER_LINES_MAY_DO:
-                    result = self._solve(first.patterns[i], seen, stamp_s, depths[i])
+            if result.reason in _OTHER_LINES_MAY_DO:
+                others = [
+                    i
+                    for i, depth in enumerate(depths)
+                    if i and depth <= MAX_LINE_HEIGHT_M and not cross(first.patterns[0], first.patterns[i])
+                ]
+                for i in others[:_MOST_OTHER_PAIRS]:
+                    if result.reason in _OTHER_LINES_MAY_DO:
+                        result = self._solve(first.patterns[i], seen, stamp_s, depths[i])
         if not result.accepted and self.config.texture.check:
             result = self._look_again(result, first, points, images, stamp_s)
         return replace(result, unused_lines=unused_lines(first, result.pattern))
