@@ -17,6 +17,7 @@ from .extrinsics import Array, Extrinsics
 from .geometry import horizon_row
 from .medians import upper_median
 from .rig import StereoRig
+from .texture import AGREEMENT
 
 # The road that is meant: from where a camera behind a windscreen begins to see it, to where a pixel of
 # disparity is a tenth of the height of the camera (the paper's rig).
@@ -85,6 +86,11 @@ class Profile:
     def bent(self) -> bool:
         """Whether the road surely leaves the plane of the fit where it is seen."""
         return bool(np.any(np.abs(self.heights_m) > _BENT_SIGMAS * self.stds_m))
+
+    @property
+    def sees_ahead(self) -> bool:
+        """Whether a slope ahead that makes another plane of the road would surely have been seen."""
+        return bool(np.all(_BENT_SIGMAS * self.std <= AGREEMENT[:2]))
 
 
 def measure_profile(edges: EdgeResiduals, rig: StereoRig, pose: Extrinsics) -> Profile | None:
@@ -156,7 +162,19 @@ def covariance_by_profile(profile: Profile | None) -> Array:
     They are of one plane within noise, or the road is none and the estimate is as uncertain as they differ,
     and as what is not seen of the road 5 to 20 m ahead may go on.
     """
+    return _as_it_may_go_on(profile) if profile is not None and profile.bent else np.zeros((3, 3))
+
+
+def covariance_by_sight(profile: Profile | None) -> Array:
+    """Return the covariance (3, 3) of an estimate from lines that end, to the eye, where a slope may begin.
+
+    Nobody else has seen the road there. Where it is surely bent, :func:`covariance_by_profile` says so.
+    """
+    unknown = profile is not None and not profile.bent and not profile.sees_ahead
+    return _as_it_may_go_on(profile) if profile is not None and unknown else np.zeros((3, 3))
+
+
+def _as_it_may_go_on(profile: Profile) -> Array:
     covariance = np.zeros((3, 3))
-    if profile is not None and profile.bent:
-        covariance[:2, :2] = np.outer(profile.change, profile.change) + profile.covariance
+    covariance[:2, :2] = np.outer(profile.change, profile.change) + profile.covariance
     return covariance

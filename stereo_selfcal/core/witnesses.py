@@ -31,7 +31,7 @@ from .matching import Matches
 from .paint import measure_rims
 from .pattern import LanePattern
 from .patterns import Points
-from .profile import covariance_by_profile
+from .profile import covariance_by_profile, covariance_by_sight
 from .readings import Evidence
 from .rectification import vertical_offset
 from .results import CalibrationResult, rejected
@@ -141,11 +141,15 @@ def _ask_rest(
     assert pattern is not None and extrinsics is not None and covariance is not None
     covariance = covariance + covariance_by_crown(evidence.refined)
     if evidence.refined is not None:
+        of_sight = covariance_by_sight(evidence.refined.profile)
+        if of_sight.any():
+            slope = "the lines are not seen far enough to exclude another slope of the road ahead"
+            result = replace(result, notes=(*result.notes, slope))
         rims = measure_rims(seen.images, pattern, evidence.refined, rig)
         evidence = replace(evidence, rims=rims)
         certain = {rim.line for rim in rims if not rim.doubtful}
         doubtful = [line for line in range(2) if line not in certain]
-        covariance = covariance + covariance_by_kerbs(pattern, rig, extrinsics, doubtful)
+        covariance = covariance + of_sight + covariance_by_kerbs(pattern, rig, extrinsics, doubtful)
         if doubtful:
             kerb = "what lies beside a line may be, or hide, the face of a kerb"
             result = replace(result, notes=(*result.notes, kerb))

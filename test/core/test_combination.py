@@ -27,7 +27,7 @@ from stereo_selfcal.core.combination import (
 )
 from stereo_selfcal.core.corridor import extrinsics_of, plane_of
 from stereo_selfcal.core.geometry import apply_homography, road_from_image
-from stereo_selfcal.core.profile import Profile, covariance_by_profile
+from stereo_selfcal.core.profile import Profile, covariance_by_profile, covariance_by_sight
 from stereo_selfcal.core.refinement import RefinedFit
 from stereo_selfcal.core.texture import AGREEMENT, TextureFit, TextureQuality
 from stereo_selfcal.core.unevenness import RoadShape, kernels
@@ -289,3 +289,20 @@ def test_a_road_seen_to_bend_is_as_uncertain_as_it_may_go_on():
     np.testing.assert_allclose(found(0.0081)[:2, :2], np.outer(change, change) + covariance)
     assert not found(0.0081)[2].any()
     assert not found(0.0079).any()
+
+
+def test_a_road_not_seen_ahead_is_as_uncertain_as_it_may_go_on():
+    change = np.array([0.002, 0.0003])
+
+    def found(height_m, std_m, std_rad):
+        covariance = np.diag([std_m, std_rad]) ** 2
+        profile = Profile(np.array([15.0]), np.array([height_m]), np.array([0.002]), change, covariance)
+        return covariance_by_sight(profile)
+
+    # Four deviations are 30 mm and 0.25 deg, of which near and far have to agree within.
+    expected = np.outer(change, change) + np.diag([0.0076, 0.001]) ** 2
+    np.testing.assert_allclose(found(0.0, 0.0076, 0.001)[:2, :2], expected)
+    assert found(0.0, 0.007, math.radians(0.063)).any()
+    assert not found(0.0, 0.0074, math.radians(0.062)).any()
+    assert not found(0.0081, 0.0076, 0.001).any()  # surely bent, and said so elsewhere
+    assert not covariance_by_sight(None).any()

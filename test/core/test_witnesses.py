@@ -18,6 +18,7 @@ from stereo_selfcal.core.patterns import look
 from stereo_selfcal.core.refinement import refine
 from stereo_selfcal.synth.ingredients import Car, Paint
 from stereo_selfcal.synth.road_shape import RoadShape
+from stereo_selfcal.synth.world import LaneLine
 from stereo_selfcal.synth.worlds import named_world, render_world
 
 LINES_ALONE = CalibratorConfig.from_mapping({"texture.check": 0})
@@ -69,6 +70,19 @@ def test_a_bare_horizon_that_is_slanted_shows_the_turn_as_well(turned_deg):
     assert found.roll_rad == pytest.approx(-math.radians(turned_deg), abs=math.radians(0.05))
 
 
+@pytest.mark.parametrize("turned_deg", [0.0, 0.35])
+def test_horizon_shows_a_turn_through_noise_that_drowns_its_cells(turned_deg):
+    """A right camera turned by 0.34 deg passed (58 mm, 0.8 deg off) with noise of 17 grey values."""
+    camera = named_world("plain").scene.right
+    noisy = replace(camera, photometry=replace(camera.photometry, noise_fraction=0.10))
+    turned = replace(noisy, turned_rad=math.radians(turned_deg))
+    world, images, _ = bare("plain", sky_grey=130.0, left=noisy, right=turned)
+    found = horizon_offset(images, world.scene.rig, world.truth)
+    assert found is not None
+    assert found.roll_rad == pytest.approx(-math.radians(turned_deg), abs=math.radians(0.1))
+    assert abs(found.roll_rad + math.radians(turned_deg)) < 4.0 * found.roll_std_rad
+
+
 def test_horizon_outside_of_the_image_says_nothing():
     world, images, _ = bare("plain")
     up = Extrinsics(1.4, math.radians(24.5), 0.0)
@@ -104,6 +118,23 @@ def test_profile_says_what_a_slope_ahead_does_to_the_estimate(change):
     assert abs(found[0] - truth.height_m) < 0.5 * abs(fit.extrinsics.height_m - truth.height_m)
     if result.accepted:  # what is accepted knows how uncertain it is
         assert result.std.pitch_rad > 0.5 * before
+
+
+@pytest.mark.parametrize("change", [0.026, -0.026])
+def test_lines_that_end_where_a_slope_may_begin_leave_it_open(change):
+    """Lines that were seen to 9 m only gave a result that was 36 mm and 0.25 deg off with 0.1 mm."""
+    low = Extrinsics(0.95, math.radians(-2.4), math.radians(1.0))
+    shape = RoadShape(grade_change=change, grade_begins_m=8.8, grade_length_m=20.0)
+    dashes = tuple(Paint(LaneLine(at_m, 0.12, 7.0, 30.0, 3.0)) for at_m in (-1.75, 1.75))
+    world, _, result = bare("plain", pose=low, paints=dashes, shape=shape)
+    slope = "the lines are not seen far enough to exclude another slope of the road ahead"
+    if result.accepted:
+        error = result.extrinsics.as_array() - world.scene.truth().as_array()
+        assert np.all(np.abs(error) < 4.0 * result.std.as_array())
+    _, _, flat = bare("plain", pose=low, paints=dashes)
+    assert flat.accepted and slope in flat.notes
+    _, _, high = bare("plain")
+    assert high.accepted and slope not in high.notes
 
 
 def test_profile_of_a_flat_road_is_flat_also_behind_a_car():
