@@ -16,7 +16,18 @@ import numpy as np
 
 from stereo_selfcal import Calibrator, CalibratorConfig, StereoRig
 from stereo_selfcal.bags import StereoBag
-from stereo_selfcal.core import calibrator, combination, faces, guided, matching, readings, texture, witnesses
+from stereo_selfcal.core import (
+    calibrator,
+    combination,
+    faces,
+    guided,
+    matching,
+    places,
+    profile,
+    readings,
+    texture,
+    witnesses,
+)
 
 from .options import Options
 from .recorded import BAG, FRAMES
@@ -66,7 +77,9 @@ THRESHOLDS = (
     Threshold("_MAX_STD", readings),
     Threshold("MAX_DIFFERENCE", combination),
     Threshold("WRONG", combination),
-    Threshold("MAX_LINE_HEIGHT_M", combination),
+    Threshold("MAX_LINE_HEIGHT_M", places),
+    Threshold("_DEPTH_SIGMAS", places),
+    Threshold("_BENT_SIGMAS", profile),
     Threshold("KERB_SIGMAS", combination),
     Threshold("_EXCLUDED_SIGMAS", faces),
     Threshold("MOST_RAMP_SIGMAS", faces),

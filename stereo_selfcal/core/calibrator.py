@@ -10,7 +10,6 @@ import numpy as np
 from . import checks
 from .closed_form import compare_stages, solve_plane
 from .combination import (
-    MAX_LINE_HEIGHT_M,
     covariance_by_rectification,
     covariance_by_stages,
     lies_on,
@@ -30,7 +29,8 @@ from .geometry import SIDES
 from .guided import find_road, line_on_road, lines_on_road
 from .matching import Match
 from .pattern import LanePattern
-from .patterns import Look, Points, Refused, buried_m, cross, look, unused_lines
+from .patterns import Look, Points, Refused, buried, cross, look, unused_lines
+from .places import Depth
 from .profile import covariance_by_profile
 from .readings import Evidence
 from .rectification import vertical_offset
@@ -121,7 +121,7 @@ class Calibrator:
         if isinstance(first.patterns, Refused):
             result = rejected(first.patterns.rejection, stamp_s, pattern=first.patterns.pattern)
         else:
-            depths = buried_m(first.patterns, self.rig)
+            depths = buried(first.patterns, self.rig)
             further = further_lines(first.patterns[0], first.matches, points, self.rig, self.config)
             seen = Seen(images, points, first.matches)
             result = self._solve(first.patterns[0].joined(further), seen, stamp_s, depths[0])
@@ -131,7 +131,7 @@ class Calibrator:
                 others = [
                     i
                     for i, depth in enumerate(depths)
-                    if i and depth <= MAX_LINE_HEIGHT_M and not cross(first.patterns[0], first.patterns[i])
+                    if i and not depth.surely_below and not cross(first.patterns[0], first.patterns[i])
                 ]
                 for i in others[:_MOST_OTHER_PAIRS]:
                     if result.reason in _OTHER_LINES_MAY_DO:
@@ -252,7 +252,7 @@ class Calibrator:
         pattern: LanePattern,
         seen: Seen,
         stamp_s: float,
-        buried: float | None = None,
+        below: Depth | None = None,
     ) -> CalibrationResult:
         """Find the extrinsics for a pattern, judge them, and refine them on the images."""
         images = seen.images
@@ -260,7 +260,7 @@ class Calibrator:
         genetic = self._search(fitness)
         extrinsics = Extrinsics.from_array(genetic.best)
         misfit_px = float(np.sqrt(np.max(fitness.errors(genetic.best[None]))))
-        evidence = Evidence(self.config, extrinsics, genetic.fitness, misfit_px, buried)
+        evidence = Evidence(self.config, extrinsics, genetic.fitness, misfit_px, below)
         known: dict[str, Any] = {
             "pattern": pattern,
             "genetic": genetic,

@@ -16,7 +16,8 @@ import numpy.typing as npt
 from .corridor import plane_of, plane_to_extrinsics
 from .extrinsics import Array, Extrinsics, road_from_camera_rotation
 from .geometry import apply_homography, road_from_image
-from .pattern import ImageLine, LanePattern
+from .pattern import LanePattern
+from .places import MAX_LINE_HEIGHT_M
 from .refinement import RefinedFit
 from .rig import StereoRig
 from .road import lane_in_road
@@ -36,8 +37,6 @@ _UNLIKELY_CHI2_3 = 7.815
 _PAINT_STD_RAD = 0.005
 _HALF_LANE_M = 1.75  # of a usual one
 _ANGLE_STEPS = np.array([1e-4, 1e-5, 1e-5])  # m, rad, rad: of a derivative
-# Painted lines lie in the asphalt; the lowest kerbs are 6 cm high, and half of that tells them apart.
-MAX_LINE_HEIGHT_M = 0.030
 # Height [m], pitch, roll [rad] by which both may differ all the same, as far as the lever of the nearest line
 # stretches that: an estimate off by this is called wrong, and the asphalt alone is better by half.
 MAX_DIFFERENCE = np.array([0.060, np.radians(0.5), np.radians(1.2)])
@@ -135,30 +134,6 @@ def _heights_along(
         xy = (ray * (rig.fx * rig.baseline_m / seen)[:, None]) @ rotation[:2].T
         # Rows weigh as their pixels do; far ones say little of a height.
         yield (seen - expected) * metres, metres**-2.0, xy
-
-
-def place_of_line(left: ImageLine, right: ImageLine, plane: Array, rig: StereoRig) -> tuple[float, float]:
-    """Return the height of a line over a plane and its place to the left of the camera [m].
-
-    Args:
-        left: The line in the left image.
-        right: The same in the right image.
-        plane: (3,) of the road (:mod:`.corridor`).
-        rig: Intrinsics and baseline.
-    """
-    v = np.linspace(max(left.rows.min(), right.rows.min()), min(left.rows.max(), right.rows.max()), _N_ROWS)
-    columns = left.column_at(v), right.column_at(v)
-    disparity = columns[0] - columns[1]
-    u = (columns[0] + columns[1]) / 2.0
-    ray = np.column_stack([np.ones(len(v)), -(u - rig.cx) / rig.fx, -(v - rig.cy) / rig.fy])
-    expected = ray @ plane
-    metres = rig.fx * rig.baseline_m / np.linalg.norm(plane) / np.maximum(disparity, 1.0)
-    weights = metres**-2.0  # as pixels do
-    height = float(np.average((disparity - expected) * metres, weights=weights))
-    aside = float(
-        np.average(ray[:, 1] * rig.fx * rig.baseline_m / np.maximum(disparity, 1.0), weights=weights)
-    )
-    return height, aside
 
 
 def surely_right(covariance: Array) -> bool:

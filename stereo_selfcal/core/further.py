@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 
 from .closed_form import solve_plane
-from .combination import MAX_LINE_HEIGHT_M, place_of_line
 from .config import CalibratorConfig
 from .corridor import plane_of
 from .extraction import StripePoints
@@ -18,6 +17,7 @@ from .extrinsics import Array
 from .lines import refit_line
 from .matching import HALF_CREDIT_PX, Match, Matches, common_point, first_sampled_row
 from .pattern import UNEVEN_STD_M, FurtherLine, ImageLine, LanePattern
+from .places import MAX_LINE_HEIGHT_M, height_std_m, place_of_line
 from .rig import StereoRig
 
 # A line of the next lane is asked as well; beyond, other roads begin.
@@ -137,7 +137,7 @@ def height_between(
         _, missed_px = common_point([*pattern.left, *pattern.right, *lines])
         if missed_px > _MAX_CONCURRENCY_PX:
             continue
-        std_m = _height_std_m(*lines, plane, rig)
+        std_m = height_std_m(*lines, plane, rig)
         if abs(height_m) - _SIGMAS * std_m > abs(worst[0]) - _SIGMAS * worst[1]:
             worst = height_m, std_m
     return worst
@@ -147,18 +147,6 @@ def _is_one_of(places_m: list[float], match: Match, plane: Array, rig: StereoRig
     """Whether a line lies where one is known already, by less than half its width."""
     _, aside_m = place_of_line(match.left.line, match.right.line, plane, rig)
     return any(abs(aside_m - place) < _width_m(match.left.line, plane, rig) / 2.0 for place in places_m)
-
-
-def _height_std_m(left: ImageLine, right: ImageLine, plane: Array, rig: StereoRig) -> float:
-    """Return the standard deviation of the height of a line over a plane [m]."""
-    v = max(left.v_mid, right.v_mid)
-    variance_px = 0.0
-    for line in (left, right):
-        lever = np.array([1.0, v - line.v_mid])
-        variance_px += float(lever @ line.covariance @ lever)
-    ray = np.array([1.0, -(float(left.column_at(np.array(v))) - rig.cx) / rig.fx, -(v - rig.cy) / rig.fy])
-    metres = rig.fx * rig.baseline_m / np.linalg.norm(plane) / max(float(ray @ plane), 1.0)
-    return float(metres * np.sqrt(variance_px))
 
 
 def _refit(

@@ -13,7 +13,6 @@ from itertools import islice, product
 
 import numpy as np
 
-from .combination import MAX_LINE_HEIGHT_M, place_of_line
 from .config import CalibratorConfig
 from .corridor import extrinsics_of, plane_of
 from .extraction import Image
@@ -32,6 +31,7 @@ from .matching import (
 )
 from .pattern import ImageLine, LanePattern
 from .patterns import Points
+from .places import MAX_LINE_HEIGHT_M, place_of_line
 from .rig import StereoRig
 from .texture import TextureFit, align_texture
 

@@ -9,9 +9,8 @@ import numpy as np
 
 from . import checks
 from .closed_form import solve_plane
-from .combination import place_of_line
 from .config import CalibratorConfig
-from .corridor import plane_of
+from .corridor import plane_of, plane_to_extrinsics
 from .extraction import Image, StripePoints
 from .further import GREATEST_FALL, LANE_M
 from .hough import hough_peaks
@@ -27,6 +26,7 @@ from .matching import (
     sample_pattern,
 )
 from .pattern import ImageLine, LanePattern
+from .places import Depth, height_std_m, place_of_line
 from .results import Rejection, RejectReason
 from .rig import StereoRig
 
@@ -136,8 +136,8 @@ def unused_lines(found: Look, pattern: LanePattern | None) -> tuple[ImageLine, .
     return tuple(line for line in lines if not any(line.is_stripe(other) for other in used))
 
 
-def buried_m(patterns: list[LanePattern], rig: StereoRig) -> list[float]:
-    """Return how deep the deepest line of the other patterns lies below the plane of each [m].
+def buried(patterns: list[LanePattern], rig: StereoRig) -> list[Depth]:
+    """Return how deep a line of the other patterns lies below the plane of each, if any: the surest one.
 
     Nothing that is seen lies below the road: where a line does, the plane is that of a kerb, of a rail. A
     line farther aside than those of the pattern may be lower by as much as roads fall to their sides.
@@ -146,22 +146,24 @@ def buried_m(patterns: list[LanePattern], rig: StereoRig) -> list[float]:
         patterns: Pairs of lines of one frame.
         rig: Intrinsics and baseline.
     """
-    lines = [pair for pattern in patterns for pair in zip(pattern.left, pattern.right, strict=True)]
+    lines = [pair for pattern in patterns for pair in _pairs_of(pattern)]
     depths = []
     for pattern in patterns:
         closed = solve_plane(pattern, rig)
+        depths.append(Depth())
         if closed is None:
-            depths.append(0.0)
             continue
         plane = plane_of(closed.extrinsics, rig)
+        by_pose = np.linalg.inv(plane_to_extrinsics(plane, rig))
+        covariance = by_pose @ closed.covariance @ by_pose.T
         own_m = np.array([place_of_line(left, right, plane, rig)[1] for left, right in _pairs_of(pattern)])
-        depth = 0.0
         for left, right in lines:
             height_m, aside_m = place_of_line(left, right, plane, rig)
             beyond_m = max(aside_m - own_m.max(), own_m.min() - aside_m, 0.0)
             if beyond_m <= LANE_M:
-                depth = max(depth, -height_m - GREATEST_FALL * beyond_m)
-        depths.append(float(depth))
+                std_m = height_std_m(left, right, plane, rig, covariance)
+                depth = Depth(-height_m - GREATEST_FALL * beyond_m, std_m)
+                depths[-1] = max(depths[-1], depth, key=lambda each: each.depth_m - each.limit_m)
     return depths
 
 

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .combination import MAX_DIFFERENCE, MAX_LINE_HEIGHT_M, WRONG
+from .combination import MAX_DIFFERENCE, WRONG
 from .config import CalibratorConfig
 from .extrinsics import Array, Extrinsics
 from .paint import LEFT_OF_EDGES, Rim
+from .places import MAX_LINE_HEIGHT_M, Depth
 from .rectification import VerticalOffset
 from .refinement import BLUR_MAX_PX, RefinedFit
 from .texture import AGREEMENT, TextureFit
@@ -83,7 +84,7 @@ class Evidence:
         genetic: Estimate of the genetic algorithm; None where there is but the asphalt.
         fitness: Its fitness.
         misfit_px: Misfit of the lines under it.
-        buried_m: How deep another line both cameras see lies below the plane of these [m].
+        below: How deep another line both cameras see lies below the plane of these.
         bends: Curvatures of the lines.
         lines: Fit of a flat road to the lines.
         refined: Fit of the grey values of the stripes.
@@ -103,7 +104,7 @@ class Evidence:
     genetic: Extrinsics | None = None
     fitness: float = 0.0
     misfit_px: float = 0.0
-    buried_m: float | None = None
+    below: Depth | None = None
     bends: Bends | None = None
     lines: LineFit | None = None
     refined: RefinedFit | None = None
@@ -335,11 +336,10 @@ def turned(evidence: Evidence) -> Reading | None:
 
 def buried(evidence: Evidence) -> Reading | None:
     """Read how deep another line lies below the plane."""
-    if evidence.buried_m is None or evidence.bends is None:  # what bends is said to bend
+    if evidence.below is None or evidence.bends is None:  # what bends is said to bend
         return None
-    value, limit = evidence.buried_m, MAX_LINE_HEIGHT_M
-    what = "another line lies below the plane of the lines, by"
-    return Reading(what, 1e3 * value, 1e3 * limit, "mm", value <= limit)
+    depth, what = evidence.below, "another line lies below the plane of the lines, by"
+    return Reading(what, 1e3 * depth.depth_m, 1e3 * depth.limit_m, "mm", not depth.surely_below)
 
 
 def near_and_far(evidence: Evidence) -> Reading | None:

@@ -9,7 +9,6 @@ from independent_camera import ideal_pattern
 
 from stereo_selfcal import Extrinsics
 from stereo_selfcal.core.combination import (
-    MAX_LINE_HEIGHT_M,
     WRONG,
     _heights_along,
     combine,
@@ -27,6 +26,7 @@ from stereo_selfcal.core.combination import (
 )
 from stereo_selfcal.core.corridor import extrinsics_of, plane_of
 from stereo_selfcal.core.geometry import apply_homography, road_from_image
+from stereo_selfcal.core.places import MAX_LINE_HEIGHT_M
 from stereo_selfcal.core.profile import Profile, covariance_by_profile, covariance_by_sight
 from stereo_selfcal.core.refinement import RefinedFit
 from stereo_selfcal.core.texture import AGREEMENT, TextureFit, TextureQuality

@@ -10,6 +10,7 @@ from stereo_selfcal import CalibratorConfig, Extrinsics, RejectReason
 from stereo_selfcal.core.faces import Face
 from stereo_selfcal.core.gates import GATES, judge
 from stereo_selfcal.core.paint import Rim
+from stereo_selfcal.core.places import Depth
 from stereo_selfcal.core.profile import Profile
 from stereo_selfcal.core.readings import Evidence
 from stereo_selfcal.core.rectification import VerticalOffset
@@ -43,7 +44,7 @@ GOOD = Evidence(
     genetic=POSE,
     fitness=9000.0,
     misfit_px=0.01,
-    buried_m=0.0,
+    below=Depth(),
     bends=STRAIGHT,
     lines=LINES,
     refined=REFINED,
@@ -97,7 +98,7 @@ def test_names_are_unique_and_every_gate_has_a_remedy():
 
 def test_gates_without_evidence_are_not_read_and_those_of_before_not_again():
     early = replace(GOOD, bends=None, lines=None, refined=None, clipped=None, texture=None, heights_m=None)
-    early = replace(early, vertical=None, buried_m=None, witness=None, own_m=None)
+    early = replace(early, vertical=None, below=None, witness=None, own_m=None)
     first, _ = judge(replace(early, rims=(), fitted=None, between_m=None, std=None))
     assert [reading.name for reading in first] == ["plausible", "fitness"]
     # The fitness is bad by now, and was good when it was read.
@@ -274,8 +275,10 @@ def test_turned_camera(sign):
 
 
 def test_a_line_below_the_plane_of_the_lines():
-    assert refusal(buried_m=0.0299) is None
-    rejection = refusal(buried_m=0.0301)
+    assert refusal(below=Depth(0.0299)) is None
+    assert refusal(below=Depth(0.0449, 0.015)) is None
+    assert refusal(below=Depth(0.0451, 0.015)) is not None
+    rejection = refusal(below=Depth(0.0301))
     assert_refuses(rejection, RejectReason.LINE_BELOW_ROAD, 30.1, 30.0, "below the plane", "kerb or a rail")
 
 

@@ -8,13 +8,13 @@ import pytest
 
 from stereo_selfcal import Calibrator, CalibratorConfig, Extrinsics, RejectReason
 from stereo_selfcal.core.closed_form import solve_plane
-from stereo_selfcal.core.combination import place_of_line
 from stereo_selfcal.core.corridor import plane_of
 from stereo_selfcal.core.extraction import find_stripe_points
 from stereo_selfcal.core.further import height_between
 from stereo_selfcal.core.horizon import horizon_offset
 from stereo_selfcal.core.paint import measure_rims
 from stereo_selfcal.core.patterns import look
+from stereo_selfcal.core.places import place_of_line
 from stereo_selfcal.core.refinement import refine
 from stereo_selfcal.synth.ingredients import Car, Paint
 from stereo_selfcal.synth.road_shape import RoadShape
