@@ -31,7 +31,7 @@ from .matching import Match
 from .pattern import LanePattern
 from .patterns import Look, Points, Refused, buried, cross, look, unused_lines
 from .places import Depth
-from .profile import covariance_by_profile
+from .profile import covariance_by_profile, covariance_by_sight, profile_of_asphalt
 from .readings import Evidence
 from .rectification import vertical_offset
 from .refinement import refine
@@ -188,7 +188,9 @@ class Calibrator:
         Where lines that lie in it have shown that the road goes on with another slope, that stands: the
         asphalt tells less of what is farther ahead.
         """
+        profile = profile_of_asphalt(shown)
         covariance = shown.covariance + covariance_by_rectification(self.rig, shown.extrinsics)
+        covariance += covariance_by_profile(profile) + covariance_by_sight(profile)
         if self._bent_road(refused, shown) or seen.points is None or not surely_right(covariance):
             return refused
         line = line_on_road(shown.extrinsics, matches, seen.points, seen.images, self.rig, self.config)

@@ -17,7 +17,7 @@ from .extrinsics import Array, Extrinsics
 from .geometry import horizon_row
 from .medians import upper_median
 from .rig import StereoRig
-from .texture import AGREEMENT
+from .texture import AGREEMENT, TextureFit
 
 # The road that is meant: from where a camera behind a windscreen begins to see it, to where a pixel of
 # disparity is a tenth of the height of the camera (the paper's rig).
@@ -118,11 +118,30 @@ def measure_profile(edges: EdgeResiduals, rig: StereoRig, pose: Extrinsics) -> P
     if len(off) < 2 * len(_NODES_M):
         return None
     variance = edges.blocks.variance / np.maximum(information[usable], 1e-9) + EDGE_STD_PX**2
-    hats = np.stack([np.interp(at, _NODES_M, one) for one in np.eye(len(_NODES_M))], axis=1)
-    design = np.column_stack([(slope * rig.fy / at)[:, None] * hats, -rig.fx * at / 2.0])
+    return _fit((slope * rig.fy / at)[:, None] * _hats(at), -rig.fx * at / 2.0, off, variance)
+
+
+def profile_of_asphalt(texture: TextureFit) -> Profile:
+    """Measure the profile of a road from the heights of the cells of its asphalt over its plane."""
+    at_m = texture.cells_xy_m[:, 0]
+    seen = np.isfinite(texture.cells_height_m) & (at_m < _NODES_M[-1])
+    at_m, heights_m, variances = at_m[seen], texture.cells_height_m[seen], texture.cells_variance[seen]
+    return _fit(_hats(at_m), np.zeros(len(at_m)), heights_m, variances)
+
+
+def _hats(at_m: Array) -> Array:
+    """Return the share (N, K) of the nodes in places between them."""
+    return np.stack([np.interp(at_m, _NODES_M, one) for one in np.eye(len(_NODES_M))], axis=1)
+
+
+def _fit(by_heights: Array, by_bend: Array, off: Array, variance: Array) -> Profile:
+    """Fit heights at the nodes, and a bend, to measurements (N,) by their derivatives (N, K) and (N,)."""
+    design = np.column_stack([by_heights, by_bend])
     prior = _prior()
-    weights = np.ones(len(off))
-    for _ in range(_REWEIGHTINGS):
+    weights, scale = np.ones(len(off)), 1.0
+    inverse = np.linalg.inv(prior)
+    solution = np.zeros(len(prior))
+    for _ in range(_REWEIGHTINGS if len(off) else 0):
         weighted = design * (weights / variance)[:, None]
         inverse = np.linalg.inv(weighted.T @ design + prior)
         solution = inverse @ (weighted.T @ off)
@@ -132,8 +151,7 @@ def measure_profile(edges: EdgeResiduals, rig: StereoRig, pose: Extrinsics) -> P
     covariance = inverse * scale**2
     # The plane through the heights from near to far, by least squares.
     steps = np.linspace(NEAR_M, FAR_M, _N_STEPS)
-    by_heights = np.stack([np.interp(steps, _NODES_M, one) for one in np.eye(len(_NODES_M))], axis=1)
-    line = np.linalg.pinv(np.column_stack([np.ones(_N_STEPS), steps])) @ by_heights
+    line = np.linalg.pinv(np.column_stack([np.ones(_N_STEPS), steps])) @ _hats(steps)
     # A road that lies higher under the camera makes it lower; one that rises ahead pitches it down.
     change = np.array([-1.0, 1.0])[:, None] * line
     n = len(_NODES_M)
@@ -165,13 +183,19 @@ def covariance_by_profile(profile: Profile | None) -> Array:
     return _as_it_may_go_on(profile) if profile is not None and profile.bent else np.zeros((3, 3))
 
 
-def covariance_by_sight(profile: Profile | None) -> Array:
-    """Return the covariance (3, 3) of an estimate from lines that end, to the eye, where a slope may begin.
+def covariance_by_sight(*profiles: Profile | None) -> Array:
+    """Return the covariance (3, 3) of an estimate from what ends, to the eye, where a slope may begin.
 
-    Nobody else has seen the road there. Where it is surely bent, :func:`covariance_by_profile` says so.
+    Zero where one of the profiles has seen the road there, or none was measured. Where one is surely bent,
+    :func:`covariance_by_profile` says so.
+
+    Args:
+        profiles: Of the road, by what the estimate is made from.
     """
-    unknown = profile is not None and not profile.bent and not profile.sees_ahead
-    return _as_it_may_go_on(profile) if profile is not None and unknown else np.zeros((3, 3))
+    known = [profile for profile in profiles if profile is not None]
+    if not known or any(profile.bent or profile.sees_ahead for profile in known):
+        return np.zeros((3, 3))
+    return _as_it_may_go_on(min(known, key=lambda profile: float(profile.std[1])))
 
 
 def _as_it_may_go_on(profile: Profile) -> Array:

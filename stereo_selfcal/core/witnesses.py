@@ -31,7 +31,7 @@ from .matching import Matches
 from .paint import measure_rims
 from .pattern import LanePattern
 from .patterns import Points
-from .profile import covariance_by_profile, covariance_by_sight
+from .profile import covariance_by_profile, covariance_by_sight, profile_of_asphalt
 from .readings import Evidence
 from .rectification import vertical_offset
 from .results import CalibrationResult, rejected
@@ -46,6 +46,7 @@ _BESIDE_M = CELL_WIDTH_M
 # lines is asked once more, alone: from where the lane begins beside a kerb's face of 15 cm (:mod:`.paint`),
 # and half a stripe.
 _WITHIN_M = 0.3
+OTHER_SLOPE = "the road is not seen far enough to exclude another slope of it ahead"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,8 +128,12 @@ def ask_road(
         return result
     extrinsics, covariance = combine(lines, of_lines, fit)
     covariance = covariance + covariance_by_rectification(rig, extrinsics)
-    if evidence.refined is not None:  # a road that is bent is so for its asphalt as well
-        covariance = covariance + covariance_by_profile(evidence.refined.profile)
+    of_stripes = None if evidence.refined is None else evidence.refined.profile
+    covariance = covariance + covariance_by_profile(of_stripes)  # bent, it is so for its asphalt as well
+    of_sight = covariance_by_sight(of_stripes, profile_of_asphalt(fit))
+    covariance = covariance + of_sight
+    if of_sight.any():
+        result = replace(result, notes=(*result.notes, OTHER_SLOPE))
     stages = {**result.stages, "combined": extrinsics}
     return replace(result, stages=stages, extrinsics=extrinsics, covariance=covariance)
 
@@ -143,8 +148,7 @@ def _ask_rest(
     if evidence.refined is not None:
         of_sight = covariance_by_sight(evidence.refined.profile)
         if of_sight.any():
-            slope = "the lines are not seen far enough to exclude another slope of the road ahead"
-            result = replace(result, notes=(*result.notes, slope))
+            result = replace(result, notes=(*result.notes, OTHER_SLOPE))
         rims = measure_rims(seen.images, pattern, evidence.refined, rig)
         evidence = replace(evidence, rims=rims)
         certain = {rim.line for rim in rims if not rim.doubtful}

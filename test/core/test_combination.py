@@ -27,7 +27,12 @@ from stereo_selfcal.core.combination import (
 from stereo_selfcal.core.corridor import extrinsics_of, plane_of
 from stereo_selfcal.core.geometry import apply_homography, road_from_image
 from stereo_selfcal.core.places import MAX_LINE_HEIGHT_M
-from stereo_selfcal.core.profile import Profile, covariance_by_profile, covariance_by_sight
+from stereo_selfcal.core.profile import (
+    Profile,
+    covariance_by_profile,
+    covariance_by_sight,
+    profile_of_asphalt,
+)
 from stereo_selfcal.core.refinement import RefinedFit
 from stereo_selfcal.core.texture import AGREEMENT, TextureFit, TextureQuality
 from stereo_selfcal.core.unevenness import RoadShape, kernels
@@ -306,3 +311,31 @@ def test_a_road_not_seen_ahead_is_as_uncertain_as_it_may_go_on():
     assert not found(0.0, 0.0074, math.radians(0.062)).any()
     assert not found(0.0081, 0.0076, 0.001).any()  # surely bent, and said so elsewhere
     assert not covariance_by_sight(None).any()
+
+
+def cells(to_m, kink=0.0):
+    """Return asphalt seen from 3 m on, a cell known to 5 mm at 10 m, with another slope from 8 m on."""
+    x = np.geomspace(3.0, to_m, 40)
+    heights = kink * np.maximum(x - 8.0, 0.0)
+    fit = asphalt(0.0, 0.0)
+    xy, ones = np.column_stack([x, np.zeros(40)]), np.ones(40)
+    return replace(
+        fit, cells_xy_m=xy, cells_height_m=heights, cells_weight=ones, cells_variance=(5e-5 * x**2) ** 2
+    )
+
+
+def test_asphalt_says_how_far_it_is_seen():
+    """Asphalt seen to 9 m gave a result 54 mm and 0.3 deg off with 8 mm, on a slope from 9.5 m on."""
+    near, far, bent = (profile_of_asphalt(each) for each in (cells(8.0), cells(25.0), cells(25.0, 0.02)))
+    assert not near.bent and not near.sees_ahead
+    assert not far.bent and far.sees_ahead
+    assert bent.bent
+    # A road that rises from 8 m on pitches the camera down against it, and it lies higher over its plane.
+    assert bent.change[1] > np.radians(0.3) and bent.change[0] > 0.03
+    alone = covariance_by_sight(near)
+    assert np.sqrt(alone[0, 0]) > 0.015
+    # What the stripes show of the road ahead, the asphalt need not.
+    assert not covariance_by_sight(far, near).any()
+    np.testing.assert_array_equal(covariance_by_sight(None, near), alone)
+    nothing = replace(cells(8.0), cells_height_m=np.full(40, np.nan))
+    assert not profile_of_asphalt(nothing).sees_ahead

@@ -16,6 +16,7 @@ from stereo_selfcal.core.paint import measure_rims
 from stereo_selfcal.core.patterns import look
 from stereo_selfcal.core.places import place_of_line
 from stereo_selfcal.core.refinement import refine
+from stereo_selfcal.core.witnesses import OTHER_SLOPE
 from stereo_selfcal.synth.ingredients import Car, Paint
 from stereo_selfcal.synth.road_shape import RoadShape
 from stereo_selfcal.synth.world import LaneLine
@@ -127,14 +128,13 @@ def test_lines_that_end_where_a_slope_may_begin_leave_it_open(change):
     shape = RoadShape(grade_change=change, grade_begins_m=8.8, grade_length_m=20.0)
     dashes = tuple(Paint(LaneLine(at_m, 0.12, 7.0, 30.0, 3.0)) for at_m in (-1.75, 1.75))
     world, _, result = bare("plain", pose=low, paints=dashes, shape=shape)
-    slope = "the lines are not seen far enough to exclude another slope of the road ahead"
     if result.accepted:
         error = result.extrinsics.as_array() - world.scene.truth().as_array()
         assert np.all(np.abs(error) < 4.0 * result.std.as_array())
     _, _, flat = bare("plain", pose=low, paints=dashes)
-    assert flat.accepted and slope in flat.notes
+    assert flat.accepted and OTHER_SLOPE in flat.notes
     _, _, high = bare("plain")
-    assert high.accepted and slope not in high.notes
+    assert high.accepted and OTHER_SLOPE not in high.notes
 
 
 def test_profile_of_a_flat_road_is_flat_also_behind_a_car():
