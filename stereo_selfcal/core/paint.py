@@ -180,7 +180,13 @@ def _rim(
         return None
     step, step_std = _middle(near - lane)
     covered = _hides_a_face(near - lane, contrast)
+    # Only where there is paint, and enough of it between its edges.
+    wide = (painted > contrast / 2.0) & (_HALVES[0][0] * width_m * px_per_m[:, 0] >= _INNER_SMEAR * smear_px)
+    tones = _tones(*(each[wide] for each in (*halves, near, beyond)))
     shadow = abs(upper_median(near - beyond)) <= _ALIKE * contrast
+    # Light that grows towards the lane does so on the paint as well. No face makes that, but it may hide one.
+    grows = tones[0] > _SURELY_SIGMAS * tones[1] and tones[2] == 0.0
+    shadow, covered = shadow or grows, covered or grows
     if step < 0.0 and shadow:
         step = 0.0
     broad = face_px[:, 0] >= beside_px + _LEAST_FACE_PX
@@ -189,13 +195,8 @@ def _rim(
         faces = _alike_along((face.mean(axis=1) - lane)[broad])
         if faces[0] < 0.0 and shadow:
             faces = (0.0, faces[1])
-    # Only where there is paint, and enough of it between its edges.
-    wide = (painted > contrast / 2.0) & (_HALVES[0][0] * width_m * px_per_m[:, 0] >= _INNER_SMEAR * smear_px)
-    tones = (0.0, 0.0, 0.0)
-    if np.count_nonzero(wide) >= _LEAST_ROWS:
-        tones = _tones(*(each[wide] for each in (*halves, near, beyond)))
-    step, step_std, tone, tone_std, own_tone = (value / contrast for value in (step, step_std, *tones))
-    narrow, narrow_std = (value / contrast for value in faces)
+    tone, tone_std, own_tone = (value / contrast for value in tones)
+    step, step_std, narrow, narrow_std = (value / contrast for value in (step, step_std, *faces))
     return Rim(step, step_std, tone, tone_std, narrow, narrow_std, covered=covered, own_tone=own_tone)
 
 
@@ -208,6 +209,8 @@ def _tones(first_half: Array, second_half: Array, near: Array, beyond: Array) ->
         near: (N,) grey of the asphalt beside the first half.
         beyond: (N,) grey of that beside the second half.
     """
+    if len(near) < _LEAST_ROWS:
+        return 0.0, 0.0, 0.0
     tone, std = _middle(first_half - second_half)
     first, second, by_first, by_second = map(upper_median, (first_half, second_half, near, beyond))
     light = max(by_first, 1.0) / max(by_second, 1.0)  # that is left on the first half by a shadow

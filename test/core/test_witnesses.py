@@ -17,7 +17,7 @@ from stereo_selfcal.core.patterns import look
 from stereo_selfcal.core.places import place_of_line
 from stereo_selfcal.core.refinement import refine
 from stereo_selfcal.core.witnesses import OTHER_SLOPE
-from stereo_selfcal.synth.ingredients import Car, Paint
+from stereo_selfcal.synth.ingredients import Car, Paint, Shadow
 from stereo_selfcal.synth.road_shape import RoadShape
 from stereo_selfcal.synth.world import LaneLine
 from stereo_selfcal.synth.worlds import named_world, render_world
@@ -248,3 +248,21 @@ def test_a_faint_face_is_doubted_through_noise_and_soft_focus(seed):
     assert math.degrees(doubted.std.roll_rad) > 0.4
     paint = in_noise_and_soft_focus("plain", seed)
     assert paint.accepted and not any("kerb" in note for note in paint.notes)
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_the_soft_edge_of_a_shadow_across_a_line_is_no_face(side):
+    """Light that grows towards the lane does so on the paint, too; what it may hide is a doubt."""
+    edge_m = side * 1.70
+    shadow = Shadow("along", *sorted((edge_m, side * 20.0)), 0.5, 0.8)
+    world, images, result = bare("plain", shadows=(shadow,))
+    assert result.accepted
+    assert "what lies beside a line may be, or hide, the face of a kerb" in result.notes
+    pattern = Calibrator(world.scene.rig, LINES_ALONE).extract(*images)
+    fit = refine(images, pattern, world.scene.rig, result.stages["genetic"])
+    rim = measure_rims(images, pattern, fit, world.scene.rig)[0 if side > 0 else 1]
+    assert rim.step == 0.0 and rim.doubtful
+    # A face in the shade is as dark, but the stripe above it is as bright in both halves.
+    kerb = replace(named_world("kerb_for_line").scene.kerbs[0], face_grey=60.0)
+    _, _, refused = bare("kerb_for_line", kerbs=(kerb,))
+    assert refused.reason is RejectReason.LINE_NOT_PAINTED
