@@ -84,7 +84,7 @@ THRESHOLDS = (
     Threshold("_EXCLUDED_SIGMAS", faces),
     Threshold("MOST_RAMP_SIGMAS", faces),
     Threshold("_LEAST_LIKE", faces),
-    Threshold("_REACH_PX", faces),
+    Threshold("REACH_PX", profile),
     Threshold("_WITHIN_M", witnesses),
     Threshold("_BENEATH_M", calibrator),
     Threshold("AGREEMENT", texture),

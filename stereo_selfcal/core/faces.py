@@ -13,7 +13,7 @@ import numpy as np
 
 from .extrinsics import Array
 from .medians import upper_median
-from .profile import EDGE_STD_PX, MOST_RAMP_SIGMAS, EdgeResiduals
+from .profile import EDGE_STD_PX, MOST_RAMP_SIGMAS, REACH_PX, EdgeResiduals
 from .rig import StereoRig
 
 _EXCLUDED_SIGMAS = 2.0  # of normal errors, one in 40 to a side
@@ -21,9 +21,6 @@ _LEAST_BLOCKS = 4  # of a camera: their scatter is the uncertainty
 # Paint has asphalt on both sides: where one edge has less than half the contrast of the other, a step of
 # something else, or none, passes for it.
 _LEAST_LIKE = 0.5
-# One step of least squares sees an edge as far as it is smeared, about a pixel; what is farther off it puts
-# too near, or sees another one (profiles, which want to know where a road leaves the fit, take them all).
-_REACH_PX = 1.0
 _TUKEY_SIGMAS, _REWEIGHTINGS = 4.685, 5
 _SIGMA_OVER_MAD = 1.4826
 
@@ -80,7 +77,7 @@ def _wider(edges: EdgeResiduals, width_m: float, camera: int, stripe: int) -> tu
     """Return by how much a camera sees a stripe wider than the fit has it, and the standard deviation [m]."""
     off = edges.displacement[camera, stripe]  # (N, 2)
     columns = edges.columns[camera, stripe]  # (2, N)
-    usable = edges.blocks.usable[camera, stripe] & np.all(np.abs(off) < _REACH_PX, axis=1)
+    usable = edges.blocks.usable[camera, stripe] & np.all(np.abs(off) < REACH_PX, axis=1)
     usable &= edges.blocks.ramp_sigmas[camera, stripe] <= MOST_RAMP_SIGMAS
     information = np.diagonal(edges.blocks.information[camera, stripe], axis1=-2, axis2=-1)[:, :2]
     usable &= information.min(axis=1) >= _LEAST_LIKE**2 * information.max(

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from .corridor import plane_of
 from .extraction import MIN_CONTRAST_GREY, Image
@@ -168,9 +169,22 @@ def _rim(
     u = (edge + side * reach).astype(np.float32)
     v = np.broadcast_to(rows, u.shape).astype(np.float32)
     read = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float64)
-    face, near, *lanes, beyond, first_half, second_half = np.split(
-        read, np.cumsum([_NEAR_SAMPLES, *(len(part) for part in parts)])[:-1], axis=1
-    )
+    strips = np.split(read, np.cumsum([_NEAR_SAMPLES, *(len(part) for part in parts)])[:-1], axis=1)
+    broad = face_px[:, 0] >= beside_px + _LEAST_FACE_PX
+    wide = _HALVES[0][0] * width_m * px_per_m[:, 0] >= _INNER_SMEAR * smear_px
+    return _compare(strips, broad, wide)
+
+
+def _compare(strips: list[Array], broad: npt.NDArray[np.bool_], wide: npt.NDArray[np.bool_]) -> Rim | None:
+    """Compare what lies beside and in a stripe with its lane.
+
+    Args:
+        strips: (N, samples) each: the narrowest face, the strip beside the stripe, the lane in two reaches,
+            the other side, the half of the stripe towards the lane, the other half.
+        broad: (N,) whether the narrowest face can be seen in a row.
+        wide: (N,) whether the stripe is wide enough there to tell its halves apart.
+    """
+    face, near, *lanes, beyond, first_half, second_half = strips
     near, beyond = near.mean(axis=1), beyond.mean(axis=1)
     lane = min((np.median(each, axis=1) for each in lanes), key=lambda each: abs(upper_median(near - each)))
     halves = [first_half.mean(axis=1), second_half.mean(axis=1)]
@@ -181,20 +195,19 @@ def _rim(
     step, step_std = _middle(near - lane)
     covered = _hides_a_face(near - lane, contrast)
     # Only where there is paint, and enough of it between its edges.
-    wide = (painted > contrast / 2.0) & (_HALVES[0][0] * width_m * px_per_m[:, 0] >= _INNER_SMEAR * smear_px)
+    wide = wide & (painted > contrast / 2.0)
     tones = _tones(*(each[wide] for each in (*halves, near, beyond)))
     shadow = abs(upper_median(near - beyond)) <= _ALIKE * contrast
-    # Light that grows towards the lane does so on the paint as well. No face makes that, but it may hide one.
-    grows = tones[0] > _SURELY_SIGMAS * tones[1] and tones[2] == 0.0
-    shadow, covered = shadow or grows, covered or grows
+    if step < 0.0 and not shadow and _grows(tones, contrast):
+        shadow = covered = True
     if step < 0.0 and shadow:
         step = 0.0
-    broad = face_px[:, 0] >= beside_px + _LEAST_FACE_PX
-    faces = (np.nan, np.nan)
+    faces = [np.nan, np.nan]
     if np.count_nonzero(broad) >= _LEAST_ROWS:
-        faces = _alike_along((face.mean(axis=1) - lane)[broad])
+        *faces, hidden = _alike_along((face.mean(axis=1) - lane)[broad])
+        covered = covered or hidden > _BLIND_STD * contrast
         if faces[0] < 0.0 and shadow:
-            faces = (0.0, faces[1])
+            faces[0] = 0.0
     tone, tone_std, own_tone = (value / contrast for value in tones)
     step, step_std, narrow, narrow_std = (value / contrast for value in (step, step_std, *faces))
     return Rim(step, step_std, tone, tone_std, narrow, narrow_std, covered=covered, own_tone=own_tone)
@@ -219,19 +232,30 @@ def _tones(first_half: Array, second_half: Array, near: Array, beyond: Array) ->
     return tone, std, tone - float(np.clip(tone, min(by_shadow, 0.0), max(by_shadow, 0.0)))
 
 
-def _alike_along(values: Array) -> tuple[float, float]:
+def _grows(tones: tuple[float, float, float], contrast: float) -> bool:
+    """Whether the paint is surely brighter towards the lane, and all of it by the light that grows there.
+
+    The edge of a shadow does that, and leaves the strip beside the stripe darker than the lane. No face makes
+    the paint brighter; but one may be hidden there.
+    """
+    tone, std, own_tone = tones
+    return tone > max(LEFT_OF_EDGES * contrast, _SURELY_SIGMAS * std) and own_tone == 0.0
+
+
+def _alike_along(values: Array) -> tuple[float, float, float]:
     """Return the median and its deviation; where the far and the near half differ, that of the smaller.
 
     A face runs along the whole stripe; an edge that is off where a stripe bends does not. Halves that differ
-    in sign show nothing, unless by no more than their scatter explains: then they are one.
+    in sign show nothing, unless by no more than their scatter explains: then they are one. The last value is
+    by how much they contradict each other to either side of nothing: a face as great may be hidden there.
     """
     halves = [_middle(half) for half in np.array_split(values, 2)]
     (far, far_std), (near, near_std) = halves
     if abs(far - near) <= _SURELY_SIGMAS * float(np.hypot(far_std, near_std)):
-        return _middle(values)
+        return *_middle(values), 0.0
     if far * near <= 0.0:
-        return 0.0, max(far_std, near_std)
-    return min(halves, key=lambda half: abs(half[0]))
+        return 0.0, max(far_std, near_std), abs(far - near) / 2.0
+    return *min(halves, key=lambda half: abs(half[0])), 0.0
 
 
 def _middle(values: Array) -> tuple[float, float]:

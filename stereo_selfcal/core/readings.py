@@ -344,9 +344,9 @@ def buried(evidence: Evidence) -> Reading | None:
 
 def near_and_far(evidence: Evidence) -> Reading | None:
     """Read how near and far parts of the road differ, as planes."""
-    profile = None if evidence.refined is None else evidence.refined.profile
-    if profile is None:
+    if evidence.refined is None:
         return None
+    profile = evidence.refined.wide_profile
     limits = np.maximum(AGREEMENT[:2], _SURELY_SIGMAS * profile.std)
     change, limits = np.append(profile.change, 0.0), np.append(limits, 1.0)
     return _difference("the road 5 to 20 m ahead and the plane of the lines differ", change, limits)

@@ -23,7 +23,7 @@ from .extrinsics import Array, Extrinsics
 from .faces import UNSEEN, Face, measure_faces
 from .gauss_newton import MIN_BLOCKS, Known, Step, solve_step
 from .pattern import LanePattern, row_towards
-from .profile import EdgeResiduals, Profile, measure_profile
+from .profile import WIDE_REACH_PX, EdgeResiduals, Profile, measure_profile
 from .rig import StereoRig
 from .road import N_POSE, bent_columns, lane_in_road, predict_edges
 
@@ -83,7 +83,9 @@ class RefinedFit:
         covariance: (3, 3) of them: inverse information, times the scale of the residuals.
         lane_yaw_rad: Yaw of the camera against the lane [rad].
         curvature_per_m: Curvature of the lane, > 0: to the left [1/m]; 0 where it was taken as straight.
-        profile: Whether the road is flat: heights of the stripes over the plane of the fit, along the road.
+        profile: Heights of the stripes over the plane of the fit, along the road.
+        wide_profile: The same by edges that are too far off to be measured well: where it shows another slope
+            ahead, there is one, of that size at least.
         positions_m: (L,) middle of the stripes at x = 0, left positive [m].
         widths_m: (L,) width of the stripes [m].
         heights_m: (L,) height of the stripes over the plane of the boundaries [m], which are in it.
@@ -98,7 +100,8 @@ class RefinedFit:
     covariance: Array
     lane_yaw_rad: float
     curvature_per_m: float
-    profile: Profile | None
+    profile: Profile
+    wide_profile: Profile
     positions_m: Array
     widths_m: Array
     heights_m: Array
@@ -181,6 +184,7 @@ def refine(
         lane_yaw_rad=float(road[3]),
         curvature_per_m=float(road[_CURVATURE]),
         profile=measure_profile(residuals, rig, pose),
+        wide_profile=measure_profile(residuals, rig, pose, WIDE_REACH_PX),
         positions_m=middles,
         widths_m=widths,
         heights_m=heights,

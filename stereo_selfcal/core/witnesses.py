@@ -129,9 +129,9 @@ def ask_road(
     extrinsics, covariance = combine(lines, of_lines, fit)
     covariance = covariance + covariance_by_rectification(rig, extrinsics)
     of_stripes = None if evidence.refined is None else evidence.refined.profile
-    covariance = covariance + covariance_by_profile(of_stripes)  # bent, it is so for its asphalt as well
-    of_sight = covariance_by_sight(of_stripes, profile_of_asphalt(fit))
-    covariance = covariance + of_sight
+    profiles = (of_stripes, profile_of_asphalt(fit))
+    of_sight = covariance_by_sight(*profiles)
+    covariance = covariance + covariance_by_profile(*profiles) + of_sight
     if of_sight.any():
         result = replace(result, notes=(*result.notes, OTHER_SLOPE))
     stages = {**result.stages, "combined": extrinsics}

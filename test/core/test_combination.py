@@ -265,10 +265,13 @@ def test_surely_right_is_wrong_once_in_hundreds(place):
     assert not surely_right(np.diag(std**2))
 
 
-def refined_to(pose, profile=None):
-    nothing = np.empty(0)
+FLAT = Profile(np.empty(0), np.empty(0), np.empty(0), np.zeros(2), np.zeros((2, 2)))
+
+
+def refined_to(pose):
+    none = np.empty(0)
     return RefinedFit(
-        pose, np.eye(3) * 1e-6, 0.0, 0.0, profile, nothing, nothing, nothing, np.full(2, 0.5), 2.0, 1.0, 50
+        pose, np.eye(3) * 1e-6, 0.0, 0.0, FLAT, FLAT, none, none, none, np.full(2, 0.5), 2.0, 1.0, 50
     )
 
 

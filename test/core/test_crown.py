@@ -8,6 +8,7 @@ import pytest
 
 from stereo_selfcal import Calibrator, CalibratorConfig, Extrinsics
 from stereo_selfcal.core.crown import covariance_by_crown
+from stereo_selfcal.core.profile import Profile
 from stereo_selfcal.core.refinement import RefinedFit
 from stereo_selfcal.synth.ingredients import Paint
 from stereo_selfcal.synth.road_shape import pose_over_plane
@@ -20,8 +21,9 @@ UNIT_FALL = 0.025  # to either side, the steepest that is built
 def fit(places_m, heights_m):
     places, heights = np.array(places_m), np.array(heights_m)
     widths = np.full(len(places), 0.12)
+    flat = Profile(np.empty(0), np.empty(0), np.empty(0), np.zeros(2), np.zeros((2, 2)))
     return RefinedFit(
-        POSE, np.eye(3) * 1e-8, 0.0, 0.0, None, places, widths, heights, np.full(2, 0.5), 2.0, 1.0, 50
+        POSE, np.eye(3) * 1e-8, 0.0, 0.0, flat, flat, places, widths, heights, np.full(2, 0.5), 2.0, 1.0, 50
     )
 
 

@@ -27,7 +27,7 @@ LINES = LineFit(np.eye(3) * 1e-8, 0.0, 2.0)
 FLAT = Profile(NOTHING, NOTHING, NOTHING, np.zeros(2), np.diag([1e-3, 1e-4]) ** 2)
 PLACES, WIDTHS = np.array([1.7, -1.8]), np.array([0.15, 0.12])
 REFINED = RefinedFit(
-    POSE, np.eye(3) * 1e-8, 0.0, 0.0, FLAT, PLACES, WIDTHS, np.zeros(2), np.full(2, 0.5), 2.0, 1.0, 50
+    POSE, np.eye(3) * 1e-8, 0.0, 0.0, FLAT, FLAT, PLACES, WIDTHS, np.zeros(2), np.full(2, 0.5), 2.0, 1.0, 50
 )
 ASPHALT = TextureFit(
     POSE,
@@ -320,7 +320,8 @@ def test_lines_lie_in_the_asphalt_between_them(sign, std_m, limit_m):
 )
 def test_near_and_far_parts_of_the_road_are_one_plane(change, what, value, threshold):
     def with_profile(change, std=(1e-3, 1e-4)):
-        return replace(REFINED, profile=replace(FLAT, change=np.array(change), covariance=np.diag(std) ** 2))
+        profile = replace(FLAT, change=np.array(change), covariance=np.diag(std) ** 2)
+        return replace(REFINED, wide_profile=profile)
 
     rejection = refusal(refined=with_profile(change))
     assert_refuses(rejection, RejectReason.ROAD_NOT_FLAT, value, threshold, what)

@@ -211,17 +211,18 @@ def test_a_rail_is_no_line(seed, index):
     assert world.scene.rails and not world.scene.shadows and right
 
 
-@pytest.mark.parametrize(("seed", "index"), [(699186, 1726), (378577, 339), (730233, 43716)])
+@pytest.mark.parametrize(("seed", "index"), [(699186, 1726), (378577, 339), (730233, 43716), (55001, 8672)])
 def test_what_hides_the_face_of_a_kerb_is_a_doubt(seed, index):
     """Dappled light, glare and a second line, soft focus: 1.4 deg off, by 18 and more deviations."""
     world, right = calibrated(seed, index)
     assert world.scene.kerbs and right
 
 
-def test_far_stripes_that_the_window_does_not_see_are_not_taken_for_the_road():
-    """From 7 m on the road rises, soon by more than a window: 85 mm and 0.6 deg off, by 8 deviations."""
-    world, right = calibrated(378577, 647)
-    assert world.scene.shape.grade_change > 0.02 and right
+@pytest.mark.parametrize(("seed", "index"), [(378577, 647), (55001, 7582), (55001, 7606)])
+def test_a_slope_that_begins_right_ahead_is_known_or_doubted(seed, index):
+    """Stripes soon off by more than a window, or than a pixel, or asphalt that bends: 33 to 85 mm off."""
+    world, right = calibrated(seed, index)
+    assert abs(world.scene.shape.grade_change) > 0.018 and right
 
 
 @pytest.mark.parametrize("noise_index", range(5))
