@@ -8,7 +8,7 @@ the road along it, and the plane that a longer look would see.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,6 +34,8 @@ EDGE_STD_PX = 0.1
 # One step of least squares sees an edge as far as it is smeared, about a pixel. What is farther off it puts
 # too near: a road falling by 58 mm at 15 m was measured as 31 +- 1 mm.
 REACH_PX = 1.0
+# Even of that it sees half, where a lens smears by half a pixel: 17 mm at 15 m as 9.
+_SEEN_SHARE = 0.5
 WIDE_REACH_PX = 5.0  # the window of the refinement; it shows a slope, if not how great it is
 MOST_RAMP_SIGMAS = 3.0  # a ramp steeper than any lens's stands for an edge that is elsewhere than in the fit
 # Of a height: one false alarm in 15 000 for normal errors.
@@ -71,6 +73,7 @@ class Profile:
         stds_m: (K,) their standard deviations [m].
         change: (2,) height [m] and pitch [rad] of the plane 5 to 20 m ahead, less those of the fit.
         covariance: (2, 2) of it: great where the road is not seen that far.
+        seen_share: Least part of a height that is seen, where the road is bent.
     """
 
     at_m: Array
@@ -78,6 +81,7 @@ class Profile:
     stds_m: Array
     change: Array
     covariance: Array
+    seen_share: float = 1.0
 
     @property
     def std(self) -> Array:
@@ -92,8 +96,8 @@ class Profile:
 
     @property
     def sees_ahead(self) -> bool:
-        """Whether a slope ahead that makes another plane of the road would surely have been seen."""
-        return bool(np.all(_BENT_SIGMAS * self.std <= AGREEMENT[:2]))
+        """Whether a slope ahead that makes another plane of the road is surely excluded."""
+        return bool(np.all(np.abs(self.change) + _BENT_SIGMAS * self.std <= AGREEMENT[:2]))
 
 
 def measure_profile(
@@ -119,7 +123,8 @@ def measure_profile(
     information = np.diagonal(edges.blocks.information, axis1=-2, axis2=-1)[..., :2]
     off, slope, at = edges.displacement[usable], slopes[usable], x[usable]
     variance = edges.blocks.variance / np.maximum(information[usable], 1e-9) + EDGE_STD_PX**2
-    return _fit((slope * rig.fy / at)[:, None] * _hats(at), -rig.fx * at / 2.0, off, variance)
+    found = _fit((slope * rig.fy / at)[:, None] * _hats(at), -rig.fx * at / 2.0, off, variance)
+    return replace(found, seen_share=_SEEN_SHARE)
 
 
 def profile_of_asphalt(texture: TextureFit) -> Profile:
@@ -207,5 +212,6 @@ def covariance_by_sight(*profiles: Profile | None) -> Array:
 
 def _as_it_may_go_on(profile: Profile) -> Array:
     covariance = np.zeros((3, 3))
-    covariance[:2, :2] = np.outer(profile.change, profile.change) + profile.covariance
+    change = profile.change / profile.seen_share if profile.bent else profile.change
+    covariance[:2, :2] = np.outer(change, change) + profile.covariance
     return covariance

@@ -290,11 +290,13 @@ def test_stages_that_contradict_each_other_are_as_uncertain_as_they_differ():
 def test_a_road_seen_to_bend_is_as_uncertain_as_it_may_go_on():
     change, covariance = np.array([0.02, 0.003]), np.diag([0.03, 0.004]) ** 2
 
-    def found(height_m):
-        profile = Profile(np.array([15.0]), np.array([height_m]), np.array([0.002]), change, covariance)
-        return covariance_by_profile(profile)
+    def found(height_m, seen_share=1.0):
+        at = np.array([15.0]), np.array([height_m]), np.array([0.002])
+        return covariance_by_profile(None, Profile(*at, change, covariance, seen_share))
 
     np.testing.assert_allclose(found(0.0081)[:2, :2], np.outer(change, change) + covariance)
+    # Of a bend, stripes show half or more: one step of least squares sees no farther.
+    np.testing.assert_allclose(found(0.0081, 0.5)[:2, :2], 4.0 * np.outer(change, change) + covariance)
     assert not found(0.0081)[2].any()
     assert not found(0.0079).any()
 
@@ -307,11 +309,11 @@ def test_a_road_not_seen_ahead_is_as_uncertain_as_it_may_go_on():
         profile = Profile(np.array([15.0]), np.array([height_m]), np.array([0.002]), change, covariance)
         return covariance_by_sight(profile)
 
-    # Four deviations are 30 mm and 0.25 deg, of which near and far have to agree within.
+    # The change and four deviations are 30 mm and 0.25 deg, which near and far have to agree within.
     expected = np.outer(change, change) + np.diag([0.0076, 0.001]) ** 2
     np.testing.assert_allclose(found(0.0, 0.0076, 0.001)[:2, :2], expected)
-    assert found(0.0, 0.007, math.radians(0.063)).any()
-    assert not found(0.0, 0.0074, math.radians(0.062)).any()
+    assert found(0.0, 0.0069, math.radians(0.059)).any()
+    assert not found(0.0, 0.0069, math.radians(0.058)).any()
     assert not found(0.0081, 0.0076, 0.001).any()  # surely bent, and said so elsewhere
     assert not covariance_by_sight(None).any()
 
