@@ -25,6 +25,8 @@ LANE_M = 3.75
 # Roads fall by up to 2.5 % from their middle to both sides: beyond a crown, by as much as twice that against
 # the slope of the own lane.
 GREATEST_FALL = 0.05
+# Between the outer lines of two lanes. What lies higher over their plane is no line, but two taken for one.
+HIGHEST_CROWN_M = GREATEST_FALL * LANE_M
 # What is said to be the greatest is taken as two standard deviations.
 FALL_STD = GREATEST_FALL / 2.0
 # Boundaries that miss their common point by this have half of their credit (:mod:`.matching`); a further line
@@ -132,7 +134,7 @@ def height_between(
         if lines is None:
             continue
         height_m, aside_m = place_of_line(*lines, plane, rig)
-        if not min(own) + max(widths) < aside_m < max(own) - max(widths):
+        if not min(own) + max(widths) < aside_m < max(own) - max(widths) or height_m > HIGHEST_CROWN_M:
             continue
         _, missed_px = common_point([*pattern.left, *pattern.right, *lines])
         if missed_px > _MAX_CONCURRENCY_PX:

@@ -244,3 +244,14 @@ def test_a_line_that_leads_from_one_stripe_to_the_next_is_no_other_line():
     """It crosses a line of the first pair, which it had refused, and was taken for its own: 109 mm off."""
     _, right = calibrated(772962, 190)
     assert right
+
+
+@pytest.mark.parametrize(("seed", "index"), [(41002, 285), (70000, 25)])
+def test_two_stripes_taken_for_one_are_no_line_over_the_lane(seed, index):
+    """A line in one image, an arrow in the other, 0.6 m over the plane of two good ones."""
+    world = random_world(np.random.default_rng([seed, index]))
+    images = render_world(world, np.random.default_rng([seed, index, 1]))
+    result = Calibrator(world.scene.rig).add(*images)
+    assert result.accepted
+    off = np.abs(result.extrinsics.as_array() - world.truth.as_array())
+    assert np.all(off < 3.0 * np.sqrt(np.diag(result.covariance)))
