@@ -19,10 +19,10 @@ import numpy as np
 import numpy.typing as npt
 
 from .extrinsics import Array
+from .medians import SIGMA_OVER_MAD
 from .motion import (
     BLOCK_S,
     OUTLIER_SIGMAS,
-    SIGMA_OVER_MAD,
     Blocks,
     Motion,
     blocks_of,

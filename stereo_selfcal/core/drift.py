@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .extrinsics import Array
+from .medians import SIGMA_OVER_MAD
 
 Indices = npt.NDArray[np.intp]
 Flags = npt.NDArray[np.bool_]
@@ -41,7 +42,6 @@ _WANDER_STD: Array = np.array([0.001, math.radians(0.005), math.radians(0.01)])
 # A frame is compared with the median of so many on either side: a few wrong ones are no change, most are.
 _NEIGHBOURS = 5
 _OUTLIER_SIGMAS = 4.0
-_SIGMA_OVER_MAD = 1.4826
 
 # The fewest frames and the shortest time that can be told from a long braking.
 LEAST_FRAMES = 5
@@ -161,7 +161,7 @@ def mark_outliers(series: Series, known: int) -> Flags:
     row, count = np.arange(n - known), inside.sum(axis=1)
     medians = (ranked[row, (count - 1) // 2] + ranked[row, count // 2]) / 2.0
     recent = series.values[max(0, known - 2 * _NEIGHBOURS) :]
-    spread = _SIGMA_OVER_MAD * np.median(np.abs(recent - np.median(recent, axis=0)), axis=0)
+    spread = SIGMA_OVER_MAD * np.median(np.abs(recent - np.median(recent, axis=0)), axis=0)
     # Few frames may lie close together by chance: what a road does at least is no outlier.
     scale = np.sqrt(np.maximum(spread, MOTION_STD / 2.0) ** 2 + series.variances[known:])
     used[known:] = np.all(np.abs(series.values[known:] - medians) <= _OUTLIER_SIGMAS * scale, axis=1)

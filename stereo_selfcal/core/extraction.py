@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from .config import ExtractionConfig
 from .extrinsics import Array
+from .medians import SIGMA_OVER_MAD
 
 Image = npt.NDArray[np.uint8]
 Response = npt.NDArray[np.float32]
@@ -50,7 +51,6 @@ _CONVOLVED_UP_TO_PX = 2
 # response to planes, and an L2 norm of 6.
 _NOISE_MASK = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)
 _NOISE_MASK_NORM = 6.0
-_SIGMA_OVER_MEDIAN = 1.4826  # of the absolute value of a normal variable
 _NOISE_ROW_STEP = 10  # every tenth strip of three rows is enough for two digits
 
 
@@ -93,7 +93,7 @@ def noise_grey(image: Image) -> float:
     if not usable.any():
         return _MIN_NOISE_GREY
     median = float(np.median(np.abs(response[usable])))
-    return max(_MIN_NOISE_GREY, _SIGMA_OVER_MEDIAN * median / _NOISE_MASK_NORM)
+    return max(_MIN_NOISE_GREY, SIGMA_OVER_MAD * median / _NOISE_MASK_NORM)
 
 
 def edge_response(image: Image, length_px: int) -> Response:

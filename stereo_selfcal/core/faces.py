@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .extrinsics import Array
-from .medians import upper_median
+from .medians import SIGMA_OVER_MAD, upper_median
 from .profile import EDGE_STD_PX, MOST_RAMP_SIGMAS, REACH_PX, EdgeResiduals
 from .rig import StereoRig
 
@@ -22,7 +22,6 @@ _LEAST_BLOCKS = 4  # of a camera: their scatter is the uncertainty
 # something else, or none, passes for it.
 _LEAST_LIKE = 0.5
 _TUKEY_SIGMAS, _REWEIGHTINGS = 4.685, 5
-_SIGMA_OVER_MAD = 1.4826
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +92,6 @@ def _wider(edges: EdgeResiduals, width_m: float, camera: int, stripe: int) -> tu
     for _ in range(_REWEIGHTINGS):
         mean = float(np.average(wider, weights=weights))
         relative = np.abs(wider - mean) / sigma
-        scale = max(1.0, _SIGMA_OVER_MAD * upper_median(relative))
+        scale = max(1.0, SIGMA_OVER_MAD * upper_median(relative))
         weights = np.clip(1.0 - (relative / scale / _TUKEY_SIGMAS) ** 2, 1e-6, None) ** 2 / sigma**2
     return mean, scale / float(np.sqrt(weights.sum()))

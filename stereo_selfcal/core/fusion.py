@@ -11,12 +11,12 @@ import numpy.typing as npt
 
 from .combination import covariance_by_rectification
 from .extrinsics import Array, Extrinsics
+from .medians import SIGMA_OVER_MAD
 from .results import CalibrationResult, announce
 from .rig import StereoRig
 
 # Frames farther from the median than this many robust standard deviations are left out.
 _OUTLIER_SIGMAS = 4.0
-_SIGMA_OVER_MAD = 1.4826
 # Part of a frame's variance that the next frame repeats: the edges of the paint are as ragged, and the
 # template of an edge as imperfect, in all frames of a drive. On the rendered straight_road, where asphalt
 # texture is most of the noise, ten frames together are 4 of their own standard deviations off in
@@ -72,7 +72,7 @@ def fuse(estimates: Array, covariances: Array) -> tuple[Array, Array, npt.NDArra
     if n >= _MIN_FOR_OUTLIERS:
         deviation = np.abs(estimates - np.median(estimates, axis=0))
         formal = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
-        scale = np.maximum(_SIGMA_OVER_MAD * np.median(deviation, axis=0), np.median(formal, axis=0))
+        scale = np.maximum(SIGMA_OVER_MAD * np.median(deviation, axis=0), np.median(formal, axis=0))
         used = np.all(deviation <= _OUTLIER_SIGMAS * scale, axis=1)
         if not used.any():  # each frame is off in another value: none can be told from the rest
             used[:] = True

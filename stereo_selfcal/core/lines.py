@@ -13,7 +13,7 @@ import numpy as np
 from .extraction import Response
 from .extrinsics import Array
 from .hough import HoughPeak
-from .medians import upper_median
+from .medians import SIGMA_OVER_MAD, upper_median
 from .pattern import ImageLine
 
 # Half width of the search for the edge [px] in the passes of a fit: first the Hough cell (4 px and
@@ -29,7 +29,6 @@ _TUKEY = 4.685  # 95 % efficiency for normal residuals (Huber, Robust Statistics
 _MIN_BLOCKS = 5  # two parameters, and enough left to estimate the residuals' spread
 _MAX_ITERATIONS, _SETTLED = 40, 1e-3  # of the reweighting, change of the residuals' spread
 _SINGULAR = 1e-12  # all points in one row
-_SIGMA_OVER_MAD = 1.4826
 _MIN_RESIDUAL_PX = 0.005  # rounding to 8 bits moves an edge of contrast 100 by this
 
 
@@ -188,7 +187,7 @@ def _robust_line(v: Array, u: Array, weights: Array) -> tuple[tuple[float, float
         a, b = (s2 * t0 - s1 * t1) / determinant, (s0 * t1 - s1 * t0) / determinant
         # Residuals in units of a point of mean weight.
         residual = (u - a - b * v) * root
-        previous, scale = scale, max(_MIN_RESIDUAL_PX, _SIGMA_OVER_MAD * upper_median(np.abs(residual)))
+        previous, scale = scale, max(_MIN_RESIDUAL_PX, SIGMA_OVER_MAD * upper_median(np.abs(residual)))
         robust = np.clip(1.0 - (residual / (_TUKEY * scale)) ** 2, 0.0, None) ** 2
         if abs(scale - previous) <= _SETTLED * scale:
             break

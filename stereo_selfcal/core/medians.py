@@ -7,6 +7,9 @@ import numpy.typing as npt
 
 from .extrinsics import Array
 
+# Of normal values: standard deviation over the median of the absolute deviations.
+SIGMA_OVER_MAD = 1.4826
+
 
 def upper_median(values: Array) -> float:
     """Return the median of values (N,); of an even number, the greater one of the two in the middle."""

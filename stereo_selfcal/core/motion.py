@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .extrinsics import Array
+from .medians import SIGMA_OVER_MAD
 
 Indices = npt.NDArray[np.intp]
 
@@ -19,7 +20,6 @@ _FEWEST_FOR_ERROR = 3
 # Neighbours on either side of a block, for outliers; single frames are compared with their block.
 _NEIGHBOURS = 2
 OUTLIER_SIGMAS = 4.0
-SIGMA_OVER_MAD = 1.4826
 # Three quarters of normal deviations are within this many standard deviations: a scale that up to a quarter
 # of wrong values does not move, and that wastes less than the median would.
 _QUARTILE = 0.75

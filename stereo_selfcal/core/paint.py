@@ -17,7 +17,7 @@ from .corridor import plane_of
 from .extraction import MIN_CONTRAST_GREY, Image
 from .extrinsics import Array
 from .faces import UNSEEN, Face
-from .medians import upper_median
+from .medians import SIGMA_OVER_MAD, upper_median
 from .pattern import ImageLine, LanePattern
 from .refinement import RefinedFit
 from .rig import StereoRig
@@ -39,7 +39,6 @@ _SMEAR_SIGMAS, _INNER_SMEAR = 2.5, 0.6
 _PIXEL_VARIANCE = 1.0 / 12.0
 _LEAST_ROWS, _MOST_ROWS = 12, 400  # all rows of usual images
 _CONTRAST_PERCENTILE = 75.0  # of the rows: at least a quarter of a dashed line is painted
-_SIGMA_OVER_MAD = 1.4826
 # A strip of another grey is surely there beyond three standard deviations, and beyond what lens and pixel
 # leave of the stripe's two edges.
 _SURELY_SIGMAS, LEFT_OF_EDGES = 3.0, 0.01
@@ -273,11 +272,11 @@ def _hides_a_face(values: Array, contrast: float) -> bool:
     scatter = _scatter(values)
     if scatter == 0.0:
         return False
-    by_row = _SIGMA_OVER_MAD * upper_median(np.abs(np.diff(values)))
+    by_row = SIGMA_OVER_MAD * upper_median(np.abs(np.diff(values)))
     of_noise = float(np.clip(by_row**2 / (2.0 * scatter**2), 1.0 / len(values), 1.0))
     std = scatter * float(np.sqrt((2.0 - of_noise) / of_noise / len(values)))
     return of_noise < _LIKE_NOISE and std > _BLIND_STD * contrast
 
 
 def _scatter(values: Array) -> float:
-    return _SIGMA_OVER_MAD * upper_median(np.abs(values - upper_median(values)))
+    return SIGMA_OVER_MAD * upper_median(np.abs(values - upper_median(values)))

@@ -15,7 +15,7 @@ import numpy as np
 from .blocks import Blocks
 from .extrinsics import Array, Extrinsics
 from .geometry import horizon_row
-from .medians import upper_median
+from .medians import SIGMA_OVER_MAD, upper_median
 from .rig import StereoRig
 from .texture import AGREEMENT, TextureFit
 
@@ -41,7 +41,6 @@ MOST_RAMP_SIGMAS = 3.0  # a ramp steeper than any lens's stands for an edge that
 # Of a height: one false alarm in 15 000 for normal errors.
 _BENT_SIGMAS = 4.0
 _TUKEY_SIGMAS, _REWEIGHTINGS = 4.685, 5
-_SIGMA_OVER_MAD = 1.4826
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,7 +151,7 @@ def _fit(by_heights: Array, by_bend: Array, off: Array, variance: Array) -> Prof
         inverse = np.linalg.inv(weighted.T @ design + prior)
         solution = inverse @ (weighted.T @ off)
         relative = np.abs(off - design @ solution) / np.sqrt(variance)
-        scale = max(1.0, _SIGMA_OVER_MAD * upper_median(relative))
+        scale = max(1.0, SIGMA_OVER_MAD * upper_median(relative))
         weights = np.clip(1.0 - (relative / scale / _TUKEY_SIGMAS) ** 2, 0.0, None) ** 2
     covariance = inverse * scale**2
     # The plane through the heights from near to far, by least squares.

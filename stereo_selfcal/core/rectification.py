@@ -15,7 +15,7 @@ import numpy as np
 from .corridor import FAR_M, HALF_WIDTH_M, Corridor, Floats, lay_out, plane_of
 from .extraction import Image
 from .extrinsics import Array, Extrinsics
-from .medians import upper_median
+from .medians import SIGMA_OVER_MAD, upper_median
 from .rig import StereoRig
 from .sampling import half_disparity, sample, usable_samples
 
@@ -34,7 +34,6 @@ _CORRELATED_SAMPLES = (
 _QUANTISATION = 1.0 / 12.0 / 6.0  # variance of a whole grey value, less by the blur
 _TUKEY_SIGMAS = 4.685
 _REWEIGHTINGS = 8
-_SIGMA_OVER_MAD = 1.4826
 _RIDGE = 1e-9  # keeps the equations regular where all cells lie below each other
 
 
@@ -252,7 +251,7 @@ def combine_cells(
         a, c = a * (1.0 + _RIDGE), c * (1.0 + _RIDGE)
         solution = np.array([c * first - b * second, a * second - b * first]) / (a * c - b * b)
         residual = np.abs(target - rows @ solution)
-        scale = max(_SIGMA_OVER_MAD * upper_median(residual), 1e-9)
+        scale = max(SIGMA_OVER_MAD * upper_median(residual), 1e-9)
         if i < _REWEIGHTINGS:
             weights = 1.0 / np.maximum(residual, 0.1 * scale)
         else:

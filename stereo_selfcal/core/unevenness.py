@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .extrinsics import Array
-from .medians import median
+from .medians import SIGMA_OVER_MAD, median
 
 # The spectrum of a road falls with its waviness as the power: 2 in ISO 8608's definition, 2.5 in the middle
 # of what is measured (1.5 to 3.5, the smoother the road, the steeper). Squared differences of heights grow
@@ -46,7 +46,6 @@ _PROFILE_LENGTH_M = 1.0  # wheel tracks and gutters are half a metre to a metre 
 _LEAST_EVIDENCE = math.log(100.0)
 _TUKEY_SIGMAS = 4.685  # 95 % efficient for Gaussian errors
 _REWEIGHTINGS = 8
-_SIGMA_OVER_MAD = 1.4826
 _WORST_STD_M = 0.3  # two kerbs: a cell that cannot tell them apart says nothing of the road
 _LEAST_CELLS = 6  # twice the numbers of a plane
 _LEAST_CELLS_OF_SHAPE = 12  # twice the six numbers of a bent surface
@@ -207,7 +206,7 @@ def _robust_weights(y: Array, x: Array, sigma: Array) -> tuple[Array, Array]:
     for i in range(2 * _REWEIGHTINGS):
         weighted = rows.T * weights
         residual = np.abs(target - rows @ np.linalg.solve(weighted @ rows, weighted @ target))
-        scale = max(_SIGMA_OVER_MAD * median(residual), 1e-9)
+        scale = max(SIGMA_OVER_MAD * median(residual), 1e-9)
         if i < _REWEIGHTINGS:
             weights = 1.0 / np.maximum(residual, 0.1 * scale)
         else:
