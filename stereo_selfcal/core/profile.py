@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from .blocks import Blocks
 from .extrinsics import Array, Extrinsics
@@ -18,6 +19,8 @@ from .geometry import horizon_row
 from .medians import SIGMA_OVER_MAD, upper_median
 from .rig import StereoRig
 from .texture import AGREEMENT, TextureFit
+
+Mask = npt.NDArray[np.bool_]
 
 # The road that is meant: from where a camera behind a windscreen begins to see it, to where a pixel of
 # disparity is a tenth of the height of the camera (the paper's rig).
@@ -36,7 +39,8 @@ EDGE_STD_PX = 0.1
 REACH_PX = 1.0
 # Even of that it sees half, where a lens smears by half a pixel: 17 mm at 15 m as 9.
 _SEEN_SHARE = 0.5
-WIDE_REACH_PX = 5.0  # the window of the refinement; it shows a slope, if not how great it is
+_LEAST_SHARE = 0.5  # of the edges at a distance, within reach: else chance picks them
+WIDE_REACH_PX = 5.0  # the window of the refinement
 MOST_RAMP_SIGMAS = 3.0  # a ramp steeper than any lens's stands for an edge that is elsewhere than in the fit
 # Of a height: one false alarm in 15 000 for normal errors.
 _BENT_SIGMAS = 4.0
@@ -94,14 +98,18 @@ class Profile:
         return bool(np.any(np.abs(self.heights_m) > _BENT_SIGMAS * self.stds_m))
 
     @property
+    def bends_at_m(self) -> float:
+        """Where it does so first on the road that is meant [m]; infinite where it does not."""
+        bent = (np.abs(self.heights_m) > _BENT_SIGMAS * self.stds_m) & (self.at_m > NEAR_M)
+        return float(self.at_m[np.argmax(bent)]) if bent.any() else np.inf
+
+    @property
     def sees_ahead(self) -> bool:
         """Whether a slope ahead that makes another plane of the road is surely excluded."""
         return bool(np.all(np.abs(self.change) + _BENT_SIGMAS * self.std <= AGREEMENT[:2]))
 
 
-def measure_profile(
-    edges: EdgeResiduals, rig: StereoRig, pose: Extrinsics, reach_px: float = REACH_PX
-) -> Profile:
+def measure_profile(edges: EdgeResiduals, rig: StereoRig, pose: Extrinsics, *, wide: bool = False) -> Profile:
     """Measure heights of the road from what the edges of the stripes are off.
 
     A point higher by z at the distance x is seen fy z / x rows higher, so that an edge of slope m is off by
@@ -111,19 +119,42 @@ def measure_profile(
         edges: What the edges are off.
         rig: Intrinsics and baseline.
         pose: The fit.
-        reach_px: How far off an edge may be to count.
+        wide: Whether edges count that are too far off to be measured well: they show that there is another
+            slope ahead, of that size at least.
     """
     columns = np.moveaxis(edges.columns, 2, -1)  # (2, L, N, 2)
     below = edges.rows[:, None] - horizon_row(rig, pose, columns)
     x = rig.fy * pose.height_m / np.maximum(below, 1.0)
-    usable = edges.blocks.usable & (edges.blocks.ramp_sigmas <= MOST_RAMP_SIGMAS)
-    usable = usable[..., None] & (x < _NODES_M[-1]) & (np.abs(edges.displacement) < reach_px)
+    clear = (edges.blocks.usable & (edges.blocks.ramp_sigmas <= MOST_RAMP_SIGMAS))[..., None]
+    within = clear & (np.abs(edges.displacement) < (WIDE_REACH_PX if wide else REACH_PX))
+    usable = within & (x < (_NODES_M[-1] if wide else _end_of_sight_m(x, clear, within)))
     slopes = np.broadcast_to(edges.slopes[:, :, None], columns.shape)
     information = np.diagonal(edges.blocks.information, axis1=-2, axis2=-1)[..., :2]
     off, slope, at = edges.displacement[usable], slopes[usable], x[usable]
     variance = edges.blocks.variance / np.maximum(information[usable], 1e-9) + EDGE_STD_PX**2
-    found = _fit((slope * rig.fy / at)[:, None] * _hats(at), -rig.fx * at / 2.0, off, variance)
+    by_heights, by_bend = (slope * rig.fy / at)[:, None] * _hats(at), -rig.fx * at / 2.0
+    found = _fit(by_heights, by_bend, off, variance)
+    near = at <= found.bends_at_m
+    if not wide and not near.all():
+        # From there on edges are farther off with every metre, and soon out of reach.
+        found = _fit(by_heights[near], by_bend[near], off[near], variance[near])
     return replace(found, seen_share=_SEEN_SHARE)
+
+
+def _end_of_sight_m(x: Array, clear: Mask, within: Mask) -> float:
+    """Return from where on most edges are out of reach [m]: those that are not are there by chance.
+
+    Args:
+        x: Distances of the edges [m], of any shape.
+        clear: Whether there is an edge, no steeper and no softer than the lens makes it; broadcast to x.
+        within: Whether it is near enough to the fit besides.
+    """
+    interval = np.digitize(x, _NODES_M)
+    for i in range(1, len(_NODES_M)):
+        here = interval == i
+        if np.count_nonzero(here & within) < _LEAST_SHARE * np.count_nonzero(here & clear):
+            return float(_NODES_M[i - 1])
+    return float(_NODES_M[-1])
 
 
 def profile_of_asphalt(texture: TextureFit) -> Profile:

@@ -23,7 +23,7 @@ from .extrinsics import Array, Extrinsics
 from .faces import UNSEEN, Face, measure_faces
 from .gauss_newton import MIN_BLOCKS, Known, Step, solve_step
 from .pattern import LanePattern, row_towards
-from .profile import WIDE_REACH_PX, EdgeResiduals, Profile, measure_profile
+from .profile import EdgeResiduals, Profile, measure_profile
 from .rig import StereoRig
 from .road import N_POSE, bent_columns, lane_in_road, predict_edges
 
@@ -184,7 +184,7 @@ def refine(
         lane_yaw_rad=float(road[3]),
         curvature_per_m=float(road[_CURVATURE]),
         profile=measure_profile(residuals, rig, pose),
-        wide_profile=measure_profile(residuals, rig, pose, WIDE_REACH_PX),
+        wide_profile=measure_profile(residuals, rig, pose, wide=True),
         positions_m=middles,
         widths_m=widths,
         heights_m=heights,

@@ -15,6 +15,7 @@ from stereo_selfcal.core.horizon import horizon_offset
 from stereo_selfcal.core.paint import measure_rims
 from stereo_selfcal.core.patterns import look
 from stereo_selfcal.core.places import place_of_line
+from stereo_selfcal.core.profile import covariance_by_profile, covariance_by_sight
 from stereo_selfcal.core.refinement import refine
 from stereo_selfcal.core.witnesses import OTHER_SLOPE
 from stereo_selfcal.synth.ingredients import Car, Paint, Shadow
@@ -111,12 +112,15 @@ def test_profile_says_what_a_slope_ahead_does_to_the_estimate(change):
     pattern = calibrator.extract(*images)
     fit = refine(images, pattern, world.scene.rig, result.stages["genetic"])
     truth = world.scene.truth()
-    found = np.array([fit.extrinsics.height_m, fit.extrinsics.pitch_rad]) + fit.profile.change
+    found = np.array([fit.extrinsics.height_m, fit.extrinsics.pitch_rad]) + fit.wide_profile.change
     before = abs(fit.extrinsics.pitch_rad - truth.pitch_rad)
     assert before > math.radians(0.1)
     # Rows whose edges are 5 px off and more are not seen: of a crest, these are the farther ones.
     assert abs(found[1] - truth.pitch_rad) < 0.5 * before
     assert abs(found[0] - truth.height_m) < 0.5 * abs(fit.extrinsics.height_m - truth.height_m)
+    # Of edges that are within reach it says less, and knows how much.
+    allowed = covariance_by_profile(fit.profile) + covariance_by_sight(fit.profile)
+    assert before < 2.0 * np.sqrt(allowed[1, 1])
     if result.accepted:  # what is accepted knows how uncertain it is
         assert result.std.pitch_rad > 0.5 * before
 
