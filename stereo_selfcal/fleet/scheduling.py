@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import uuid
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -102,6 +103,9 @@ class FleetRun:
         self._make_report = make_report
         self._tasks: dict[Any, tuple[_Task, Future]] = {}  # by the key of the task
         self._completed: Any = None
+        # Of this run alone: a cluster may serve many, and be cancelling those of one that has ended.
+        # The address of an object may have been that of another.
+        self._name = uuid.uuid4().hex[:12]
         self._attempts = 0
         self._suspects: list[Bag] = []
         self._alone = False
@@ -145,7 +149,7 @@ class FleetRun:
     def _submit(self, task: _Task, work: Callable[..., Any], *arguments: Any, priority: int = _BEGUN) -> None:
         """Hand a task to the cluster under a name that a person can read in the dashboard."""
         self._attempts += 1  # no name is used twice: that of a failed task would give its failure
-        key = (task.kind, task.bag.stem, task.index, f"{id(self):x}.{self._attempts}")
+        key = (task.kind, task.bag.stem, task.index, f"{self._name}.{self._attempts}")
         future = self._client.submit(work, *arguments, key=key, pure=False, priority=priority)
         self._tasks[future.key] = task, future
         self._completed.add(future)

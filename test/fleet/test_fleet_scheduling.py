@@ -2,6 +2,7 @@
 
 import json
 import logging
+from pathlib import Path
 
 import pytest
 
@@ -124,6 +125,28 @@ def test_nothing_is_left_in_the_cluster_when_the_caller_stops(cluster, roads):
     with pytest.raises(StopError):
         FleetRun(cluster, SETTINGS).run([Bag.of(path, SETTINGS) for path in roads], on_done)
     assert not cluster.futures or all(state.status != "pending" for state in cluster.futures.values())
+
+
+def test_no_task_has_the_name_of_one_of_another_run(cluster):
+    """Runs one after the other are often at one address; what is cancelled of the first was the second's."""
+
+    class Names:
+        def __init__(self):
+            self.keys = []
+
+        def submit(self, *_, key, **__):
+            self.keys.append(key)
+            raise ClusterError("enough")
+
+        def cancel(self, *_, **__):
+            pass
+
+    assert cluster.status == "running"  # results are waited for with the client there is
+    names = Names()
+    for _ in range(20):
+        with pytest.raises(ClusterError, match="enough"):
+            FleetRun(names, SETTINGS).run([Bag("road", Path("road"), "road", "1")], lambda _: None)
+    assert len(set(names.keys)) == 20
 
 
 def test_an_existing_cluster_is_used_by_its_address(cluster, roads):
