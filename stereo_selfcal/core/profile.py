@@ -240,6 +240,12 @@ def covariance_by_sight(*profiles: Profile | None) -> Array:
     return _as_it_may_go_on(min(known, key=lambda profile: float(profile.std[1])))
 
 
+def leave_ahead_open(*profiles: Profile | None) -> bool:
+    """Whether none of the profiles that were measured excludes another slope of the road ahead."""
+    known = [profile for profile in profiles if profile is not None]
+    return bool(known) and not any(profile.sees_ahead for profile in known)
+
+
 def _as_it_may_go_on(profile: Profile) -> Array:
     covariance = np.zeros((3, 3))
     change = profile.change / profile.seen_share if profile.bent else profile.change

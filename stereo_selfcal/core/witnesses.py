@@ -31,7 +31,7 @@ from .matching import Matches
 from .paint import measure_rims
 from .pattern import LanePattern
 from .patterns import Points
-from .profile import covariance_by_profile, covariance_by_sight, profile_of_asphalt
+from .profile import covariance_by_profile, covariance_by_sight, leave_ahead_open, profile_of_asphalt
 from .readings import Evidence
 from .rectification import vertical_offset
 from .results import CalibrationResult, rejected
@@ -130,9 +130,8 @@ def ask_road(
     covariance = covariance + covariance_by_rectification(rig, extrinsics)
     of_stripes = None if evidence.refined is None else evidence.refined.profile
     profiles = (of_stripes, profile_of_asphalt(fit))
-    of_sight = covariance_by_sight(*profiles)
-    covariance = covariance + covariance_by_profile(*profiles) + of_sight
-    if of_sight.any():
+    covariance = covariance + covariance_by_profile(*profiles) + covariance_by_sight(*profiles)
+    if leave_ahead_open(*profiles):
         result = replace(result, notes=(*result.notes, OTHER_SLOPE))
     stages = {**result.stages, "combined": extrinsics}
     return replace(result, stages=stages, extrinsics=extrinsics, covariance=covariance)
@@ -147,7 +146,7 @@ def _ask_rest(
     covariance = covariance + covariance_by_crown(evidence.refined)
     if evidence.refined is not None:
         of_sight = covariance_by_sight(evidence.refined.profile)
-        if of_sight.any():
+        if leave_ahead_open(evidence.refined.profile):  # also where it is seen to bend
             result = replace(result, notes=(*result.notes, OTHER_SLOPE))
         rims = measure_rims(seen.images, pattern, evidence.refined, rig)
         evidence = replace(evidence, rims=rims)

@@ -31,6 +31,7 @@ from stereo_selfcal.core.profile import (
     Profile,
     covariance_by_profile,
     covariance_by_sight,
+    leave_ahead_open,
     profile_of_asphalt,
 )
 from stereo_selfcal.core.refinement import RefinedFit
@@ -339,6 +340,8 @@ def test_asphalt_says_how_far_it_is_seen():
     assert bent.change[1] > np.radians(0.3) and bent.change[0] > 0.03
     alone = covariance_by_sight(near)
     assert np.sqrt(alone[0, 0]) > 0.015
+    assert leave_ahead_open(near) and leave_ahead_open(bent, None) and not leave_ahead_open(None)
+    assert not leave_ahead_open(near, far)
     # What the stripes show of the road ahead, the asphalt need not.
     assert not covariance_by_sight(far, near).any()
     np.testing.assert_array_equal(covariance_by_sight(None, near), alone)
