@@ -159,7 +159,7 @@ def buried(patterns: list[LanePattern], rig: StereoRig) -> list[Depth]:
         own_m = np.array([place_of_line(left, right, plane, rig)[1] for left, right in _pairs_of(pattern)])
         for left, right in lines:
             height_m, aside_m = place_of_line(left, right, plane, rig)
-            beyond_m = max(aside_m - own_m.max(), own_m.min() - aside_m, 0.0)
+            beyond_m = float(max(aside_m - own_m.max(), own_m.min() - aside_m, 0.0))
             if beyond_m <= LANE_M:
                 std_m = height_std_m(left, right, plane, rig, covariance)
                 depth = Depth(-height_m - GREATEST_FALL * beyond_m, std_m)

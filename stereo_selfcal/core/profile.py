@@ -235,7 +235,7 @@ def covariance_by_sight(*profiles: Profile | None) -> Array:
         profiles: Of the road, by what the estimate is made from.
     """
     known = [profile for profile in profiles if profile is not None]
-    if not known or any(profile.bent or profile.sees_ahead for profile in known):
+    if not leave_ahead_open(*known) or any(profile.bent for profile in known):
         return np.zeros((3, 3))
     return _as_it_may_go_on(min(known, key=lambda profile: float(profile.std[1])))
 
