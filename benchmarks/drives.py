@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereo_selfcal import CalibrationResult, Calibrator, Extrinsics
-from stereo_selfcal.core.drive import Drive, estimate_drive, fuse_frames
+from stereo_selfcal.core.drive.drive import Drive, estimate_drive, fuse_frames
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import PAPER_RIG, custom_scene
 

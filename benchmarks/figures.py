@@ -16,12 +16,12 @@ import cv2
 import numpy as np
 
 from stereo_selfcal import Calibrator, CalibratorConfig, Extrinsics
-from stereo_selfcal.canvas import DARK, VERMILION, WHITE, Canvas, Verdict, verdict_strip
-from stereo_selfcal.core.extraction import find_stripe_points
-from stereo_selfcal.core.extrinsics import Array, road_from_camera_rotation
-from stereo_selfcal.core.fitness import PatternFitness
-from stereo_selfcal.core.images import Image
-from stereo_selfcal.picture import draw_birds_eye, draw_camera_view, draw_overview
+from stereo_selfcal.core.estimators.fitness import PatternFitness
+from stereo_selfcal.core.geometry.pose import road_from_camera_rotation
+from stereo_selfcal.core.lanes.stripe_points import find_stripe_points
+from stereo_selfcal.core.types import Array, Image
+from stereo_selfcal.pictures.canvas import DARK, VERMILION, WHITE, Canvas, StripContent, verdict_strip
+from stereo_selfcal.pictures.picture import draw_birds_eye, draw_camera_view, draw_overview
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import named_scene
 from stereo_selfcal.synth.worlds import RIGS, named_world, render_world
@@ -206,7 +206,7 @@ def misfit() -> bytes:
         ("pitch 0.5 deg off", replace(truth, pitch_rad=truth.pitch_rad + math.radians(0.5))),
         ("height 0.15 m off", replace(truth, height_m=truth.height_m + 0.15)),
     ):
-        bar = verdict_strip(Verdict(title, WHITE if pose == truth else VERMILION), _WIDTH_PX)
+        bar = verdict_strip(StripContent(title, WHITE if pose == truth else VERMILION), _WIDTH_PX)
         panels += [bar, draw_birds_eye(*images, scene.rig, pose, _WIDTH_PX)[_WIDTH_PX // 30 :]]
     return _jpeg(np.vstack(panels))
 
@@ -249,7 +249,7 @@ def _landscape(measure: PatternFitness, best: Extrinsics, pitch_deg: float, roll
     canvas = Canvas(colours, 1.0)
     canvas.dot(np.array([size / 2, size / 2]), 9.0, DARK, 4)
     canvas.dot(np.array([size / 2, size / 2]), 9.0, WHITE, 2)
-    bar = verdict_strip(Verdict(title, WHITE), size, 1)
+    bar = verdict_strip(StripContent(title, WHITE), size, 1)
     return np.vstack([bar, canvas.pixels])
 
 

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stereo_selfcal.fleet.outcome import Outcome
+from stereo_selfcal.fleet.outcome import BagOutcome
 from stereo_selfcal.offline import BagSource, calibrate_recording
 from stereo_selfcal.synth.bag import write_bag
 from stereo_selfcal.synth.scenes import custom_scene, random_scene
@@ -116,10 +116,10 @@ def _make_bags(folder: Path, n: int) -> list[Path]:
     return paths
 
 
-def _row(bag: Path) -> Outcome:
+def _row(bag: Path) -> BagOutcome:
     """Return the row of a recording, calibrated here."""
     with BagSource([bag]) as source:
-        return Outcome.from_replay(
+        return BagOutcome.from_replay(
             bag.name, calibrate_recording(source), (source.left_name, source.right_name)
         )
 
@@ -127,7 +127,7 @@ def _row(bag: Path) -> Outcome:
 class _Fleet:
     """Runs the command on the recordings of a folder."""
 
-    def __init__(self, folder: Path, expected: dict[str, Outcome]) -> None:
+    def __init__(self, folder: Path, expected: dict[str, BagOutcome]) -> None:
         self._folder = folder
         self._expected = expected
 

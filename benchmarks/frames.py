@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereo_selfcal import CalibrationResult, Extrinsics, StereoRig, calibrate
-from stereo_selfcal.core.geometry import apply_homography, image_from_road, road_from_image
+from stereo_selfcal.core.geometry.homography import apply_homography, image_from_road, road_from_image
 from stereo_selfcal.synth.renderer import Frame, Picture, render_camera
 from stereo_selfcal.synth.scenes import random_scene
 from stereo_selfcal.synth.world import Scene

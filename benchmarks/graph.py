@@ -26,7 +26,7 @@ from std_srvs.srv import Trigger
 
 from stereo_selfcal import StereoRig
 from stereo_selfcal.ros import inputs, node
-from stereo_selfcal.ros.listening import Listening
+from stereo_selfcal.ros.listening import SubscriptionSchedule
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import PAPER_RIG, random_scene
 
@@ -129,12 +129,12 @@ def variant(kind: str) -> None:
     same, but images are not deserialised, and no use is made of them.
     """
     if kind == "kept":
-        due = Listening.due
+        due = SubscriptionSchedule.due
         # What is to differ cannot be said to mypy.
-        Listening.due = lambda *arguments: due(*arguments) or True  # type: ignore[method-assign]
+        SubscriptionSchedule.due = lambda *arguments: due(*arguments) or True  # type: ignore[method-assign]
     elif kind not in ("lazy", "watch"):
-        Listening.due = lambda self, now_s, publishers: True  # type: ignore[method-assign]  # as above
-        Listening.taking = property(lambda self: True)  # type: ignore[assignment]  # as above
+        SubscriptionSchedule.due = lambda self, now_s, publishers: True  # type: ignore[method-assign]  # as above
+        SubscriptionSchedule.taking = property(lambda self: True)  # type: ignore[assignment]  # as above
     if kind == "bytes":
         subscribe: Callable = inputs.StereoInput._subscribe
 

@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from stereo_selfcal import CalibrationResult, ConfigError, Extrinsics
-from stereo_selfcal.result_file import load_result, restore, write_result
+from stereo_selfcal.files.result_file import load_result, restore, write_result
 from stereo_selfcal.synth.scenes import PAPER_RIG
 
 from .options import Options

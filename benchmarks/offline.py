@@ -23,10 +23,10 @@ import cv2
 
 from stereo_selfcal import Calibrator, StereoRig
 from stereo_selfcal.core import calibrator as calibrator_module
-from stereo_selfcal.core.images import decode_compressed
+from stereo_selfcal.core.camera.image_messages import decode_compressed
 from stereo_selfcal.offline import open_source
 from stereo_selfcal.synth.bag import Storage, write_bag
-from stereo_selfcal.synth.scenes import FIRST_STAMP_S, NamedScene, StereoFrame, named_scene
+from stereo_selfcal.synth.scenes import FIRST_STAMP_S, NamedScene, RenderedPair, named_scene
 
 from .options import Options
 from .table import Table
@@ -46,26 +46,26 @@ _MEBIBYTE = 2**20
 PARTS = {
     "marking stripes": "find_stripe_points",
     "lines and pairs of them": "look",
-    "further lines": "further_lines",
+    "further lines": "find_extra_lines",
     "genetic algorithm": "maximise_each",
     "covariance": "propagate",
     "closed form": "compare_stages",
     "refinement": "refine",
-    "asphalt and other witnesses": "ask_road",
+    "asphalt and other witnesses": "cross_check_texture",
 }
 
 
 class Repeated(NamedScene):
     """A drive whose images are a few, over and over."""
 
-    def frame(self, index: int) -> StereoFrame:
+    def frame(self, index: int) -> RenderedPair:
         """Return a frame with the stamp of its own."""
         frame = _rendered(replace(self, n_frames=N_RENDERED), index % N_RENDERED)
         return frame._replace(stamp_s=FIRST_STAMP_S + index / self.rate_hz)
 
 
 @lru_cache(maxsize=N_RENDERED)
-def _rendered(scene: NamedScene, index: int) -> StereoFrame:
+def _rendered(scene: NamedScene, index: int) -> RenderedPair:
     return NamedScene.frame(scene, index)
 
 

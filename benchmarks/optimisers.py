@@ -37,9 +37,9 @@ from pymoo.optimize import minimize
 from scipy.optimize import differential_evolution
 
 from stereo_selfcal import CalibratorConfig
-from stereo_selfcal.core.fitness import PatternFitness
-from stereo_selfcal.core.genetic import maximise_each
-from stereo_selfcal.core.geometry import SIDES
+from stereo_selfcal.core.estimators.fitness import PatternFitness
+from stereo_selfcal.core.geometry.homography import SIDES
+from stereo_selfcal.core.numerics.genetic import maximise_each
 
 from .frames import Array
 

@@ -16,7 +16,7 @@ import numpy as np
 import pyransac3d
 
 from stereo_selfcal import StereoRig
-from stereo_selfcal.core.geometry import horizon_row
+from stereo_selfcal.core.geometry.homography import horizon_row
 from stereo_selfcal.synth.renderer import Frame
 from stereo_selfcal.synth.world import Scene
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from stereo_selfcal import Calibrator, Extrinsics, StereoRig
 from stereo_selfcal.bags import StereoBag
-from stereo_selfcal.core.corridor import plane_of
-from stereo_selfcal.core.extraction import Image
+from stereo_selfcal.core.geometry.plane import plane_from_pose
 from stereo_selfcal.core.results import CalibrationResult
+from stereo_selfcal.core.types import Image
 
 from .frames import READABLE, Array, pose_of_plane
 from .options import Options
@@ -134,7 +134,7 @@ def _strip_pose(frame: Recorded, points: tuple[Array, Array], half_width_m: floa
     rays, disparity = points
     rig = frame.rig
     start = Extrinsics.from_array((frame.reference - DISPARITY_OFFSET) / READABLE)
-    plane = plane_of(start, rig)
+    plane = plane_from_pose(start, rig)
     depth = rig.fx * rig.baseline_m / disparity
     aside = rays[:, 1] * depth + rig.baseline_m / 2.0
     strip = (np.abs(aside) < half_width_m) & (depth > STRIP_NEAR_M) & (depth < STRIP_FAR_M)

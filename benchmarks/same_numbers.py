@@ -110,7 +110,10 @@ def _relative(where: str) -> str:
 def record(path: Path, worlds: int) -> None:
     """Write what the calibrator on the path says of every frame, a line each."""
     context = multiprocessing.get_context("spawn")
-    with context.Pool(PROCESSES, initializer=cv2.setNumThreads, initargs=(1,)) as pool, path.open("w") as file:
+    with (
+        context.Pool(PROCESSES, initializer=cv2.setNumThreads, initargs=(1,)) as pool,
+        path.open("w") as file,
+    ):
         for said in pool.imap(measure, tasks(worlds), chunksize=4):
             file.write(json.dumps(said) + "\n")
             file.flush()

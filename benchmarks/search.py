@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from stereo_selfcal import Calibrator
-from stereo_selfcal.core.fitness import PatternFitness
+from stereo_selfcal.core.estimators.fitness import PatternFitness
 
 from .frames import Array, held_out_frame
 from .optimisers import OPTIMISERS, SETTINGS, Recorder, search_box

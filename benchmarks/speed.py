@@ -15,9 +15,9 @@ import numpy as np
 
 from stereo_selfcal import Calibrator, CalibratorConfig, StereoRig
 from stereo_selfcal.core import calibrator as calibrator_module
-from stereo_selfcal.core.fitness import PatternFitness
-from stereo_selfcal.core.genetic import maximise_each
-from stereo_selfcal.core.geometry import SIDES
+from stereo_selfcal.core.estimators.fitness import PatternFitness
+from stereo_selfcal.core.geometry.homography import SIDES
+from stereo_selfcal.core.numerics.genetic import maximise_each
 from stereo_selfcal.synth.renderer import Frame, render
 from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene, random_scene
 
@@ -43,7 +43,7 @@ PARTS: dict[str, tuple[object, str]] = {
     "covariance of lines": (calibrator_module, "propagate"),
     "closed form": (calibrator_module, "compare_stages"),
     "refinement": (calibrator_module, "refine"),
-    "asphalt and other witnesses": (calibrator_module, "ask_road"),
+    "asphalt and other witnesses": (calibrator_module, "cross_check_texture"),
 }
 REST, WHOLE = "all the rest", "calibrate()"
 

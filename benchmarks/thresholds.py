@@ -16,18 +16,11 @@ import numpy as np
 
 from stereo_selfcal import Calibrator, CalibratorConfig, StereoRig
 from stereo_selfcal.bags import StereoBag
-from stereo_selfcal.core import (
-    calibrator,
-    combination,
-    faces,
-    guided,
-    matching,
-    places,
-    profile,
-    readings,
-    texture,
-    witnesses,
-)
+from stereo_selfcal.core import calibrator, tolerances
+from stereo_selfcal.core.estimators import texture_alignment
+from stereo_selfcal.core.evidence import cross_checks, kerb_face, measurements, profile
+from stereo_selfcal.core.lanes import line_geometry, matching
+from stereo_selfcal.core.search import texture_guided_lines
 
 from .options import Options
 from .recorded import BAG, FRAMES
@@ -60,39 +53,39 @@ THRESHOLDS = (
     Threshold("_MAX_WIDTH_RATIO", matching),
     Threshold("_MAX_CONTRAST_RATIO", matching),
     Threshold("MIN_LIKENESS", matching),
-    Threshold("_CURVATURE_SIGMAS", readings),
-    Threshold("_MIN_VERTICAL_RADIUS_M", readings),
-    Threshold("_MAX_MISFIT_SIGMAS", readings),
-    Threshold("_MAX_STAGE_SIGMAS", readings),
-    Threshold("_MIN_STRIPE_M", readings),
-    Threshold("_MIN_LANE_M", readings),
-    Threshold("_MAX_BLUR_PX", readings),
-    Threshold("_MAX_CLIPPED", readings),
-    Threshold("_MAX_VERTICAL_PX", readings),
-    Threshold("_SHAPE_SIGMAS", readings),
-    Threshold("_MAX_RIM", readings),
-    Threshold("_MAX_OWN_TONE", readings),
-    Threshold("_MAX_FACE", readings),
-    Threshold("_SURELY_SIGMAS", readings),
-    Threshold("_MAX_STD", readings),
-    Threshold("MAX_DIFFERENCE", combination),
-    Threshold("WRONG", combination),
-    Threshold("MAX_LINE_HEIGHT_M", places),
-    Threshold("_DEPTH_SIGMAS", places),
+    Threshold("_CURVATURE_SIGMAS", measurements),
+    Threshold("_MIN_VERTICAL_RADIUS_M", measurements),
+    Threshold("_MAX_MISFIT_SIGMAS", measurements),
+    Threshold("_MAX_STAGE_SIGMAS", measurements),
+    Threshold("_MIN_STRIPE_M", measurements),
+    Threshold("_MIN_LANE_M", measurements),
+    Threshold("_MAX_BLUR_PX", measurements),
+    Threshold("_MAX_CLIPPED", measurements),
+    Threshold("_MAX_VERTICAL_PX", measurements),
+    Threshold("_SHAPE_SIGMAS", measurements),
+    Threshold("_MAX_RIM", measurements),
+    Threshold("_MAX_OWN_TONE", measurements),
+    Threshold("_MAX_FACE", measurements),
+    Threshold("_SURELY_SIGMAS", measurements),
+    Threshold("MAX_STD", tolerances),
+    Threshold("MAX_DIFFERENCE", tolerances),
+    Threshold("WRONG", tolerances),
+    Threshold("MAX_LINE_HEIGHT_M", tolerances),
+    Threshold("_DEPTH_SIGMAS", line_geometry),
     Threshold("_BENT_SIGMAS", profile),
-    Threshold("KERB_SIGMAS", combination),
-    Threshold("_EXCLUDED_SIGMAS", faces),
-    Threshold("MOST_RAMP_SIGMAS", faces),
-    Threshold("_LEAST_LIKE", faces),
+    Threshold("KERB_SIGMAS", tolerances),
+    Threshold("_EXCLUDED_SIGMAS", kerb_face),
+    Threshold("MOST_RAMP_SIGMAS", kerb_face),
+    Threshold("_LEAST_LIKE", kerb_face),
     Threshold("REACH_PX", profile),
-    Threshold("_WITHIN_M", witnesses),
+    Threshold("_WITHIN_M", cross_checks),
     Threshold("_BENEATH_M", calibrator),
-    Threshold("AGREEMENT", texture),
-    Threshold("MAX_NOISE_STD", texture),
-    Threshold("MIN_SIGMAS", texture),
-    Threshold("MIN_CELL_SHARE", texture),
-    Threshold("MAX_GAP_RAD", guided),
-    Threshold("MAX_YAW_RAD", guided),
+    Threshold("AGREEMENT", tolerances),
+    Threshold("MAX_NOISE_STD", tolerances),
+    Threshold("MIN_SIGMAS", texture_alignment),
+    Threshold("MIN_CELL_SHARE", texture_alignment),
+    Threshold("MAX_GAP_RAD", texture_guided_lines),
+    Threshold("MAX_YAW_RAD", texture_guided_lines),
 )
 
 

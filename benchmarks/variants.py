@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereo_selfcal import Calibrator
-from stereo_selfcal.core.extraction import Image
+from stereo_selfcal.core.types import Image
 
 from .frames import READABLE, Array
 from .options import Options

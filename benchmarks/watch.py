@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stereo_selfcal import CalibrationResult, Calibrator, Extrinsics
-from stereo_selfcal.core.extrinsics import Array
-from stereo_selfcal.core.watch import ALARM_SIGMAS, Watch
-from stereo_selfcal.node_settings import NODE_SETTINGS
+from stereo_selfcal.core.drive.watch import ALARM_SIGMAS, Watch
+from stereo_selfcal.core.types import Array
+from stereo_selfcal.files.node_settings import NODE_SETTINGS
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene
 

@@ -37,7 +37,7 @@ TOP_REASONS = 3
 
 
 @dataclass(frozen=True)
-class Verdict:
+class WorldVerdict:
     """What the calibrator made of one world.
 
     Attributes:
@@ -86,19 +86,19 @@ def world_frame(index: int, seed: int = SEED) -> tuple[World, Frame, Frame]:
     return drawn, *render_world(drawn, np.random.default_rng([seed, index, 1]))
 
 
-def judge_world(index: int, seed: int = SEED) -> Verdict:
+def judge_world(index: int, seed: int = SEED) -> WorldVerdict:
     """Calibrate one world."""
     drawn, left, right = world_frame(index, seed)
     result = calibrate(left, right, drawn.scene.rig)
     names = (*(drawn.ingredients or ("nothing else",)), f"rig {drawn.rig_name}")
     if result.extrinsics is None or result.covariance is None:
-        return Verdict(index, drawn.expected, names, str(result.reason), np.empty(0), np.empty(0))
+        return WorldVerdict(index, drawn.expected, names, str(result.reason), np.empty(0), np.empty(0))
     error = (result.extrinsics.as_array() - drawn.truth.as_array()) * READABLE
     std = np.sqrt(np.diag(result.covariance)) * READABLE
-    return Verdict(index, drawn.expected, names, "", error, std, "textured" in result.stages)
+    return WorldVerdict(index, drawn.expected, names, "", error, std, "textured" in result.stages)
 
 
-def judge_worlds(number: int, seed: int = SEED) -> list[Verdict]:
+def judge_worlds(number: int, seed: int = SEED) -> list[WorldVerdict]:
     """Calibrate the first worlds of a seed, in processes of their own."""
     # Started afresh ("spawn"), the same on every system; each with one thread, as everything here.
     context = multiprocessing.get_context("spawn")
@@ -120,7 +120,7 @@ def world_tables(options: Options) -> Iterator[Table]:
 HEADER = ["n", "accepted", "wrong", "gross", f"error / std, RMS ({', '.join(UNITS)})"]
 
 
-def _by_expectation(verdicts: list[Verdict], name: str, title: str) -> Table:
+def _by_expectation(verdicts: list[WorldVerdict], name: str, title: str) -> Table:
     limits = " / ".join(f"{value:g}" for value in WRONG)
     gross = " / ".join(f"{value:g}" for value in GROSS)
     table = Table(
@@ -133,7 +133,7 @@ def _by_expectation(verdicts: list[Verdict], name: str, title: str) -> Table:
         "and where noise drowns the paint or hardly any is in view, a result is welcome if right (either). "
         "Asked: 95 % of the good ones accepted, none wrong.",
     )
-    groups: dict[str, Callable[[Verdict], bool]] = {
+    groups: dict[str, Callable[[WorldVerdict], bool]] = {
         "accept": lambda verdict: verdict.expected == "accept",
         "either": lambda verdict: verdict.expected == "either",
         "refuse": lambda verdict: verdict.expected == "refuse",
@@ -148,7 +148,7 @@ def _by_expectation(verdicts: list[Verdict], name: str, title: str) -> Table:
     return table
 
 
-def _by_ingredient(verdicts: list[Verdict]) -> Table:
+def _by_ingredient(verdicts: list[WorldVerdict]) -> Table:
     table = Table(
         "worlds_ingredients",
         "The same by ingredient",
@@ -164,7 +164,7 @@ def _by_ingredient(verdicts: list[Verdict]) -> Table:
     return table
 
 
-def _faults(verdicts: list[Verdict]) -> Table:
+def _faults(verdicts: list[WorldVerdict]) -> Table:
     return _listed(
         "worlds_faults",
         "The wrong ones, and the good ones that were refused",
@@ -177,12 +177,12 @@ def _faults(verdicts: list[Verdict]) -> Table:
     )
 
 
-def _wrong(verdicts: list[Verdict]) -> Table:
+def _wrong(verdicts: list[WorldVerdict]) -> Table:
     wrong = [verdict for verdict in verdicts if verdict.wrong or verdict.gross]
     return _listed("worlds_fresh_wrong", "The wrong and gross ones among them", FRESH_SEED, wrong)
 
 
-def _listed(name: str, title: str, seed: int, verdicts: list[Verdict]) -> Table:
+def _listed(name: str, title: str, seed: int, verdicts: list[WorldVerdict]) -> Table:
     table = Table(
         name,
         title,
@@ -196,7 +196,7 @@ def _listed(name: str, title: str, seed: int, verdicts: list[Verdict]) -> Table:
     return table
 
 
-def _counts(group: list[Verdict]) -> tuple[str, ...]:
+def _counts(group: list[WorldVerdict]) -> tuple[str, ...]:
     """Return the cells under :data:`HEADER`."""
     accepted = [verdict for verdict in group if verdict.accepted]
     share = f"{len(accepted)} ({len(accepted) / len(group):.1%})" if group else "0"

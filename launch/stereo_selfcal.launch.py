@@ -11,7 +11,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-from stereo_selfcal.node_settings import NodeSetting, all_settings
+from stereo_selfcal.files.node_settings import NodeSetting, all_settings
 
 PACKAGE = "stereo_selfcal"
 

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .core.calibrator import Calibrator, calibrate
+    from .core.camera.rig import StereoRig
     from .core.config import CalibratorConfig
     from .core.errors import ConfigError, ImageError, RigError, SelfcalError
-    from .core.extrinsics import Extrinsics
-    from .core.results import CalibrationResult, Rejection, RejectReason
-    from .core.rig import StereoRig
+    from .core.geometry.pose import Extrinsics
+    from .core.rejection import Rejection, RejectReason
+    from .core.results import CalibrationResult
 
 __version__ = "0.1.0"
 
@@ -38,13 +39,13 @@ _MODULES = {
     "Calibrator": "calibrator",
     "CalibratorConfig": "config",
     "ConfigError": "errors",
-    "Extrinsics": "extrinsics",
+    "Extrinsics": "geometry.pose",
     "ImageError": "errors",
-    "RejectReason": "results",
-    "Rejection": "results",
+    "RejectReason": "rejection",
+    "Rejection": "rejection",
     "RigError": "errors",
     "SelfcalError": "errors",
-    "StereoRig": "rig",
+    "StereoRig": "camera.rig",
     "calibrate": "calibrator",
 }
 

@@ -14,7 +14,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
-from stereo_selfcal.core.rig import StereoRig
+from stereo_selfcal.core.camera.rig import StereoRig
 
 RIG = StereoRig(64, 48, 50.0, 50.0, 31.5, 23.5, 0.15)
 NS_PER_S = 1_000_000_000

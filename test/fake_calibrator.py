@@ -5,8 +5,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from stereo_selfcal.core.extrinsics import Extrinsics
-from stereo_selfcal.core.results import CalibrationResult, Rejection, RejectReason, describe, rejected
+from stereo_selfcal.core.geometry.pose import Extrinsics
+from stereo_selfcal.core.rejection import Rejection, RejectReason
+from stereo_selfcal.core.results import CalibrationResult, describe, rejected
 from stereo_selfcal.offline import run as run_module
 
 POSE = Extrinsics(1.4, 0.05, -0.01)

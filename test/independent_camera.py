@@ -5,7 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from stereo_selfcal.core.pattern import ImageLine, LanePattern
+from stereo_selfcal.core.lanes.lane_pair import ImageLine, LanePattern
 
 CAMERAS = ("left", "right")
 # x right, y down, z forward of a camera, each written in body axes (x forward, y left, z up).

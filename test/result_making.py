@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from stereo_selfcal import CalibrationResult, Extrinsics, StereoRig
-from stereo_selfcal.result_file import write_result
+from stereo_selfcal.files.result_file import write_result
 
 RIG = StereoRig(640, 480, 516.6, 516.6, 319.5, 239.5, 0.1481)
 # Awkward on purpose: no short decimal, and so small that repr() has an exponent without a point.

@@ -17,8 +17,27 @@ MAX_LINES = 400
 CORE_THIRD_PARTY = {"cv2", "numpy"}
 
 # The renderer shares the values that describe a scene with the estimator, and none of its derivations.
-SYNTH_MAY_USE = ("stereo_selfcal.synth.", "stereo_selfcal.core.errors.", "stereo_selfcal.core.rig.")
-SYNTH_MAY_USE_EXACTLY = {"stereo_selfcal.core.extrinsics.Extrinsics"}
+SYNTH_MAY_USE = ("stereo_selfcal.synth.", "stereo_selfcal.core.errors.", "stereo_selfcal.core.camera.rig.")
+SYNTH_MAY_USE_EXACTLY = {"stereo_selfcal.core.geometry.pose.Extrinsics"}
+
+# The rooms of core, each of which imports from those before it only. Modules of core itself are rooms of one:
+# the floor that all stand on, and the roof that stands on all.
+FLOOR = ("errors", "types", "config", "tolerances", "rejection")
+ROOMS = (
+    *FLOOR,
+    "numerics",
+    "camera",
+    "geometry",
+    "road",
+    "lanes",
+    "estimators",
+    "evidence",
+    "search",
+    "results",
+    "drive",
+    "calibrator",
+    "analysis",
+)
 
 WITHOUT_ROS = (
     "stereo_selfcal",
@@ -121,6 +140,31 @@ def test_core_imports_numpy_opencv_and_itself_only(path: Path):
     assert third_party(names) <= CORE_THIRD_PARTY
     ours = {name for name in names if name.split(".")[0] == PACKAGE.name}
     assert all(name.startswith("stereo_selfcal.core.") for name in ours), ours
+
+
+def room_of(module: str) -> str:
+    """Return the room of a module or name of core: `stereo_selfcal.core.lanes.hough` is in `lanes`."""
+    return module.split(".")[2]
+
+
+def test_every_module_of_core_is_in_a_room():
+    found = {path.name.removesuffix(".py") for path in (PACKAGE / "core").iterdir()} - {"__pycache__"}
+    assert found == {*ROOMS, "__init__"}
+
+
+@pytest.mark.parametrize("path", sources(PACKAGE / "core"), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_rooms_of_core_import_from_those_before_them(path: Path):
+    own = path.relative_to(PACKAGE / "core").parts[0].removesuffix(".py")
+    used = {room_of(name) for name in imports_of(path) if name.startswith("stereo_selfcal.core.")} - {own}
+    allowed = ROOMS[: ROOMS.index(own)] if own in ROOMS else ()
+    assert used <= set(allowed), f"{own} imports from {sorted(used - set(allowed))}"
+
+
+def test_no_module_imports_a_private_name_of_another():
+    for path in sources(PACKAGE):
+        private = {name for name in imports_of(path) if name.split(".")[-1].startswith("_")}
+        private -= {name for name in private if name.endswith(("__version__", "__future__"))}
+        assert not {name for name in private if name.startswith(PACKAGE.name)}, path
 
 
 def test_renderer_shares_no_geometry_with_the_estimator():

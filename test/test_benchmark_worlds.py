@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from benchmarks.worlds import Verdict, judge_world, world
+from benchmarks.worlds import WorldVerdict, judge_world, world
 
 
 def verdict(error, std, reason=""):
-    return Verdict(0, "accept", (), reason, np.array(error), np.array(std))
+    return WorldVerdict(0, "accept", (), reason, np.array(error), np.array(std))
 
 
 @pytest.mark.parametrize(

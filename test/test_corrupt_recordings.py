@@ -12,7 +12,7 @@ import yaml
 from bag_making import cameras, make_bag, make_split_bag
 
 from stereo_selfcal.cli.replay import main
-from stereo_selfcal.core.rig import StereoRig
+from stereo_selfcal.core.camera.rig import StereoRig
 
 ROOT = Path(__file__).resolve().parent.parent
 # Larger than the least image, so that frames are looked into; without lines, so that none is accepted.

@@ -7,7 +7,7 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 
-from stereo_selfcal.node_settings import all_settings
+from stereo_selfcal.files.node_settings import all_settings
 
 ROOT = Path(__file__).resolve().parent.parent
 FILE = ROOT / "launch" / "stereo_selfcal.launch.py"

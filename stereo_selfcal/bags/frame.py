@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.errors import ImageError
-from ..core.images import Image
+from ..core.types import Image
 from .errors import BagError
 
 # Frames at the start that may be lost, before it is the camera that cannot be read.

@@ -9,11 +9,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeVar
 
+from ..core.camera.image_messages import message_to_grey
+from ..core.camera.pairing import StampedPair, StampPairer, message_stamp_ns, stamp_to_s
+from ..core.camera.rectifier import StereoRectifier
+from ..core.camera.rig import StereoRig
 from ..core.errors import ImageError, RigError
-from ..core.images import Image, message_to_grey
-from ..core.pairing import StampedPair, StampPairer, message_stamp_ns, stamp_to_s
-from ..core.rig import StereoRig
-from ..core.undistort import StereoRectifier
+from ..core.types import Image
 from .errors import BagError
 from .frame import StereoFrame, readable
 from .part import Message, Part, recordings_at

@@ -13,16 +13,16 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from ..atomic_file import write_atomically
+from ..files.atomic_file import write_atomically
+from ..files.parameter_file import chosen_config
+from ..files.rig_file import read_rig_file
 from ..fleet.bags import find_bags
 from ..fleet.index import index_page
-from ..fleet.outcome import Outcome, Status
+from ..fleet.outcome import BagOutcome, Status
 from ..fleet.store import Bag, Store
 from ..fleet.table import check_table, write_table
 from ..fleet.work import FleetSettings, make_report, versions
 from ..offline import Selection, default_jobs
-from ..parameter_file import chosen_config
-from ..rig_file import read_rig_file
 from .console import EXIT_NOT_ACCEPTED, EXIT_OK, Parser, Progress, UsageError, check_writable, run
 from .replay_options import add_camera_options, add_selection_options, positive_int, time_s
 from .report import as_dict
@@ -89,7 +89,7 @@ class _Outcomes:
         self._store = store
         self._table = table
         self._bags = bags
-        self._rows = {bag.path: Outcome(bag.name, Status.NOT_DONE) for bag in bags}
+        self._rows = {bag.path: BagOutcome(bag.name, Status.NOT_DONE) for bag in bags}
         self._resumed = 0
 
     def resume(self) -> list[Bag]:
@@ -106,10 +106,10 @@ class _Outcomes:
                 found = self._store.finished(bag)
                 self._rows[bag.path] = self._rows[bag.path] if found is None else found
 
-    def take(self, done: Any) -> Outcome:
+    def take(self, done: Any) -> BagOutcome:
         """Keep a recording that is done (:class:`~stereo_selfcal.fleet.scheduling.Done`)."""
         report = "" if done.report is None else self._store.save_report(done.bag, done.report)
-        outcome: Outcome = done.outcome.named(done.bag.name, report)
+        outcome: BagOutcome = done.outcome.named(done.bag.name, report)
         replay = None if done.calibrated is None else as_dict(done.calibrated.replay)
         self._store.save(done.bag, outcome, replay)
         self._rows[done.bag.path] = outcome

@@ -14,11 +14,12 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..atomic_file import write_atomically
-from ..core.extrinsics import Array, Extrinsics
-from ..core.limits import DEFAULT_CONTRAST, limits, location_std
-from ..core.rig import StereoRig
-from ..rig_file import read_rig_file
+from ..core.analysis.cramer_rao import DEFAULT_CONTRAST, limits, location_std
+from ..core.camera.rig import StereoRig
+from ..core.geometry.pose import Extrinsics
+from ..core.types import Array
+from ..files.atomic_file import write_atomically
+from ..files.rig_file import read_rig_file
 from ..synth.scenes import PAPER_RIG
 from ..synth.world import LANE_WIDTH_M, LINE_WIDTH_M, MAX_TILT_RAD, PSF_SIGMA_PX
 from .chart import Curve, Panel, Picture, draw_charts

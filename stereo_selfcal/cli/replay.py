@@ -14,12 +14,15 @@ from typing import Any
 
 import cv2
 
-from ..atomic_file import write_atomically
 from ..bags import StereoTopics, stereo_pairs
+from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
 from ..core.errors import SelfcalError
-from ..core.rig import StereoRig
-from ..exports import export_paths, write_exports
+from ..files.atomic_file import write_atomically
+from ..files.exports import export_paths, write_exports
+from ..files.parameter_file import chosen_config, load_frames
+from ..files.result_file import write_result
+from ..files.rig_file import read_rig_file
 from ..offline import (
     FrameRow,
     FrameSource,
@@ -30,10 +33,7 @@ from ..offline import (
     look_again,
     open_source,
 )
-from ..parameter_file import chosen_config, load_frames
-from ..picture import draw_overview
-from ..result_file import write_result
-from ..rig_file import read_rig_file
+from ..pictures.picture import draw_overview
 from .console import (
     EXIT_BAD_INPUT,
     EXIT_NOT_ACCEPTED,

@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 
 from ..core.errors import ConfigError
-from ..exports import EXPORTS, parse_exports
+from ..files.exports import EXPORTS, parse_exports
 from ..offline import default_jobs
 from .console import Parser
 

@@ -9,8 +9,8 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from ..core.drive import Drive, DriveSegment, clock
-from ..core.extrinsics import Extrinsics
+from ..core.drive.drive import Drive, DriveSegment, clock
+from ..core.geometry.pose import Extrinsics
 from ..offline import FrameRow, Replay
 
 _STAMP_WIDTH = 17  # seconds since 1970 with microseconds

@@ -7,39 +7,49 @@ from typing import Any
 
 import numpy as np
 
-from . import checks
-from .closed_form import compare_stages, solve_plane
-from .combination import (
-    covariance_by_rectification,
-    covariance_by_stages,
-    lies_on,
-    same_road,
-    surely_right,
-    surely_same,
-)
+from .camera.rig import StereoRig
 from .config import CalibratorConfig
-from .extraction import Image, find_stripe_points
-from .extrinsics import Extrinsics
-from .fitness import PatternFitness
-from .further import further_lines
-from .fusion import fuse_frames
-from .gates import judge
-from .genetic import GeneticResult, maximise_each
-from .geometry import SIDES
-from .guided import find_road, line_on_road, lines_on_road
-from .matching import Match
-from .pattern import LanePattern
-from .patterns import Look, Points, Refused, buried, cross, look, unused_lines
-from .places import Depth
-from .profile import covariance_by_profile, covariance_by_sight, profile_of_asphalt
-from .readings import Evidence
-from .rectification import vertical_offset
-from .refinement import refine
-from .results import CalibrationResult, Rejection, RejectReason, announce, rejected
-from .rig import StereoRig
-from .texture import TextureFit, align_texture
-from .uncertainty import measure_bends, propagate
-from .witnesses import Seen, ask_road
+from .drive.fusion import fuse_frames
+from .estimators.fitness import PatternFitness
+from .estimators.line_covariance import measure_bends, propagate
+from .estimators.stripe_fit import refine
+from .estimators.texture_alignment import TextureFit, align_texture
+from .evidence.cross_checks import FrameObservations, cross_check_texture
+from .evidence.cue_fusion import same_road, surely_right
+from .evidence.frame_evidence import Evidence
+from .evidence.gates import evaluate_gates
+from .evidence.lane_heights import lies_on, surely_same
+from .evidence.nuisances import (
+    rectification_covariance,
+    seen_slope_covariance,
+    stage_disagreement_covariance,
+    unseen_slope_covariance,
+)
+from .evidence.profile import measure_profile, profile_of_asphalt
+from .evidence.row_offset import vertical_offset
+from .geometry.homography import SIDES
+from .geometry.pose import Extrinsics
+from .lanes import frame_checks
+from .lanes.closed_form import compare_stages, solve_plane
+from .lanes.extra_lines import find_extra_lines
+from .lanes.hypotheses import (
+    LaneHypotheses,
+    Points,
+    Refused,
+    cross,
+    find_hypotheses,
+    lines_below_plane,
+    unused_lines,
+)
+from .lanes.lane_pair import LanePattern
+from .lanes.line_geometry import BelowPlane
+from .lanes.matching import Match
+from .lanes.stripe_points import find_stripe_points
+from .numerics.genetic import GeneticResult, maximise_each
+from .rejection import Rejection, RejectReason
+from .results import CalibrationResult, announce, rejected
+from .search.texture_guided_lines import find_road, line_on_road, lines_on_road
+from .types import Image
 
 # A frame that is refused is looked at again, with chains and with the next best pairs of lines; each costs a
 # search, a refinement and an alignment, so there is an end to it.
@@ -113,17 +123,17 @@ class Calibrator:
         Every stage runs, and again with other lines where the first ones are refused.
         """
         images = (left, right)
-        refusal = checks.check_images(left, right, self.rig)
+        refusal = frame_checks.check_images(left, right, self.rig)
         if refusal:
             return rejected(refusal, stamp_s)
         points = self._find_points(images)
-        first = look(points, images, self.rig, self.config)
+        first = find_hypotheses(points, images, self.rig, self.config)
         if isinstance(first.patterns, Refused):
             result = rejected(first.patterns.rejection, stamp_s, pattern=first.patterns.pattern)
         else:
-            depths = buried(first.patterns, self.rig)
-            further = further_lines(first.patterns[0], first.matches, points, self.rig, self.config)
-            seen = Seen(images, points, first.matches)
+            depths = lines_below_plane(first.patterns, self.rig)
+            further = find_extra_lines(first.patterns[0], first.matches, points, self.rig, self.config)
+            seen = FrameObservations(images, points, first.matches)
             result = self._solve(first.patterns[0].joined(further), seen, stamp_s, depths[0])
             if further and not result.accepted:
                 result = self._solve(first.patterns[0], seen, stamp_s, depths[0])
@@ -143,13 +153,13 @@ class Calibrator:
     def _look_again(
         self,
         refused: CalibrationResult,
-        first: Look,
+        first: LaneHypotheses,
         points: Points,
         images: tuple[Image, Image],
         stamp_s: float,
     ) -> CalibrationResult:
         """Try other lines; what is found this way counts only with the asphalt as a witness."""
-        chained = look(points, images, self.rig, self.config, chained=True)
+        chained = find_hypotheses(points, images, self.rig, self.config, chained=True)
         tried: list[Extrinsics] = [] if refused.pattern is None else list(refused.stages.values())[:1]
         road = refused.stages.get("textured")
         left = _MOST_SECOND_LOOKS
@@ -165,7 +175,7 @@ class Calibrator:
             if road is not None and not lies_on(pattern, self.rig, closed.extrinsics, road):
                 continue
             left -= 1
-            result = self._solve(pattern, Seen(images), stamp_s)
+            result = self._solve(pattern, FrameObservations(images), stamp_s)
             if result.accepted and "textured" in result.stages:
                 return result
             road = road or result.stages.get("textured")
@@ -175,13 +185,18 @@ class Calibrator:
             return refused
         candidates = [each.candidates[0] for each in looks]
         for pattern in lines_on_road(shown.extrinsics, candidates, points, images, self.rig, self.config):
-            result = self._solve(pattern, Seen(images, shown=shown), stamp_s)
+            result = self._solve(pattern, FrameObservations(images, shown=shown), stamp_s)
             if result.accepted and "textured" in result.stages:
                 return result
-        return self._from_asphalt(refused, shown, matches, Seen(images, points), stamp_s)
+        return self._from_asphalt(refused, shown, matches, FrameObservations(images, points), stamp_s)
 
     def _from_asphalt(
-        self, refused: CalibrationResult, shown: TextureFit, matches: list[Match], seen: Seen, stamp_s: float
+        self,
+        refused: CalibrationResult,
+        shown: TextureFit,
+        matches: list[Match],
+        seen: FrameObservations,
+        stamp_s: float,
     ) -> CalibrationResult:
         """Return the pose over the asphalt where a line both cameras see lies in it; else what was refused.
 
@@ -189,8 +204,8 @@ class Calibrator:
         asphalt tells less of what is farther ahead.
         """
         profile = profile_of_asphalt(shown)
-        covariance = shown.covariance + covariance_by_rectification(self.rig, shown.extrinsics)
-        covariance += covariance_by_profile(profile) + covariance_by_sight(profile)
+        covariance = shown.covariance + rectification_covariance(self.rig, shown.extrinsics)
+        covariance += seen_slope_covariance(profile) + unseen_slope_covariance(profile)
         if self._bent_road(refused, shown) or seen.points is None or not surely_right(covariance):
             return refused
         line = line_on_road(shown.extrinsics, matches, seen.points, seen.images, self.rig, self.config)
@@ -204,7 +219,7 @@ class Calibrator:
         vertical = vertical_offset(seen.images, self.rig, shown.extrinsics, yaw)
         if vertical is None:  # rows that cannot be compared may be those of a turned camera
             return refused
-        gates, refusal = judge(Evidence(self.config, texture=shown, vertical=vertical))
+        gates, refusal = evaluate_gates(Evidence(self.config, texture=shown, vertical=vertical))
         if refusal:
             return rejected(refusal, stamp_s, gates=gates, stages={"textured": shown.extrinsics})
         result = CalibrationResult(
@@ -238,11 +253,11 @@ class Calibrator:
         Returns:
             The two lane boundaries in both images, sampled; or why there are none.
         """
-        refusal = checks.check_images(left, right, self.rig)
+        refusal = frame_checks.check_images(left, right, self.rig)
         if refusal:
             return Refused(refusal)
         images = (left, right)
-        found = look(self._find_points(images), images, self.rig, self.config).patterns
+        found = find_hypotheses(self._find_points(images), images, self.rig, self.config).patterns
         return found if isinstance(found, Refused) else found[0]
 
     def _find_points(self, images: tuple[Image, Image]) -> Points:
@@ -252,9 +267,9 @@ class Calibrator:
     def _solve(
         self,
         pattern: LanePattern,
-        seen: Seen,
+        seen: FrameObservations,
         stamp_s: float,
-        below: Depth | None = None,
+        below: BelowPlane | None = None,
     ) -> CalibrationResult:
         """Find the extrinsics for a pattern, judge them, and refine them on the images."""
         images = seen.images
@@ -269,13 +284,13 @@ class Calibrator:
             "stages": {"genetic": extrinsics},
             "stamp_s": stamp_s,
         }
-        gates, refusal = judge(evidence)
+        gates, refusal = evaluate_gates(evidence)
         if refusal:
             return rejected(refusal, gates=gates, **known)
         fit = propagate(pattern, self.rig, extrinsics, self.config.fitness)
         bends = measure_bends(pattern, self.rig, extrinsics.height_m)
         evidence = replace(evidence, bends=bends, lines=fit)
-        gates, refusal = judge(evidence, but=gates)
+        gates, refusal = evaluate_gates(evidence, already=gates)
         if refusal or fit is None:
             # The gate "determined" has made sure that there is a refusal where there is no fit.
             return rejected(refusal, gates=gates, **known)  # type: ignore[arg-type]
@@ -285,13 +300,18 @@ class Calibrator:
             notes = (*notes, "not refined: too few rows show both edges of a stripe")
         else:
             known["stages"]["refined"] = refined.extrinsics
+            evidence = replace(
+                evidence,
+                profile=measure_profile(refined.residuals, self.rig, refined.extrinsics),
+                wide_profile=measure_profile(refined.residuals, self.rig, refined.extrinsics, wide=True),
+            )
         evidence = replace(evidence, refined=refined, clipped=_clipped(images))
-        gates, refusal = judge(evidence, but=gates)
+        gates, refusal = evaluate_gates(evidence, already=gates)
         if refusal:
             return rejected(refusal, gates=gates, **known)
         best = fit if refined is None else refined
-        of_road = covariance_by_profile(None if refined is None else refined.profile)
-        of_road += covariance_by_stages(extrinsics, fit.covariance, refined)
+        of_road = seen_slope_covariance(evidence.profile)
+        of_road += stage_disagreement_covariance(extrinsics, fit.covariance, refined)
         result = CalibrationResult(
             message="",
             extrinsics=evidence.of_lines,
@@ -303,7 +323,7 @@ class Calibrator:
             notes=notes,
             **known,
         )
-        result = ask_road(result, evidence, seen, self.rig, self.config)
+        result = cross_check_texture(result, evidence, seen, self.rig, self.config)
         return replace(result, message=announce(result)) if result.accepted else result
 
     def _search(self, fitness: PatternFitness) -> GeneticResult:

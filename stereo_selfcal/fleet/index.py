@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from html import escape
 
-from .outcome import Outcome, Status
+from .outcome import BagOutcome, Status
 
 # Colours of Okabe and Ito, which people with any kind of colour vision tell apart; the word is there as well.
 _STYLE = """
@@ -62,7 +62,7 @@ _HEADS = (
 _EQUATION = "p_road = R_z(0) R_y(pitch) R_x(roll) p_camera + [0, 0, height]"
 
 
-def index_page(outcomes: Sequence[Outcome], about: str) -> str:
+def index_page(outcomes: Sequence[BagOutcome], about: str) -> str:
     """Return the page.
 
     Args:
@@ -104,7 +104,7 @@ Confirmed are accepted frames whose asphalt agrees with the lines. The whole tab
 """
 
 
-def _row(outcome: Outcome) -> str:
+def _row(outcome: BagOutcome) -> str:
     name = escape(outcome.bag)
     link = f'<a href="{escape(outcome.report, quote=True)}">{name}</a>' if outcome.report else name
     if outcome.status is Status.CALIBRATED:

@@ -26,7 +26,7 @@ class Status(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class BagOutcome:
     """One row of the table.
 
     Attributes:
@@ -78,7 +78,7 @@ class Outcome:
     report: str = ""
 
     @classmethod
-    def from_replay(cls, bag: str, replay: Replay, topics: tuple[str, str]) -> Outcome:
+    def from_replay(cls, bag: str, replay: Replay, topics: tuple[str, str]) -> BagOutcome:
         """Return the row of a recording that was read."""
         estimate, rows, changes = replay.estimate, replay.rows, replay.drive.changes
         numbers: dict[str, float | None] = {}
@@ -116,7 +116,7 @@ class Outcome:
         """Whether there is no need to do it again; a failure may have passed by the next run."""
         return self.status in (Status.CALIBRATED, Status.REFUSED, Status.DAMAGED)
 
-    def named(self, bag: str, report: str) -> Outcome:
+    def named(self, bag: str, report: str) -> BagOutcome:
         """Return it under the name the recording has this time, with its report."""
         return replace(self, bag=bag, report=report)
 
@@ -125,7 +125,7 @@ class Outcome:
         return asdict(self) | {"status": str(self.status)}
 
     @classmethod
-    def from_mapping(cls, values: dict[str, Any]) -> Outcome:
+    def from_mapping(cls, values: dict[str, Any]) -> BagOutcome:
         """Read what :meth:`to_mapping` wrote.
 
         Raises:
@@ -145,4 +145,4 @@ class Outcome:
         return outcome
 
 
-COLUMNS = tuple(item.name for item in fields(Outcome))
+COLUMNS = tuple(item.name for item in fields(BagOutcome))

@@ -11,7 +11,7 @@ from typing import Any
 from distributed import Client, Future, KilledWorker, as_completed
 
 from .cluster import ClusterError
-from .outcome import Outcome, Status
+from .outcome import BagOutcome, Status
 from .store import Bag
 from .work import (
     Calibrated,
@@ -48,7 +48,7 @@ class Done:
     """
 
     bag: Bag
-    outcome: Outcome
+    outcome: BagOutcome
     calibrated: Calibrated | None = None
     report: bytes | None = None
     problem: str = ""
@@ -236,10 +236,10 @@ class FleetRun:
             )
 
     def _failed(self, bag: Bag, reason: str) -> None:
-        self._on_done(Done(bag, Outcome(bag.name, Status.FAILED, reason, reason)))
+        self._on_done(Done(bag, BagOutcome(bag.name, Status.FAILED, reason, reason)))
 
     def _done(self, bag: Bag, calibrated: Calibrated, report: bytes | None = None, problem: str = "") -> None:
-        outcome = Outcome.from_replay(bag.name, calibrated.replay, calibrated.topics)
+        outcome = BagOutcome.from_replay(bag.name, calibrated.replay, calibrated.topics)
         self._on_done(Done(bag, outcome, calibrated, report, problem))
 
     def _cancel(self) -> None:

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..atomic_file import write_atomically
 from ..core.errors import ConfigError
-from .outcome import Outcome
+from ..files.atomic_file import write_atomically
+from .outcome import BagOutcome
 from .work import FleetSettings, versions
 
 # Raised when what stands in a result file changes: files of another schema are done again.
@@ -65,13 +65,13 @@ class Store:
         for name in (_RESULTS, _REPORTS):
             (folder / name).mkdir(parents=True, exist_ok=True)
 
-    def finished(self, bag: Bag) -> Outcome | None:
+    def finished(self, bag: Bag) -> BagOutcome | None:
         """Return what a former run has found, None where there is nothing that still holds."""
         try:
             content = json.loads(self._result(bag).read_text(encoding="utf-8"))
             if content["key"] != bag.key:
                 return None
-            outcome = Outcome.from_mapping(content["outcome"])
+            outcome = BagOutcome.from_mapping(content["outcome"])
         except (OSError, ValueError, KeyError, TypeError, ConfigError):
             return None  # whatever is wrong with the file, doing the bag again mends it
         has_report = bool(outcome.report) and (self.folder / outcome.report).is_file()
@@ -79,7 +79,7 @@ class Store:
             return None
         return outcome.named(bag.name, outcome.report if has_report else "")
 
-    def save(self, bag: Bag, outcome: Outcome, replay: dict[str, Any] | None) -> None:
+    def save(self, bag: Bag, outcome: BagOutcome, replay: dict[str, Any] | None) -> None:
         """Write the result of a recording, whole or not at all.
 
         Args:

@@ -11,9 +11,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from ..atomic_file import write_atomically
 from ..core.errors import OutputError
-from .outcome import COLUMNS, Outcome
+from ..files.atomic_file import write_atomically
+from .outcome import COLUMNS, BagOutcome
 
 CSV, PARQUET = ".csv", ".parquet"
 
@@ -33,7 +33,7 @@ def check_table(path: Path) -> None:
         )
 
 
-def write_table(path: Path, outcomes: Sequence[Outcome]) -> None:
+def write_table(path: Path, outcomes: Sequence[BagOutcome]) -> None:
     """Write the table, in the order given, whole or not at all; numbers with all their digits.
 
     Raises:
@@ -44,7 +44,7 @@ def write_table(path: Path, outcomes: Sequence[Outcome]) -> None:
     write_atomically(path, content)
 
 
-def csv_of(outcomes: Sequence[Outcome]) -> str:
+def csv_of(outcomes: Sequence[BagOutcome]) -> str:
     """Return the table as comma-separated values with a header; what is not known is empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -55,13 +55,13 @@ def csv_of(outcomes: Sequence[Outcome]) -> str:
     return text.getvalue()
 
 
-def _parquet(outcomes: Sequence[Outcome]) -> bytes:
+def _parquet(outcomes: Sequence[BagOutcome]) -> bytes:
     pyarrow: Any = import_module("pyarrow")
     parquet: Any = import_module("pyarrow.parquet")
     kinds = {"str": pyarrow.string(), "int": pyarrow.int64(), "float | None": pyarrow.float64()}
     # The type of a field is its text; a status is a word.
     schema = pyarrow.schema(
-        [(each.name, kinds.get(str(each.type), kinds["str"])) for each in fields(Outcome)]
+        [(each.name, kinds.get(str(each.type), kinds["str"])) for each in fields(BagOutcome)]
     )
     table = pyarrow.Table.from_pylist([outcome.to_mapping() for outcome in outcomes], schema=schema)
     sink = pyarrow.BufferOutputStream()

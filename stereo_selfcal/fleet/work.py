@@ -14,10 +14,10 @@ import numpy as np
 from .. import __version__
 from ..bags.reader import remarks_on
 from ..core.calibrator import Calibrator
+from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
 from ..core.errors import SelfcalError
 from ..core.results import CalibrationResult
-from ..core.rig import StereoRig
 from ..offline import BagSource, FrameSource, Replay, Selection, calibrate_recording
 from ..offline.frame import FrameHead
 from ..offline.opening import open_source

@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..bags import BagError, Selection, StereoBag, StereoFrame
-from ..core.rig import StereoRig
-from ..core.undistort import StereoRectifier
+from ..core.camera.rectifier import StereoRectifier
+from ..core.camera.rig import StereoRig
 from .recording import FrameSource
 
 

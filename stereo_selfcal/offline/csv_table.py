@@ -7,7 +7,7 @@ import io
 import math
 from collections.abc import Iterable
 
-from ..core.gates import GATES
+from ..core.evidence.gates import GATES
 from .rows import FrameRow
 
 _POSE = ("height_m", "pitch_rad", "roll_rad")

@@ -7,10 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..bags import BagError, Selection, StereoFrame, readable
+from ..core.camera.image_messages import decode_compressed
+from ..core.camera.pairing import stamp_to_s
+from ..core.camera.rig import StereoRig
 from ..core.errors import ImageError
-from ..core.images import Image, decode_compressed
-from ..core.pairing import stamp_to_s
-from ..core.rig import StereoRig
+from ..core.types import Image
 from .recording import FrameSource
 
 DEFAULT_FOLDERS = ("left", "right")

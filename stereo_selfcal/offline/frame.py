@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from ..bags import StereoFrame
 from ..core.calibrator import Calibrator
-from ..core.results import CalibrationResult, Rejection, RejectReason, rejected
+from ..core.rejection import Rejection, RejectReason
+from ..core.results import CalibrationResult, rejected
 
 
 @dataclass(frozen=True, slots=True)

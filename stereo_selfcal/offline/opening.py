@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..bags import BagError, Selection
-from ..core.rig import StereoRig
-from ..rig_file import read_rig_file
+from ..core.camera.rig import StereoRig
+from ..files.rig_file import read_rig_file
 from .bag import BagSource
 from .folder import FolderSource, is_image_folder
 from .recording import FrameSource

@@ -19,10 +19,10 @@ import cv2
 from ..bags import StereoFrame
 from ..blas import one_thread
 from ..core.calibrator import Calibrator
+from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
 from ..core.errors import SelfcalError
 from ..core.results import CalibrationResult
-from ..core.rig import StereoRig
 from .frame import FrameHead, calibrate_frame
 
 # A worker is ready after about a second, in which as many frames are done here. Recordings of at most twice

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from types import TracebackType
 
 from ..bags import Selection, StereoFrame
-from ..core.rig import StereoRig
+from ..core.camera.rig import StereoRig
 
 
 class FrameSource(ABC):

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ..core.extrinsics import Array, Extrinsics
-from ..core.results import CalibrationResult, GateReading, Rejection
+from ..core.geometry.pose import Extrinsics
+from ..core.rejection import GateReading, Rejection
+from ..core.results import CalibrationResult
+from ..core.types import Array
 
 # The stage of a result that the asphalt has a part in.
 _ASPHALT_STAGE = "textured"

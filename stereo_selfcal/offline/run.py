@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 from ..bags import BagError, StereoFrame
 from ..core.calibrator import Calibrator
+from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
-from ..core.drive import Drive, estimate_drive
+from ..core.drive.drive import Drive, estimate_drive
 from ..core.results import CalibrationResult
-from ..core.rig import StereoRig
 from .frame import FrameHead, calibrate_frame
 from .pool import calibrate_in_order
 from .recording import FrameSource

@@ -7,14 +7,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..core.drive import Drive, DriveSegment
-from ..core.extrinsics import Array, Extrinsics
+from ..core.drive.drive import Drive, DriveSegment
+from ..core.geometry.pose import Extrinsics
+from ..core.types import Array
 from ..offline import FrameRow
 
 # The own lane from where most cameras see it to where a metre of road is a few pixels: there two planes are
 # compared.
 _ALONG_M = (5.0, 20.0)
-_HALF_LANE_M = 1.75
+HALF_LANE_M = 1.75
 _N_ALONG = 16
 
 
@@ -29,7 +30,7 @@ def segment_of(row: FrameRow, drive: Drive) -> DriveSegment:
 def road_difference_m(a: Extrinsics, b: Extrinsics) -> float:
     """Return how far apart two poses put the own lane's surface 5 to 20 m ahead, RMS [m]."""
     along = np.linspace(*_ALONG_M, _N_ALONG)[:, None]
-    across = np.array([-_HALF_LANE_M, 0.0, _HALF_LANE_M])[None, :]
+    across = np.array([-HALF_LANE_M, 0.0, HALF_LANE_M])[None, :]
     height, pitch, roll = a.as_array() - b.as_array()
     # p_road = R p_camera + [0, 0, height], for small angles: nose down lowers what is ahead, right side down
     # raises what is to the left.

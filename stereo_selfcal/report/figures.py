@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.drive import Drive, clock
+from ..core.drive.drive import Drive, clock
 from ..offline import FrameRow
 from .charts import Array, Level, histogram, time_series
 from .choice import segment_of

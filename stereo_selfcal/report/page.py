@@ -15,8 +15,8 @@ import numpy as np
 
 from .. import __version__
 from ..core.config import CalibratorConfig
-from ..core.drive import FIRST_CLOCK_S, DriveSegment, clock
-from ..core.extrinsics import Extrinsics
+from ..core.drive.drive import FIRST_CLOCK_S, DriveSegment, clock
+from ..core.geometry.pose import Extrinsics
 from ..offline import FrameRow, FrameSource, Replay
 from .choice import refusals
 from .figures import MINUTE_S, PARAMETERS, charts, gates, residuals

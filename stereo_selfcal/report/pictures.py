@@ -9,12 +9,12 @@ from typing import Any
 
 import cv2
 
-from ..core.drive import clock
+from ..core.drive.drive import clock
 from ..core.errors import SelfcalError
-from ..core.images import Image
 from ..core.results import CalibrationResult
+from ..core.types import Image
 from ..offline import FrameRow, FrameSource, Replay, look_again
-from ..picture import draw_birds_eye, draw_camera_view, shown_extrinsics
+from ..pictures.picture import draw_birds_eye, draw_camera_view, shown_extrinsics
 from .choice import best_median_worst, ranked, refusals, segment_of
 
 # Pictures are looked at, not measured in: a third of the bytes of a PNG, and the fringes stay.

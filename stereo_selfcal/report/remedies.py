@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..core.gates import GATES
-from ..core.results import RejectReason
+from ..core.evidence.gates import GATES
+from ..core.rejection import RejectReason
 from ..offline import FrameRow
 
 _FIND_LINES = "drive on a straight road with painted lines on both sides of the camera, lens clean"

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 from ..core.calibrator import Calibrator
+from ..core.camera.image_messages import message_to_grey
+from ..core.camera.pairing import PairCounts, StampedPair, stamp_to_s, suggest_tolerance_s
+from ..core.camera.rectifier import StereoRectifier
+from ..core.camera.rig import StereoRig
 from ..core.errors import ImageError, RigError
-from ..core.images import Image, message_to_grey
-from ..core.pairing import PairCounts, StampedPair, stamp_to_s, suggest_tolerance_s
 from ..core.results import CalibrationResult
-from ..core.rig import StereoRig
-from ..core.undistort import StereoRectifier
+from ..core.types import Image
 from .config import NodeConfig
 
 _CLOCK_STEP_S = 1e-3  # a call that ends at once (shutdown) must not divide by zero
@@ -46,7 +47,7 @@ class InputState:
     mismatches: tuple[str, ...] = ()
 
 
-class FrameSource(Protocol):
+class PairSource(Protocol):
     """Where a call gets its frames from."""
 
     @property
@@ -73,7 +74,7 @@ class FrameSource(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
+class CallOutcome:
     """Answer of a call.
 
     Attributes:
@@ -100,7 +101,7 @@ class CalibrationCall:
         config: Parameters at the start of the call.
     """
 
-    def __init__(self, source: FrameSource, config: NodeConfig) -> None:
+    def __init__(self, source: PairSource, config: NodeConfig) -> None:
         self._source = source
         self._config = config
         self._calibrator: Calibrator | None = None
@@ -113,7 +114,7 @@ class CalibrationCall:
         self._camera_changes = 0
         self._last_pair: tuple[float, PairCounts] | None = None
 
-    def run(self) -> Outcome:
+    def run(self) -> CallOutcome:
         """Return the result, or the reason why there is none after the timeout."""
         start_s = time.monotonic()
         before = self._source.state.counts
@@ -128,14 +129,14 @@ class CalibrationCall:
                     estimate = self._calibrator.estimate
                     message = estimate.message + self._doubts()
                     if estimate.accepted:
-                        return Outcome(message, estimate, self._calibrator.rig, pair.stamp_ns)
-                    return Outcome(message)
+                        return CallOutcome(message, estimate, self._calibrator.rig, pair.stamp_ns)
+                    return CallOutcome(message)
             if pair is None or remaining_s == 0.0:
                 break
         if self._source.stopped:
-            return Outcome("interrupted: the node shuts down")
+            return CallOutcome("interrupted: the node shuts down")
         elapsed_s = max(time.monotonic() - start_s, _CLOCK_STEP_S)
-        return Outcome(self._reason(before, elapsed_s) + self._doubts())
+        return CallOutcome(self._reason(before, elapsed_s) + self._doubts())
 
     def _notice_other_cameras(self) -> None:
         """Begin anew when CameraInfo has changed: frames of two rigs must not be fused."""
@@ -220,7 +221,7 @@ def _camera(info: Any) -> tuple[str, ...]:
     return tuple(repr(value if isinstance(value, int | str | None) else list(value)) for value in values)
 
 
-def known_rectifier(source: FrameSource, config: NodeConfig) -> StereoRectifier | None:
+def known_rectifier(source: PairSource, config: NodeConfig) -> StereoRectifier | None:
     """Return the cameras of the parameters or of CameraInfo, None before both have come.
 
     Raises:
@@ -235,7 +236,7 @@ def known_rectifier(source: FrameSource, config: NodeConfig) -> StereoRectifier 
     return StereoRectifier.from_camera_info(left, right, config.rectified)
 
 
-def no_pair_reason(source: FrameSource, config: NodeConfig, before: PairCounts, elapsed_s: float) -> str:
+def no_pair_reason(source: PairSource, config: NodeConfig, before: PairCounts, elapsed_s: float) -> str:
     """Return why no pair was formed: which side is missing, or how far the stamps are apart.
 
     Args:
@@ -279,7 +280,7 @@ def no_pair_reason(source: FrameSource, config: NodeConfig, before: PairCounts, 
     return f"{nearest}, which is tolerated, but none was formed: raise queue_size from {config.queue_size}"
 
 
-def _publishers(source: FrameSource, topic: str) -> str:
+def _publishers(source: PairSource, topic: str) -> str:
     count = source.publishers(topic)
     return "1 publisher" if count == 1 else f"{count} publishers"
 

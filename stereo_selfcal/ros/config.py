@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
 from ..core.errors import ConfigError, RigError
-from ..core.rig import StereoRig
-from ..exports import parse_exports
-from ..node_settings import RIG_PREFIX, all_settings, is_calibrator_setting
+from ..files.exports import parse_exports
+from ..files.node_settings import RIG_PREFIX, all_settings, is_calibrator_setting
 
 # Parameters whose value here is not the text that was given.
 _CONVERTED = ("output_path", "exports")

@@ -24,9 +24,9 @@ from ..bags import StereoBag, StereoFrame
 from ..core.calibrator import Calibrator
 from ..core.config import CalibratorConfig
 from ..core.errors import OutputError, SelfcalError
-from ..core.extrinsics import Extrinsics
-from ..picture import draw_overview
-from ..result_file import NODE_NAME, SavedResult, load_result, write_atomically
+from ..core.geometry.pose import Extrinsics
+from ..files.result_file import NODE_NAME, SavedResult, load_result, write_atomically
+from ..pictures.picture import draw_overview
 from .player import BagPlayer
 
 DEFAULT_BAG = Path("bags/straight_road")

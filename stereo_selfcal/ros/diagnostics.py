@@ -19,11 +19,12 @@ from dataclasses import dataclass, field
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from ..core.pairing import PairCounts
-from ..core.results import Rejection, describe
-from ..core.rig import StereoRig
+from ..core.camera.pairing import PairCounts
+from ..core.camera.rig import StereoRig
+from ..core.rejection import Rejection
+from ..core.results import describe
 from .calibration import Topics
-from .record import FrameStatistics, InForce
+from .record import ActiveCalibration, FrameStatistics
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -50,7 +51,7 @@ class CalibrationReport:
 
     state: str
     reason: str = ""
-    in_force: InForce | None = None
+    in_force: ActiveCalibration | None = None
     age_s: float = 0.0
     last_answer: str = "not called yet"
     last_success: bool | None = None
@@ -212,7 +213,7 @@ def _verdict(report: CalibrationReport) -> tuple[bytes, str]:
     return level, text
 
 
-def _described(in_force: InForce) -> str:
+def _described(in_force: ActiveCalibration) -> str:
     extrinsics, std = in_force.result.extrinsics, in_force.result.std
     return "no numbers" if extrinsics is None or std is None else describe(extrinsics, std)
 

@@ -23,11 +23,11 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
-from ..core.pairing import PairCounts, StampedPair, StampPairer, message_stamp_ns
+from ..core.camera.pairing import PairCounts, StampedPair, StampPairer, message_stamp_ns
 from .calibration import InputState, Topics
 from .config import NodeConfig
-from .listening import Listening
-from .memory import give_back
+from .listening import SubscriptionSchedule
+from .memory import trim_heap
 
 SIDES = ("left", "right")
 
@@ -36,7 +36,7 @@ _UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 _LONGEST_FORMAT = 80  # of what is reported once a second; a message may hold any text
 _QUEUE = 5  # the depth of rmw's profile for sensor data (REP 2003), as is the best effort
 # A tick later than the one that unsubscribes: an image may still be in a callback then.
-_GIVE_BACK_TICK = 2
+_TRIM_HEAP_TICK = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ class StereoInput:
         self._stopped = False
         self._infos: dict[str, Any] = {}
         self._formats: dict[str, tuple[int, int, str]] = {}
-        self._listening = Listening()
+        self._listening = SubscriptionSchedule()
         self._look: Look | None = None
         self._taking = False
         self._ticks_off = 0
@@ -214,8 +214,8 @@ class StereoInput:
             if opening and executor is not None:
                 executor.wake()  # it waits without these subscriptions
             self._ticks_off = 0 if on else self._ticks_off + 1
-            if self._ticks_off == _GIVE_BACK_TICK:
-                give_back()
+            if self._ticks_off == _TRIM_HEAP_TICK:
+                trim_heap()
 
     def stop(self) -> None:
         """Wake whoever waits for a pair: the node shuts down."""

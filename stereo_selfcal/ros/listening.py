@@ -20,7 +20,7 @@ PERIOD_S = 30.0
 PERIOD_IN_TROUBLE_S = 10.0
 
 
-class Listening:
+class SubscriptionSchedule:
     """Decides when to be subscribed, and when to take what arrives; callers lock.
 
     At the start, and as long as nothing arrives at all, it listens: that costs nothing.

@@ -9,10 +9,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from ..core.camera.image_messages import message_to_grey
+from ..core.camera.rig import StereoRig
 from ..core.errors import ImageError, RigError
-from ..core.images import Image, message_to_grey
-from ..core.rig import StereoRig
-from .calibration import FrameSource, known_rectifier, no_pair_reason
+from ..core.types import Image
+from .calibration import PairSource, known_rectifier, no_pair_reason
 from .config import NodeConfig
 from .inputs import StereoInput
 
@@ -47,7 +48,7 @@ class NoFrame:
     reason: str
 
 
-def known_rig(source: FrameSource, config: NodeConfig) -> StereoRig | None:
+def known_rig(source: PairSource, config: NodeConfig) -> StereoRig | None:
     """Return the rig of the parameters or of CameraInfo, None before both have come.
 
     Raises:
@@ -57,7 +58,7 @@ def known_rig(source: FrameSource, config: NodeConfig) -> StereoRig | None:
     return None if rectifier is None else rectifier.rig
 
 
-def missing_info(source: FrameSource) -> str:
+def missing_info(source: PairSource) -> str:
     """Return the sentence about a CameraInfo that has not come, "" when both have."""
     infos = zip((source.topics.left_info, source.topics.right_info), source.camera_infos, strict=True)
     missing = [f"{topic} (publishers: {source.publishers(topic)})" for topic, info in infos if info is None]

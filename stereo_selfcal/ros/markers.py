@@ -9,12 +9,13 @@ from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ..canvas import DARK, SKY_BLUE, VERMILION, WHITE, Colour
-from ..core.extrinsics import Array, Extrinsics
-from ..core.geometry import apply_homography, road_from_image
-from ..core.pattern import LanePattern
-from ..core.rig import StereoRig
-from ..picture import GRID_FAR_M, GRID_HALF_WIDTH_M
+from ..core.camera.rig import StereoRig
+from ..core.geometry.homography import apply_homography, road_from_image
+from ..core.geometry.pose import Extrinsics
+from ..core.lanes.lane_pair import LanePattern
+from ..core.types import Array
+from ..pictures.canvas import DARK, SKY_BLUE, VERMILION, WHITE, Colour
+from ..pictures.picture import GRID_FAR_M, GRID_HALF_WIDTH_M
 from .messages import quaternion_message, time_message
 
 _ROAD_THICKNESS_M = 0.01

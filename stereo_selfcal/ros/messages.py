@@ -13,8 +13,8 @@ from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image as ImageMessage
 
-from ..core.extrinsics import Array, Extrinsics
-from ..core.images import Image
+from ..core.geometry.pose import Extrinsics
+from ..core.types import Array, Image
 
 _NS_PER_S = 1_000_000_000
 

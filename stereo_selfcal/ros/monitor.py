@@ -9,10 +9,10 @@ from collections.abc import Callable
 from typing import Any
 
 from ..core.calibrator import Calibrator
-from ..core.pairing import stamp_to_s
+from ..core.camera.pairing import stamp_to_s
 from .config import NodeConfig
 from .live import LiveFrame, NoFrame
-from .memory import give_back
+from .memory import trim_heap
 from .record import FrameReport
 
 # How soon a changed period is noticed, and cameras that are others than before.
@@ -89,7 +89,7 @@ class Monitor:
                 if time.monotonic() >= last_s + period_s:
                     last_s = time.monotonic()
                     self.step()
-                    give_back()
+                    trim_heap()
                 delay_s = max(0.0, min(last_s + period_s - time.monotonic(), _TICK_S))
             except Exception:  # noqa: BLE001 - a frame that fails must not end the watch
                 if self._alive() and not self._stopped.is_set():

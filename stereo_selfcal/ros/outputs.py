@@ -14,10 +14,10 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from visualization_msgs.msg import MarkerArray
 
 from ..core.errors import ConfigError, OutputError
-from ..core.extrinsics import Array
 from ..core.results import CalibrationResult
-from ..node_settings import RESULT_PREFIX
-from ..result_file import RESULT_NAMES, result_parameters
+from ..core.types import Array
+from ..files.node_settings import RESULT_PREFIX
+from ..files.result_file import RESULT_NAMES, result_parameters
 from .config import NodeConfig
 from .markers import markers_message, no_markers_message
 from .messages import deleted_message, extrinsics_message, pose_message, transform_message

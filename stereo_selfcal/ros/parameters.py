@@ -11,8 +11,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ..core.errors import ConfigError
-from ..node_settings import RESULT_PREFIX, NodeSetting
-from ..result_file import RESULT_NAMES
+from ..files.node_settings import RESULT_PREFIX, NodeSetting
+from ..files.result_file import RESULT_NAMES
 from .config import SETTINGS, NodeConfig
 
 _RESULT_DESCRIPTION = {

@@ -10,11 +10,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..core.calibrator import Calibrator
-from ..core.images import Image
-from ..core.pairing import StampedPair
-from ..core.results import CalibrationResult, Rejection
-from ..core.rig import StereoRig
-from .calibration import CalibrationCall, FrameSource
+from ..core.camera.pairing import StampedPair
+from ..core.camera.rig import StereoRig
+from ..core.rejection import Rejection
+from ..core.results import CalibrationResult
+from ..core.types import Image
+from .calibration import CalibrationCall, PairSource
 from .config import NodeConfig
 
 
@@ -40,7 +41,7 @@ class FrameReport:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class InForce:
+class ActiveCalibration:
     """The calibration the node stands by.
 
     Attributes:
@@ -140,9 +141,7 @@ class ReportingCall(CalibrationCall):
         report: Told every frame, in the thread of the call: it must return at once.
     """
 
-    def __init__(
-        self, source: FrameSource, config: NodeConfig, report: Callable[[FrameReport], None]
-    ) -> None:
+    def __init__(self, source: PairSource, config: NodeConfig, report: Callable[[FrameReport], None]) -> None:
         self._report = report
         self._stamp_ns = 0
         self._reporting: _ReportingCalibrator | None = None

@@ -12,9 +12,9 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from ..core.camera.image_messages import SUPPORTED_ENCODINGS
+from ..core.camera.pairing import PairCounts
 from ..core.errors import RigError
-from ..core.images import SUPPORTED_ENCODINGS
-from ..core.pairing import PairCounts
 from .calibration import known_rectifier, no_pair_reason
 from .config import NodeConfig
 from .diagnostics import CalibrationReport, CameraInfoReport, ImagesReport, Snapshot, diagnostics_message

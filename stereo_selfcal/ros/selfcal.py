@@ -13,25 +13,25 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_parameters
 from std_srvs.srv import Trigger
 
+from ..core.camera.rig import StereoRig
+from ..core.drive.states import Event, State
 from ..core.errors import ConfigError, RigError
-from ..core.extrinsics import Array
-from ..core.pattern import LanePattern
+from ..core.lanes.lane_pair import LanePattern
 from ..core.results import CalibrationResult
-from ..core.rig import StereoRig
-from ..core.states import Event, State
-from ..result_file import NODE_NAME, check_fits, restore
+from ..core.types import Array
+from ..files.result_file import NODE_NAME, check_fits, restore
 from .config import NodeConfig
 from .diagnostics import CalibrationReport
 from .inputs import StereoInput
 from .live import LiveFrames, known_rig
 from .markers import lanes_on_road
-from .memory import give_back
+from .memory import trim_heap
 from .monitor import Monitor
 from .outputs import Outputs, Publication
 from .parameters import NodeParameters
-from .record import FrameRecord, FrameReport, InForce, ReportingCall
+from .record import ActiveCalibration, FrameRecord, FrameReport, ReportingCall
 from .reporter import DiagnosticsReporter
-from .standing import Standing
+from .standing import CalibrationKeeper
 from .store import as_in_force, save
 from .views import Views
 
@@ -66,7 +66,7 @@ class SelfcalNode:
             self._calibrating = threading.Lock()
             self._record = FrameRecord()
             self._last_lines: tuple[LanePattern, StereoRig] | None = None
-            self._standing = Standing()
+            self._standing = CalibrationKeeper()
             self._publishing = threading.Lock()  # calls and the watch
             self._last_answer = "not called yet"
             self._last_success: bool | None = None
@@ -160,7 +160,7 @@ class SelfcalNode:
         self._last_lines = None
         with self._live.all() as frames:
             outcome = ReportingCall(frames, config, self._on_frame).run()
-        give_back()
+        trim_heap()
         result, rig = outcome.result, outcome.rig
         if result is None or rig is None:
             return False, outcome.message
@@ -179,7 +179,7 @@ class SelfcalNode:
         with self._publishing:
             self._outputs.publish(Publication(result, config, stamp_ns, self._lanes(result)))
             # In effect from here on, saved or not.
-            in_force = InForce(result, rig, time.monotonic(), saved="not yet")
+            in_force = ActiveCalibration(result, rig, time.monotonic(), saved="not yet")
             self._standing.accept(in_force, settled)
             topics = self._input.topics
             saved, failed = save(in_force, config, f"{topics.left} {topics.right}")

@@ -5,17 +5,17 @@ from __future__ import annotations
 import threading
 from dataclasses import replace
 
+from ..core.camera.rig import StereoRig
+from ..core.drive.states import Event, Machine, State, event_of
+from ..core.drive.watch import Watch
 from ..core.results import CalibrationResult
-from ..core.rig import StereoRig
-from ..core.states import Event, Machine, State, event_of
-from ..core.watch import Watch
-from .record import InForce
+from .record import ActiveCalibration
 
 _NEVER = "call ~/calibrate on a straight road with painted lines"
 _AGREES = "the road shows the pose of before the drift again"
 
 
-class Standing:
+class CalibrationKeeper:
     """Keeps state, calibration and watch together; safe to be used by several threads.
 
     Args:
@@ -26,12 +26,12 @@ class Standing:
         self._lock = threading.Lock()
         self._machine = Machine()
         self._watch = watch or Watch()
-        self._in_force: InForce | None = None
+        self._in_force: ActiveCalibration | None = None
         self._watched_rig: StereoRig | None = None
         self._why = _NEVER
 
     @property
-    def in_force(self) -> InForce | None:
+    def in_force(self) -> ActiveCalibration | None:
         """The calibration in force; what is suspect or invalid stays so until there is a better one."""
         return self._in_force
 
@@ -65,7 +65,7 @@ class Standing:
         """Note why the calibration of an earlier run is not in force."""
         self._why = problem
 
-    def load(self, in_force: InForce) -> None:
+    def load(self, in_force: ActiveCalibration) -> None:
         """Stand by a calibration of an earlier run."""
         self._stand_by(in_force, Event.LOADED, in_force.saved, settled=False)
 
@@ -77,7 +77,7 @@ class Standing:
         """Nothing came of it: what was in force stays so."""
         self._happen(Event.FAILED)
 
-    def accept(self, in_force: InForce, settled: bool = False) -> None:
+    def accept(self, in_force: ActiveCalibration, settled: bool = False) -> None:
         """Stand by a new calibration.
 
         Args:
@@ -130,7 +130,7 @@ class Standing:
         with self._lock:
             return self._watch.proposal(rig)
 
-    def _stand_by(self, in_force: InForce, event: Event, why: str, settled: bool) -> None:
+    def _stand_by(self, in_force: ActiveCalibration, event: Event, why: str, settled: bool) -> None:
         with self._lock:
             self._machine = self._machine.after(event)
             self._in_force, self._why = in_force, why

@@ -7,17 +7,17 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..core.errors import OutputError
-from ..exports import write_exports
-from ..node_settings import NODE_SETTINGS
-from ..result_file import SavedResult, write_result
+from ..files.exports import write_exports
+from ..files.node_settings import NODE_SETTINGS
+from ..files.result_file import SavedResult, write_result
 from .config import NodeConfig
-from .record import InForce
+from .record import ActiveCalibration
 
 # Of a stamp of another clock (a simulation, a recording) the age is not known.
 _LONGEST_AGE_S = 50 * 365.25 * 86400.0
 
 
-def as_in_force(saved: SavedResult, path: Path, now_s: float) -> InForce:
+def as_in_force(saved: SavedResult, path: Path, now_s: float) -> ActiveCalibration:
     """Return a calibration of an earlier run as the one in force.
 
     Args:
@@ -28,10 +28,10 @@ def as_in_force(saved: SavedResult, path: Path, now_s: float) -> InForce:
     age_s = now_s - saved.stamp_s
     if not 0.0 <= age_s <= _LONGEST_AGE_S:
         age_s = 0.0
-    return InForce(saved.as_result(), saved.rig, time.monotonic() - age_s, f"restored from {path}")
+    return ActiveCalibration(saved.as_result(), saved.rig, time.monotonic() - age_s, f"restored from {path}")
 
 
-def save(in_force: InForce, config: NodeConfig, source: str) -> tuple[str, bool]:
+def save(in_force: ActiveCalibration, config: NodeConfig, source: str) -> tuple[str, bool]:
     """Save a calibration, and export it as far as that is wanted.
 
     Args:

@@ -19,13 +19,12 @@ from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Image as ImageMessage
 
-from ..canvas import SKY_BLUE, VERMILION, YELLOW, Verdict
-from ..core.extraction import find_stripe_points
-from ..core.extrinsics import Array
-from ..core.images import Image
+from ..core.camera.rig import StereoRig
+from ..core.lanes.stripe_points import find_stripe_points
 from ..core.results import CalibrationResult
-from ..core.rig import StereoRig
-from ..picture import (
+from ..core.types import Array, Image
+from ..pictures.canvas import SKY_BLUE, VERMILION, YELLOW, StripContent
+from ..pictures.picture import (
     draw_debug_image,
     draw_fringes,
     draw_notice,
@@ -37,7 +36,7 @@ from .config import NodeConfig
 from .diagnostics import age_text
 from .live import LiveFrame, NoFrame
 from .messages import image_message
-from .record import FrameReport, InForce
+from .record import ActiveCalibration, FrameReport
 
 # Whoever turns a camera or waits for a line sees enough with one picture a second, and drawing (25 ms
 # for both views of 1280 x 720) takes no more than some percent of a core then.
@@ -66,7 +65,7 @@ class Views:
         self,
         node: Node,
         take: Callable[[float], LiveFrame | NoFrame | None],
-        in_force: Callable[[], InForce | None],
+        in_force: Callable[[], ActiveCalibration | None],
         config: Callable[[], NodeConfig],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -124,7 +123,7 @@ class Views:
     def _draw_current(self, frame: LiveFrame | NoFrame | None) -> None:
         in_force = self._in_force()
         if isinstance(frame, NoFrame):
-            notice = draw_notice(Verdict("NO PICTURE", VERMILION, (frame.reason,)))
+            notice = draw_notice(StripContent("NO PICTURE", VERMILION, (frame.reason,)))
             stamp_ns = int(self._node.get_clock().now().nanoseconds)
             for publisher in (self._debug_image, self._birds_eye):
                 self._publish(publisher, notice, stamp_ns)
@@ -133,18 +132,26 @@ class Views:
             self._draw(frame.left, frame.right, rig, result, verdict, frame.stamp_ns)
 
     def _judge(
-        self, frame: LiveFrame, in_force: InForce | None
-    ) -> tuple[StereoRig | None, CalibrationResult | None, Verdict]:
+        self, frame: LiveFrame, in_force: ActiveCalibration | None
+    ) -> tuple[StereoRig | None, CalibrationResult | None, StripContent]:
         """Return what to draw over a frame that was not calibrated, and what to say of it."""
         if in_force is None:
             text = frame.problem or "call ~/calibrate on a straight road with painted lines"
-            return frame.rig, None, Verdict("NOT CALIBRATED", VERMILION if frame.problem else YELLOW, (text,))
+            return (
+                frame.rig,
+                None,
+                StripContent("NOT CALIBRATED", VERMILION if frame.problem else YELLOW, (text,)),
+            )
         age = age_text(self._clock() - in_force.since_s)
         if frame.left.shape != (in_force.rig.height, in_force.rig.width):
             found = f"the images have {frame.left.shape[1]} x {frame.left.shape[0]} px"
             wanted = f"the calibration is for {in_force.rig.width} x {in_force.rig.height} px"
-            return None, None, Verdict("OTHER CAMERA", VERMILION, (f"{found}, {wanted}: calibrate again",))
-        verdict = Verdict(f"CALIBRATION IN FORCE, {age} old", SKY_BLUE, numbers(in_force.result))
+            return (
+                None,
+                None,
+                StripContent("OTHER CAMERA", VERMILION, (f"{found}, {wanted}: calibrate again",)),
+            )
+        verdict = StripContent(f"CALIBRATION IN FORCE, {age} old", SKY_BLUE, numbers(in_force.result))
         return in_force.rig, in_force.result, verdict
 
     def _draw(
@@ -153,11 +160,13 @@ class Views:
         right: Image,
         rig: StereoRig | None,
         result: CalibrationResult | None,
-        verdict: Verdict,
+        verdict: StripContent,
         stamp_ns: int,
     ) -> None:
         if not _drawable(left):
-            verdict = Verdict("NO PICTURE", VERMILION, (f"image of {left.shape[1]} x {left.shape[0]} px",))
+            verdict = StripContent(
+                "NO PICTURE", VERMILION, (f"image of {left.shape[1]} x {left.shape[0]} px",)
+            )
             self._publish(self._debug_image, draw_notice(verdict), stamp_ns)
             self._publish(self._birds_eye, draw_notice(verdict), stamp_ns)
             return

@@ -18,8 +18,8 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from ..core.camera.rig import StereoRig
 from ..core.errors import SelfcalError
-from ..core.rig import StereoRig
 from .scenes import NAMED_SCENES, NamedScene
 
 Storage = Literal["mcap", "sqlite3"]

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from stereo_selfcal.core.errors import ConfigError
-from stereo_selfcal.core.extrinsics import Extrinsics
-from stereo_selfcal.core.rig import StereoRig
 
+from ..core.camera.rig import StereoRig
+from ..core.geometry.pose import Extrinsics
 from .road_shape import RoadShape, near_plane, pose_over_plane
 from .world import ASPHALT_GREY, PAINT_GREY, SKY_GREY, LaneLine, Photometry, Side
 
@@ -223,7 +223,7 @@ class WorldScene:
         lane_m: Lateral positions of the right and the left border of the own lane [m].
         lane_yaw_rad: Heading against the reference line [rad], > 0: it points left.
         lateral_offset_m: Position of the rig beside the reference line, left positive [m].
-        shape: Course and height of the road.
+        shape: MountHistory and height of the road.
         paints: Painted lines (tram rails too); where they overlap, the later lies on top.
         arrows: Painted arrows.
         bands: Strips of other surfaces, below the paint; the later lies on top.

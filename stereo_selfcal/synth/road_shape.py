@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from stereo_selfcal.core.errors import ConfigError
-from stereo_selfcal.core.extrinsics import Extrinsics
 
+from ..core.geometry.pose import Extrinsics
 from .renderer import rotation
 
 Array = npt.NDArray[np.float64]
@@ -32,7 +32,7 @@ CROSS_SLOPE_REACH_M = 9.0
 
 @dataclass(frozen=True, slots=True)
 class RoadShape:
-    """Course and height of a road.
+    """MountHistory and height of a road.
 
     Attributes:
         curvature_per_m: Curvature of the reference line [1/m], > 0 bends left.

@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from stereo_selfcal.core.errors import ConfigError
-from stereo_selfcal.core.extrinsics import Extrinsics
-from stereo_selfcal.core.rig import StereoRig
 
+from ..core.camera.rig import StereoRig
+from ..core.geometry.pose import Extrinsics
 from .renderer import Frame, render
 from .world import LaneLine, Photometry, Road, Scene, Verge, two_lines
 
@@ -59,7 +59,7 @@ class Bump(NamedTuple):
     extrinsics: Extrinsics
 
 
-class StereoFrame(NamedTuple):
+class RenderedPair(NamedTuple):
     """One stereo frame.
 
     Attributes:
@@ -122,12 +122,12 @@ class NamedScene:
             scene = replace(scene, extrinsics=self.bump.extrinsics)
         return scene
 
-    def frame(self, index: int) -> StereoFrame:
+    def frame(self, index: int) -> RenderedPair:
         """Render one frame; its noise depends on ``seed`` and ``index`` alone."""
         rng = np.random.default_rng([self.seed, index])
-        return StereoFrame(FIRST_STAMP_S + index / self.rate_hz, *render(self.scene_at(index), rng))
+        return RenderedPair(FIRST_STAMP_S + index / self.rate_hz, *render(self.scene_at(index), rng))
 
-    def frames(self) -> Iterator[StereoFrame]:
+    def frames(self) -> Iterator[RenderedPair]:
         """Yield the frames in the order of time, each rendered when it is asked for."""
         for index in range(self.n_frames):
             yield self.frame(index)

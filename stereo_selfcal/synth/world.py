@@ -13,8 +13,9 @@ from itertools import pairwise
 from typing import Literal
 
 from stereo_selfcal.core.errors import ConfigError
-from stereo_selfcal.core.extrinsics import Extrinsics
-from stereo_selfcal.core.rig import StereoRig
+
+from ..core.camera.rig import StereoRig
+from ..core.geometry.pose import Extrinsics
 
 Side = Literal["left", "right"]
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stereo_selfcal.core.errors import ConfigError
-from stereo_selfcal.core.extrinsics import Extrinsics
-from stereo_selfcal.core.rig import StereoRig
 
+from ..core.camera.rig import StereoRig
+from ..core.geometry.pose import Extrinsics
 from .ingredients import Camera, Paint, WorldScene
 from .renderer import Frame
 from .scenes import PAPER_RIG

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from stereo_selfcal.bags import BagError, Selection, StereoBag
 from stereo_selfcal.bags import reader as reader_module
+from stereo_selfcal.core.camera.rig import StereoRig
 from stereo_selfcal.core.errors import ImageError
-from stereo_selfcal.core.rig import StereoRig
 
 
 def read(path, **options):

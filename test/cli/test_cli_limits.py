@@ -10,7 +10,7 @@ import pytest
 from stereo_selfcal import Extrinsics, StereoRig
 from stereo_selfcal.cli.chart import Curve, Panel, draw_charts, log_ticks, spread
 from stereo_selfcal.cli.limits import main
-from stereo_selfcal.core.limits import limits, location_std
+from stereo_selfcal.core.analysis.cramer_rao import limits, location_std
 from stereo_selfcal.synth.scenes import PAPER_RIG
 
 WIDE_RIG = StereoRig(1280, 720, 900.0, 905.0, 640.0, 350.0, 0.5)

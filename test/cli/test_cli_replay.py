@@ -16,8 +16,8 @@ from fake_calibrator import use_fake
 
 from stereo_selfcal.cli.replay import main
 from stereo_selfcal.core.config import CalibratorConfig
-from stereo_selfcal.result_file import load_result
-from stereo_selfcal.rig_file import read_rig_file
+from stereo_selfcal.files.result_file import load_result
+from stereo_selfcal.files.rig_file import read_rig_file
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 

@@ -15,7 +15,7 @@ from stereo_selfcal.bags import part as part_module
 from stereo_selfcal.bags import reader as reader_module
 from stereo_selfcal.cli.replay import main
 from stereo_selfcal.core.errors import ImageError
-from stereo_selfcal.core.gates import GATES
+from stereo_selfcal.core.evidence.gates import GATES
 
 
 @pytest.fixture

@@ -8,9 +8,10 @@ import pytest
 
 from stereo_selfcal.cli.report import FrameRow, as_json, table_header, table_row, table_summary
 from stereo_selfcal.core.config import CalibratorConfig
-from stereo_selfcal.core.drive import Drive, DriveChange, DriveSegment
-from stereo_selfcal.core.extrinsics import Extrinsics
-from stereo_selfcal.core.results import CalibrationResult, Rejection, RejectReason, rejected
+from stereo_selfcal.core.drive.drive import Drive, DriveChange, DriveSegment
+from stereo_selfcal.core.geometry.pose import Extrinsics
+from stereo_selfcal.core.rejection import Rejection, RejectReason
+from stereo_selfcal.core.results import CalibrationResult, rejected
 from stereo_selfcal.offline import Replay
 from stereo_selfcal.synth.scenes import PAPER_RIG
 

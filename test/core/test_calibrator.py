@@ -20,7 +20,7 @@ from stereo_selfcal import (
     calibrate,
 )
 from stereo_selfcal.core.calibrator import Refused
-from stereo_selfcal.core.pattern import LanePattern
+from stereo_selfcal.core.lanes.lane_pair import LanePattern
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import NAMED_SCENES, random_scene
 from stereo_selfcal.synth.world import LaneLine, Road

@@ -8,8 +8,8 @@ import pytest
 
 from stereo_selfcal import Calibrator, CalibratorConfig, RejectReason
 from stereo_selfcal.core import calibrator as calibrator_module
-from stereo_selfcal.core import witnesses
-from stereo_selfcal.core.texture import AGREEMENT
+from stereo_selfcal.core.evidence import cross_checks
+from stereo_selfcal.core.tolerances import AGREEMENT
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import random_scene
 
@@ -73,7 +73,7 @@ def raised(monkeypatch, height_m):
 def test_lines_on_another_plane_than_the_asphalt_are_refused(monkeypatch, beyond_too):
     """Than that between them alone, or than all of it."""
     scene, images = coarse_asphalt(12.0)
-    align = witnesses.align_texture
+    align = cross_checks.align_texture
 
     def lower(*arguments, limits_m, **settings):
         fit = align(*arguments, limits_m=limits_m, **settings)
@@ -81,7 +81,7 @@ def test_lines_on_another_plane_than_the_asphalt_are_refused(monkeypatch, beyond
         down_m = 0.07 * (beyond == beyond_too)
         return replace(fit, extrinsics=replace(fit.extrinsics, height_m=fit.extrinsics.height_m + down_m))
 
-    monkeypatch.setattr(witnesses, "align_texture", lower)
+    monkeypatch.setattr(cross_checks, "align_texture", lower)
     monkeypatch.setattr(calibrator_module, "line_on_road", lambda *_: None)
     assert Calibrator(scene.rig, LINES_ALONE).add(*images).accepted
     result = Calibrator(scene.rig).add(*images)

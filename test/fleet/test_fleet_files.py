@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from fleet_making import make_bags
 
+from stereo_selfcal.core.camera.rig import StereoRig
 from stereo_selfcal.core.config import CalibratorConfig
 from stereo_selfcal.core.errors import ConfigError, OutputError
-from stereo_selfcal.core.rig import StereoRig
 from stereo_selfcal.fleet.bags import find_bags
 from stereo_selfcal.fleet.index import index_page
-from stereo_selfcal.fleet.outcome import COLUMNS, Outcome, Status
+from stereo_selfcal.fleet.outcome import COLUMNS, BagOutcome, Status
 from stereo_selfcal.fleet.store import Bag, Store
 from stereo_selfcal.fleet.table import check_table, csv_of, write_table
 from stereo_selfcal.fleet.work import (
@@ -30,7 +30,7 @@ from stereo_selfcal.fleet.work import (
 from stereo_selfcal.offline import BagSource, Selection, calibrate_recording
 
 SETTINGS = FleetSettings(CalibratorConfig())
-GOOD = Outcome(
+GOOD = BagOutcome(
     "a, b",
     Status.CALIBRATED,
     message="calibrated",
@@ -44,7 +44,7 @@ GOOD = Outcome(
     roll_std_rad=1e-4,
     report="reports/a.html",
 )
-BAD = Outcome("<b>", Status.FAILED, "no such file", "no such file")
+BAD = BagOutcome("<b>", Status.FAILED, "no such file", "no such file")
 
 
 @pytest.fixture(scope="module")
@@ -155,9 +155,9 @@ def test_parquet_without_pyarrow_is_refused_with_a_remedy(tmp_path, monkeypatch)
     "change", [{"height_m": float("nan")}, {"height_m": "1"}, {"status": "fine"}, {"more": 1}]
 )
 def test_a_row_is_checked_when_it_is_read(change):
-    assert Outcome.from_mapping(GOOD.to_mapping()) == GOOD
+    assert BagOutcome.from_mapping(GOOD.to_mapping()) == GOOD
     with pytest.raises(ConfigError):
-        Outcome.from_mapping(GOOD.to_mapping() | change)
+        BagOutcome.from_mapping(GOOD.to_mapping() | change)
 
 
 def test_index_links_every_report_and_escapes_names():
@@ -187,7 +187,7 @@ def test_recordings_are_found_below_folders_once_each(tmp_path):
 def test_a_row_is_made_of_what_replay_found(road):
     with BagSource([road]) as source:
         replay = calibrate_recording(source)
-    outcome = Outcome.from_replay("road", replay, ("l", "r"))
+    outcome = BagOutcome.from_replay("road", replay, ("l", "r"))
     assert outcome.status is Status.CALIBRATED
     assert (outcome.frames, outcome.accepted, outcome.left) == (3, 3, "l")
     assert outcome.height_m == replay.estimate.extrinsics.height_m

@@ -15,10 +15,10 @@ from drive_making import make_drive
 pytest.importorskip("jinja2")
 
 from stereo_selfcal.cli.replay import main
-from stereo_selfcal.core.drive import estimate_drive, fuse_frames
-from stereo_selfcal.core.extrinsics import Extrinsics
-from stereo_selfcal.core.gates import GATES
-from stereo_selfcal.core.results import GateReading, RejectReason
+from stereo_selfcal.core.drive.drive import estimate_drive, fuse_frames
+from stereo_selfcal.core.evidence.gates import GATES
+from stereo_selfcal.core.geometry.pose import Extrinsics
+from stereo_selfcal.core.rejection import GateReading, RejectReason
 from stereo_selfcal.offline import BagSource, calibrate_recording
 from stereo_selfcal.report.page import render_report
 from stereo_selfcal.report.remedies import remedies, remedy_of

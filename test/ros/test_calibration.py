@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from stereo_selfcal import CalibrationResult, CalibratorConfig, Extrinsics
-from stereo_selfcal.core.pairing import PairCounts, StampedPair
-from stereo_selfcal.core.results import Rejection, RejectReason, rejected
+from stereo_selfcal.core.camera.pairing import PairCounts, StampedPair
+from stereo_selfcal.core.rejection import Rejection, RejectReason
+from stereo_selfcal.core.results import rejected
 from stereo_selfcal.ros import calibration
 from stereo_selfcal.ros.calibration import CalibrationCall, InputState, Topics
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig

@@ -13,7 +13,7 @@ import ros_graph
 from ros_graph import NodeProcess, wait_for, wait_until
 
 from stereo_selfcal.cli import replay
-from stereo_selfcal.result_file import load_result
+from stereo_selfcal.files.result_file import load_result
 from stereo_selfcal.ros.player import BagPlayer
 from stereo_selfcal.synth.bag import write_bag
 from stereo_selfcal.synth.scenes import named_scene

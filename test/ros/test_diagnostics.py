@@ -13,8 +13,8 @@ pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Time
 
 from stereo_selfcal import CalibrationResult, Extrinsics, StereoRig
-from stereo_selfcal.core.pairing import PairCounts
-from stereo_selfcal.core.results import Rejection, RejectReason
+from stereo_selfcal.core.camera.pairing import PairCounts
+from stereo_selfcal.core.rejection import Rejection, RejectReason
 from stereo_selfcal.ros.calibration import Topics
 from stereo_selfcal.ros.diagnostics import (
     ERROR,
@@ -27,8 +27,8 @@ from stereo_selfcal.ros.diagnostics import (
     age_text,
     diagnostics_message,
 )
-from stereo_selfcal.ros.record import FrameStatistics, InForce
-from stereo_selfcal.ros.standing import Standing
+from stereo_selfcal.ros.record import ActiveCalibration, FrameStatistics
+from stereo_selfcal.ros.standing import CalibrationKeeper
 
 RIG = StereoRig(640, 480, 516.6, 516.6, 319.5, 239.5, 0.1481)
 RESULT = CalibrationResult(
@@ -38,7 +38,7 @@ RESULT = CalibrationResult(
     n_frames=4,
     notes=("not checked against the asphalt",),
 )
-IN_FORCE = InForce(RESULT, RIG, 0.0, "saved to /data/x.yaml")
+IN_FORCE = ActiveCalibration(RESULT, RIG, 0.0, "saved to /data/x.yaml")
 REJECTION = Rejection(RejectReason.LINES_NOT_STRAIGHT, "radius", 320.0, 1000.0, "m", "drive straight")
 TOPICS = Topics("/l", "/r", "/li", "/ri")
 GOOD = ImagesReport(PairCounts(90, 91, 90), PairCounts(90, 60, 30), 3.0, topics=TOPICS, publishers=(1, 2))
@@ -107,7 +107,7 @@ def test_level_of_a_state(state, level):
 
 def test_never_calibrated_says_what_to_do():
     level, text, values = calibration(
-        "uncalibrated", in_force=None, last_success=None, reason=Standing().reason
+        "uncalibrated", in_force=None, last_success=None, reason=CalibrationKeeper().reason
     )
     assert (level, text) == (WARN, "uncalibrated: call ~/calibrate on a straight road with painted lines")
     assert values["height"] == values["age"] == "none"
@@ -230,7 +230,9 @@ def test_no_number_makes_a_report_fail(value, age_s, elapsed_s, count):
     rejection = replace(REJECTION, value=value, threshold=value)
     frames = FrameStatistics(1, {"no_lines_found": count}, rejection, age_s, value, value, value)
     statuses = report(
-        calibration=CalibrationReport("suspect", "x", InForce(broken, RIG, 0.0), age_s, frames=frames),
+        calibration=CalibrationReport(
+            "suspect", "x", ActiveCalibration(broken, RIG, 0.0), age_s, frames=frames
+        ),
         images=ImagesReport(PairCounts(count), PairCounts(count, count, count), elapsed_s, nearest_s=value),
         camera_info=CameraInfoReport("CameraInfo"),
     )

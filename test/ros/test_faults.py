@@ -29,7 +29,7 @@ from ros_graph import (
 from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
 
-from stereo_selfcal.exports import EXPORTS
+from stereo_selfcal.files.exports import EXPORTS
 from stereo_selfcal.ros import calibration
 
 CLIENTS = 20

@@ -21,10 +21,10 @@ from ros_graph import RIG, SIDES, image_message, info_message, rendered
 from sensor_msgs.msg import CompressedImage, Image
 
 from stereo_selfcal import StereoRig
-from stereo_selfcal.core.images import SUPPORTED_ENCODINGS
-from stereo_selfcal.core.pairing import PairCounts, StampedPair
-from stereo_selfcal.node_settings import all_settings
-from stereo_selfcal.result_file import RESULT_NAMES, load_result
+from stereo_selfcal.core.camera.image_messages import SUPPORTED_ENCODINGS
+from stereo_selfcal.core.camera.pairing import PairCounts, StampedPair
+from stereo_selfcal.files.node_settings import all_settings
+from stereo_selfcal.files.result_file import RESULT_NAMES, load_result
 from stereo_selfcal.ros import views
 from stereo_selfcal.ros.calibration import CalibrationCall, InputState, Topics
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig

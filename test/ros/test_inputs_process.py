@@ -13,7 +13,7 @@ from ros_graph import RESULTS, Camera, info_message, rendered
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from stereo_selfcal import Calibrator
-from stereo_selfcal.core.undistort import StereoRectifier
+from stereo_selfcal.core.camera.rectifier import StereoRectifier
 
 
 @pytest.fixture

@@ -108,7 +108,7 @@ def test_who_asks_dds_to_keep_all_images_has_them_all_taken(graph):
 
 def test_memory_is_given_back_once_a_look_is_over(graph, monkeypatch):
     given = []
-    monkeypatch.setattr(inputs, "give_back", lambda: given.append(time.monotonic()))
+    monkeypatch.setattr(inputs, "trim_heap", lambda: given.append(time.monotonic()))
     with Camera(graph, [rendered()]), Input() as taker:
         taker.look()
         assert not given, "an image may still be in a callback"

@@ -10,7 +10,7 @@ from stereo_selfcal.ros.listening import (
     LOOK_S,
     PERIOD_IN_TROUBLE_S,
     PERIOD_S,
-    Listening,
+    SubscriptionSchedule,
 )
 
 CAMERA = (1, 1)
@@ -18,7 +18,7 @@ CAMERA = (1, 1)
 
 def looked(paired=True):
     """Return one that has had its first look, and when that ended [s]."""
-    listening = Listening()
+    listening = SubscriptionSchedule()
     assert listening.due(0.0, CAMERA)
     assert listening.arrived(5.0, paired)
     end_s = 5.0 + (LOOK_S if paired else LONG_LOOK_S)
@@ -28,7 +28,7 @@ def looked(paired=True):
 
 
 def test_listens_as_long_as_nothing_arrives():
-    listening = Listening()
+    listening = SubscriptionSchedule()
     assert all(listening.due(float(t), (0, 0)) for t in range(1000))
 
 

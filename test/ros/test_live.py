@@ -11,7 +11,7 @@ pytest.importorskip("rclpy")
 from ros_graph import image_message, info_message
 
 from stereo_selfcal import RigError
-from stereo_selfcal.core.pairing import PairCounts, StampedPair
+from stereo_selfcal.core.camera.pairing import PairCounts, StampedPair
 from stereo_selfcal.ros.calibration import InputState, Topics
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
 from stereo_selfcal.ros.live import LiveFrame, LiveFrames, NoFrame, known_rig, missing_info

@@ -10,7 +10,7 @@ from stereo_selfcal.ros import memory
 
 PEAK = """
 import threading
-from stereo_selfcal.ros.memory import give_back, use_one_heap
+from stereo_selfcal.ros.memory import trim_heap, use_one_heap
 
 def resident():
     return next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmRSS"))
@@ -26,7 +26,7 @@ for _ in range(3):
     thread = threading.Thread(target=work)
     thread.start()
     thread.join()
-give_back()
+trim_heap()
 print(peaks[0] - before, resident() - before)
 """
 
@@ -54,7 +54,7 @@ def test_what_threads_have_used_is_given_back():
 def test_another_c_library_is_no_fault(monkeypatch):
     monkeypatch.setattr(memory.ctypes, "CDLL", lambda name: object())
     memory.use_one_heap()
-    memory.give_back()
+    memory.trim_heap()
 
 
 def test_the_collector_has_little_to_go_through_while_the_node_runs():

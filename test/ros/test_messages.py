@@ -12,7 +12,7 @@ pytest.importorskip("rclpy")
 from rcl_interfaces.msg import ParameterType
 
 from stereo_selfcal import Extrinsics
-from stereo_selfcal.core.extrinsics import road_from_camera_rotation
+from stereo_selfcal.core.geometry.pose import road_from_camera_rotation
 from stereo_selfcal.ros.messages import extrinsics_message, pose_message, quaternion_message
 
 COVARIANCE = np.array([[4.0, 0.1, 0.2], [0.1, 5.0, 0.3], [0.2, 0.3, 6.0]])

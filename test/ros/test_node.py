@@ -15,16 +15,16 @@ from rclpy.parameter import Parameter
 from ros_graph import RESULTS, wait_for
 
 from stereo_selfcal import CalibrationResult, Extrinsics
-from stereo_selfcal.result_file import load_result
+from stereo_selfcal.files.result_file import load_result
 from stereo_selfcal.ros import selfcal as selfcal_module
-from stereo_selfcal.ros.calibration import Outcome
+from stereo_selfcal.ros.calibration import CallOutcome
 from stereo_selfcal.ros.node import main
 from stereo_selfcal.ros.selfcal import SelfcalNode
 
 RESULT = CalibrationResult(
     "calibrated", extrinsics=Extrinsics(1.5, 0.05, -0.01), covariance=np.diag([1e-4, 1e-6, 4e-6]), n_frames=1
 )
-GOOD = Outcome("calibrated", RESULT, ros_graph.RIG, 5)
+GOOD = CallOutcome("calibrated", RESULT, ros_graph.RIG, 5)
 VALUES = [1.5, 0.05, -0.01, 0.01, 0.001, 0.002]
 
 
@@ -120,7 +120,7 @@ def test_no_file_without_a_path(graph, script):
 def test_severities_of_the_log_may_alternate(graph, script):
     """rclpy raises when one line of code logs with changing severity."""
     set_output(graph, "")
-    script += [GOOD, Outcome("no frame accepted"), GOOD, Outcome("no frame accepted")]
+    script += [GOOD, CallOutcome("no frame accepted"), GOOD, CallOutcome("no frame accepted")]
     assert [graph.calibrate().success for _ in range(4)] == [True, False, True, False]
 
 

@@ -15,8 +15,8 @@ from rcl_interfaces.msg import ParameterEvent
 from ros_graph import LONG_S, RESULTS, SHORT_S, Camera, blank, rendered, stamp_of, wait_for
 
 from stereo_selfcal import Calibrator, CalibratorConfig, Extrinsics
-from stereo_selfcal.core.pairing import stamp_to_s
-from stereo_selfcal.result_file import load_result
+from stereo_selfcal.core.camera.pairing import stamp_to_s
+from stereo_selfcal.files.result_file import load_result
 
 TRUTH = Extrinsics(1.4, math.radians(3.0), math.radians(0.8))  # of the scene straight_road
 

@@ -18,9 +18,9 @@ from rclpy.parameter import Parameter
 from ros_graph import RESULTS, Camera, rendered
 
 from stereo_selfcal import CalibrationResult, Extrinsics
-from stereo_selfcal.result_file import load_result, write_result
+from stereo_selfcal.files.result_file import load_result, write_result
 from stereo_selfcal.ros import selfcal as selfcal_module
-from stereo_selfcal.ros.calibration import Outcome
+from stereo_selfcal.ros.calibration import CallOutcome
 from stereo_selfcal.ros.record import FrameReport
 from stereo_selfcal.ros.selfcal import SelfcalNode
 
@@ -37,7 +37,7 @@ def result(pose=POSE, stamp_s=1.7e9):
     )
 
 
-GOOD = Outcome("calibrated", result(), ros_graph.RIG, 5)
+GOOD = CallOutcome("calibrated", result(), ros_graph.RIG, 5)
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from ros_graph import LONG_S, Camera, blank, rendered
 from sensor_msgs.msg import Image
 from visualization_msgs.msg import MarkerArray
 
-from stereo_selfcal.canvas import GREEN, SKY_BLUE, VERMILION, YELLOW
+from stereo_selfcal.pictures.canvas import GREEN, SKY_BLUE, VERMILION, YELLOW
 
 
 def values_of(status):

@@ -14,10 +14,15 @@ from ros_graph import NodeProcess
 
 from stereo_selfcal import CalibratorConfig, ConfigError
 from stereo_selfcal.core.config import flatten
-from stereo_selfcal.exports import EXPORTS
-from stereo_selfcal.node_settings import FOREIGN_NAMES, NODE_SETTINGS, all_settings, is_calibrator_setting
-from stereo_selfcal.parameter_file import load_calibrator_config
-from stereo_selfcal.result_file import RESULT_NAMES
+from stereo_selfcal.files.exports import EXPORTS
+from stereo_selfcal.files.node_settings import (
+    FOREIGN_NAMES,
+    NODE_SETTINGS,
+    all_settings,
+    is_calibrator_setting,
+)
+from stereo_selfcal.files.parameter_file import load_calibrator_config
+from stereo_selfcal.files.result_file import RESULT_NAMES
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
 
 CONFIG = ros_graph.ROOT / "config"

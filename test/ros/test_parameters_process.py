@@ -12,7 +12,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rclpy.node import Node
 from ros_graph import RESULTS, Camera, NodeProcess, rendered
 
-from stereo_selfcal.result_file import load_result
+from stereo_selfcal.files.result_file import load_result
 
 
 def test_result_file_is_a_parameter_file_of_any_node(graph, start, tmp_path):

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from stereo_selfcal import Extrinsics
-from stereo_selfcal.core.pairing import PairCounts, StampedPair
-from stereo_selfcal.core.results import CalibrationResult, Rejection, RejectReason, rejected
+from stereo_selfcal.core.camera.pairing import PairCounts, StampedPair
+from stereo_selfcal.core.rejection import Rejection, RejectReason
+from stereo_selfcal.core.results import CalibrationResult, rejected
 from stereo_selfcal.ros.calibration import InputState, Topics
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
 from stereo_selfcal.ros.record import FrameRecord, FrameReport, ReportingCall

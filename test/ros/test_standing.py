@@ -8,17 +8,18 @@ import numpy as np
 import pytest
 from result_making import COVARIANCE, EXTRINSICS, RIG, a_result, write
 
-from stereo_selfcal import Extrinsics, atomic_file
-from stereo_selfcal.core.states import Event, State
-from stereo_selfcal.node_settings import all_settings
-from stereo_selfcal.result_file import load_result
+from stereo_selfcal import Extrinsics
+from stereo_selfcal.core.drive.states import Event, State
+from stereo_selfcal.files import atomic_file
+from stereo_selfcal.files.node_settings import all_settings
+from stereo_selfcal.files.result_file import load_result
 from stereo_selfcal.ros.config import NodeConfig
-from stereo_selfcal.ros.record import InForce
-from stereo_selfcal.ros.standing import Standing
+from stereo_selfcal.ros.record import ActiveCalibration
+from stereo_selfcal.ros.standing import CalibrationKeeper
 from stereo_selfcal.ros.store import as_in_force, save
 
 DEFAULTS = {setting.name: setting.default for setting in all_settings()}
-IN_FORCE = InForce(a_result(), RIG, 0.0)
+IN_FORCE = ActiveCalibration(a_result(), RIG, 0.0)
 OTHER_RIG = dataclasses.replace(RIG, fx=500.0)
 STEP_S = 3.0
 
@@ -49,20 +50,20 @@ def drive(standing, n, rig=RIG, **options):
 
 @pytest.fixture
 def calibrated():
-    standing = Standing()
+    standing = CalibrationKeeper()
     standing.begin()
     standing.accept(IN_FORCE)
     return standing
 
 
 def test_nothing_is_in_force_at_first():
-    standing = Standing()
+    standing = CalibrationKeeper()
     assert (standing.state, standing.in_force, standing.wants_another) == (State.UNCALIBRATED, None, True)
     assert standing.reason == "call ~/calibrate on a straight road with painted lines"
 
 
 def test_a_call_puts_a_result_in_force():
-    standing = Standing()
+    standing = CalibrationKeeper()
     standing.begin()
     assert standing.state is State.CALIBRATING
     assert standing.reason == "a call of ~/calibrate is running"
@@ -106,7 +107,7 @@ def test_the_watch_proposes_a_better_one(calibrated):
     drive(calibrated, 60)
     assert calibrated.proposal(RIG) is None
     drive(calibrated, 60, shift=(0.1, 0.0, 0.0), start_s=200.0)
-    better = InForce(calibrated.proposal(RIG), RIG, 0.0)
+    better = ActiveCalibration(calibrated.proposal(RIG), RIG, 0.0)
     assert better.result.extrinsics.height_m == pytest.approx(EXTRINSICS.height_m + 0.1, abs=5e-3)
     calibrated.accept(better, settled=True)
     assert (calibrated.state, calibrated.in_force) == (State.CALIBRATED, better)
@@ -122,7 +123,7 @@ def test_withdrawn_is_uncalibrated_and_says_why(calibrated):
 
 
 def test_frames_of_two_rigs_make_no_mean():
-    standing = Standing()
+    standing = CalibrationKeeper()
     drive(standing, 15)
     drive(standing, 15, rig=OTHER_RIG, start_s=45.0)
     assert standing.proposal(OTHER_RIG) is None

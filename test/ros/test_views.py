@@ -9,12 +9,13 @@ import pytest
 pytest.importorskip("rclpy")
 
 from stereo_selfcal import Extrinsics
-from stereo_selfcal.canvas import GREEN, SKY_BLUE, VERMILION, YELLOW
-from stereo_selfcal.core.results import CalibrationResult, Rejection, RejectReason, rejected
+from stereo_selfcal.core.rejection import Rejection, RejectReason
+from stereo_selfcal.core.results import CalibrationResult, rejected
+from stereo_selfcal.pictures.canvas import GREEN, SKY_BLUE, VERMILION, YELLOW
 from stereo_selfcal.ros import views as views_module
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
 from stereo_selfcal.ros.live import LiveFrame, NoFrame
-from stereo_selfcal.ros.record import FrameReport, InForce
+from stereo_selfcal.ros.record import ActiveCalibration, FrameReport
 from stereo_selfcal.ros.views import HOLD_S, PERIOD_S, Views
 from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene
 
@@ -94,7 +95,7 @@ def test_only_what_is_watched_is_drawn(stage, monkeypatch, lonely):
 
 def test_calibrated_frame_is_shown_for_a_while_then_the_current_one(stage):
     stage.views.show(REPORT)
-    stage.in_force = InForce(RESULT, PAPER_RIG, 100.0)
+    stage.in_force = ActiveCalibration(RESULT, PAPER_RIG, 100.0)
     assert stage.bars() == [GREEN, GREEN]
     assert stage.image.sent[-1].header.stamp.nanosec == 7
     stage.now_s += HOLD_S - 0.1
@@ -137,7 +138,7 @@ def test_what_there_is_before_the_first_calibration(stage, frame, bar):
 
 def test_other_camera_than_the_one_calibrated(stage):
     """The pose says nothing about images of another size."""
-    stage.in_force = InForce(RESULT, replace(PAPER_RIG, width=320), 0.0)
+    stage.in_force = ActiveCalibration(RESULT, replace(PAPER_RIG, width=320), 0.0)
     assert stage.bars() == [VERMILION, VERMILION]
 
 
@@ -145,7 +146,7 @@ def test_calibration_that_became_wrong_shows(stage):
     """Drawn over the current image is what is in force, not what would be right for it."""
 
     def fringes(pose):
-        stage.in_force = InForce(replace(RESULT, extrinsics=pose), PAPER_RIG, 0.0)
+        stage.in_force = ActiveCalibration(replace(RESULT, extrinsics=pose), PAPER_RIG, 0.0)
         assert stage.bars() == [SKY_BLUE, SKY_BLUE]
         message = stage.above.sent[-1]
         picture = np.frombuffer(message.data, np.uint8).reshape(message.height, message.width, 3).astype(int)

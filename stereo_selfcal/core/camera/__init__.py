@@ -1,0 +1,1 @@
+"""Cameras as messages describe them: intrinsics, images, rectification, pairs in time, the rig."""

@@ -1,0 +1,151 @@
+"""Grey images from the bytes of image messages; node and replay convert here, hence alike."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+
+from ..errors import ImageError, shown
+from ..types import Image
+
+_GREY = "mono8", "8UC1"  # 8UC1 is what cv_bridge calls a grey array when nobody names the encoding
+_COLOUR = {
+    "bgr8": (3, cv2.COLOR_BGR2GRAY),
+    "rgb8": (3, cv2.COLOR_RGB2GRAY),
+    "bgra8": (4, cv2.COLOR_BGRA2GRAY),
+    "rgba8": (4, cv2.COLOR_RGBA2GRAY),
+}
+# ROS names the mosaic by the first two pixels of the first two rows, OpenCV by the second and
+# third pixel of the second and third row: what is RGGB here is BG there (and not RG).
+_BAYER = {
+    "bayer_rggb8": cv2.COLOR_BayerBG2GRAY,
+    "bayer_bggr8": cv2.COLOR_BayerRG2GRAY,
+    "bayer_gbrg8": cv2.COLOR_BayerGR2GRAY,
+    "bayer_grbg8": cv2.COLOR_BayerGB2GRAY,
+}
+_BAYER_LEAST_SIDE_PX = 3  # the interpolation looks one pixel to every side
+
+SUPPORTED_ENCODINGS = (*_GREY, "mono16", *_COLOUR, *_BAYER)
+
+
+def message_to_grey(message: Any) -> Image:
+    """Convert a sensor_msgs/Image or CompressedImage, of rclpy or rosbags alike.
+
+    Returns:
+        (H, W) uint8; see :func:`to_grey` and :func:`decode_compressed`.
+
+    Raises:
+        ImageError: The message cannot be converted.
+    """
+    if hasattr(message, "format"):
+        return decode_compressed(message.data, message.format)
+    return to_grey(
+        message.data,
+        message.width,
+        message.height,
+        message.step,
+        message.encoding,
+        bool(message.is_bigendian),
+    )
+
+
+def to_grey(data: Any, width: int, height: int, step: int, encoding: str, is_bigendian: bool) -> Image:
+    """Convert the fields of sensor_msgs/Image to a grey image.
+
+    Args:
+        data: Bytes of the image: bytes, array.array, memoryview or (N,) uint8 array.
+        width: Columns [px].
+        height: Rows [px].
+        step: Bytes from the start of a row to the next; may exceed the row.
+        encoding: One of :data:`SUPPORTED_ENCODINGS`.
+        is_bigendian: Byte order of mono16.
+
+    Returns:
+        (height, width) uint8, C-contiguous; a read-only view of ``data`` for mono8 without padding.
+        mono16 loses its low byte (v >> 8): as cv_bridge has it, white is 65535.
+
+    Raises:
+        ImageError: The encoding is not supported, or sizes and bytes do not agree.
+    """
+    pixel_bytes = _pixel_bytes(encoding)
+    width, height, step = int(width), int(height), int(step)
+    if width <= 0 or height <= 0:
+        raise ImageError(f"image of {width} x {height} pixels is empty: check the camera driver")
+    if step < width * pixel_bytes:
+        raise ImageError(
+            f"step is {step} bytes, a row of {width} pixels in {encoding} has {width * pixel_bytes}: "
+            "check the camera driver"
+        )
+    buffer = np.frombuffer(data, dtype=np.uint8)
+    if buffer.size < step * height:
+        raise ImageError(
+            f"image has {buffer.size} bytes, step {step} x height {height} needs {step * height}: "
+            "the message is cut short"
+        )
+    # The strides skip the padding of the rows without a copy.
+    pixels: Image = np.ndarray(
+        (height, width, pixel_bytes), dtype=np.uint8, buffer=buffer.data, strides=(step, pixel_bytes, 1)
+    )
+    if encoding in _COLOUR:
+        return np.asarray(cv2.cvtColor(pixels, _COLOUR[encoding][1]), dtype=np.uint8)
+    high_byte = 0 if pixel_bytes == 1 or is_bigendian else 1
+    grey = np.ascontiguousarray(pixels[:, :, high_byte])
+    return _demosaic(grey, encoding) if encoding in _BAYER else grey
+
+
+def decode_compressed(data: Any, image_format: str) -> Image:
+    """Decode the fields of sensor_msgs/CompressedImage to a grey image.
+
+    Args:
+        data: Bytes of the compressed file (JPEG, PNG, ... whatever OpenCV reads).
+        image_format: Field ``format`` of the message, for error texts and to refuse what would be
+            misread: "jpeg", "rgb8; jpeg compressed bgr8", ...
+
+    Returns:
+        (H, W) uint8, C-contiguous.
+
+    Raises:
+        ImageError: There is no image in the bytes, or it is a Bayer mosaic.
+    """
+    if image_format.rpartition("compressed")[2].strip().startswith("bayer_"):
+        raise ImageError(
+            f"compressed image in format {shown(image_format)} is a Bayer mosaic: publish it as a raw image"
+        )
+    buffer = np.frombuffer(data, dtype=np.uint8)
+    # Geometry comes from the sensor's rows and columns, never from an orientation tag.
+    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+    try:
+        image = cv2.imdecode(buffer, flags) if buffer.size else None
+    except cv2.error:
+        image = None
+    if image is None:
+        raise ImageError(
+            f"compressed image in format {shown(image_format)} with {buffer.size} bytes cannot be decoded: "
+            "JPEG and PNG are supported"
+        )
+    return np.ascontiguousarray(image, dtype=np.uint8)
+
+
+def _pixel_bytes(encoding: str) -> int:
+    """Return the bytes of one pixel, or refuse the encoding by name."""
+    if encoding in _GREY or encoding in _BAYER:
+        return 1
+    if encoding == "mono16":
+        return 2
+    if encoding in _COLOUR:
+        return _COLOUR[encoding][0]
+    raise ImageError(
+        f"image encoding {shown(encoding)} is not supported: publish one of {', '.join(SUPPORTED_ENCODINGS)}"
+    )
+
+
+def _demosaic(mosaic: Image, encoding: str) -> Image:
+    height, width = mosaic.shape
+    if min(height, width) < _BAYER_LEAST_SIDE_PX:
+        raise ImageError(
+            f"{encoding} image of {width} x {height} pixels is too small: each side needs "
+            f"{_BAYER_LEAST_SIDE_PX} pixels"
+        )
+    return np.asarray(cv2.cvtColor(mosaic, _BAYER[encoding]), dtype=np.uint8)

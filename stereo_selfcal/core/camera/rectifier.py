@@ -1,0 +1,152 @@
+"""From the images of a stereo camera, raw or rectified, to those of one rig: node and replay alike.
+
+Raw images are undistorted and rectified with K, D, R and P of their CameraInfo. Rectified ones stay as
+they are, bit by bit, unless the right camera has another cx than the left: then the right image is shifted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from ..types import Image
+from .camera_info import EQUIDISTANT, CameraModel, pair_geometry
+from .camera_info_checks import Finding, check_image_size, doubts_about
+from .rig import StereoRig
+
+Maps = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
+
+# Both cameras of a node and of a replay, before and after a change of their CameraInfo.
+_CACHED_MAPS = 4
+# Interpolation between two pixels errs least in their middle; this is exact for parabolas (Keys 1981).
+_KEYS_A = -0.5
+
+
+@dataclass(frozen=True, slots=True)
+class StereoRectifier:
+    """What has to be done with the images of two cameras before they are calibrated, and the rig then.
+
+    Attributes:
+        rig: The rig of the images that :meth:`apply` returns.
+        doubts: What is strange about the CameraInfo of the cameras.
+        cameras: Left and right camera, None where the rig was given by parameters.
+        raw: Whether the images are undistorted and rectified.
+        shift_px: Columns the right image is moved right by, where it is not.
+    """
+
+    rig: StereoRig
+    doubts: tuple[Finding, ...] = ()
+    cameras: tuple[CameraModel, CameraModel] | None = None
+    raw: bool = False
+    shift_px: float = 0.0
+
+    @classmethod
+    def from_camera_info(cls, left: Any, right: Any, rectified: bool = True) -> StereoRectifier:
+        """Build from the CameraInfo of both cameras.
+
+        Args:
+            left: Anything with the fields of sensor_msgs/CameraInfo, ROS 2 or ROS 1.
+            right: The same of the right camera.
+            rectified: Whether the images are rectified; False: they are raw.
+
+        Raises:
+            CameraInfoError: A CameraInfo cannot be right; see :meth:`StereoRig.from_camera_info`, but
+                cx may differ. For raw images also: the distortion model is unknown, or R is no rotation.
+            RigError: The rig cannot be right.
+        """
+        cameras = CameraModel.read(left, "left"), CameraModel.read(right, "right")
+        pair = pair_geometry(*cameras)
+        if not rectified:
+            for camera in cameras:
+                camera.check_raw()
+        rig = StereoRig.of_camera(cameras[0], pair.baseline_m)
+        doubts = tuple(doubts_about(*cameras, pair.baseline_m, rectified))
+        return cls(rig, doubts, cameras, not rectified, pair.shift_px)
+
+    def apply(self, left: Image, right: Image) -> tuple[Image, Image]:
+        """Return the images as the rig has them.
+
+        Images of another size than the CameraInfo's stay as they are: the calibrator refuses them, with
+        the reason.
+
+        Args:
+            left: (H, W) uint8 image of the left camera.
+            right: The same of the right camera.
+        """
+        size = (self.rig.height, self.rig.width)
+        if left.shape != size or right.shape != size or self.cameras is None:
+            return left, right
+        if self.raw:
+            # The right image gets the left one's projection: another cx of it is mended on the way.
+            p = self.cameras[0].p
+            left, right = (
+                _remap(image, rectification_maps(camera, p))
+                for image, camera in zip((left, right), self.cameras, strict=True)
+            )
+            return left, right
+        return left, shifted(right, self.shift_px) if self.shift_px else right
+
+    def size_faults(self, left: tuple[int, int] | None, right: tuple[int, int] | None) -> list[Finding]:
+        """Compare the sizes (width, height) of images, as far as they are known, with the CameraInfo."""
+        if self.cameras is None:
+            return []
+        sizes = zip(self.cameras, (left, right), strict=True)
+        found = [check_image_size(camera, size) for camera, size in sizes if size is not None]
+        return [finding for finding in found if finding is not None]
+
+
+@lru_cache(maxsize=_CACHED_MAPS)
+def rectification_maps(camera: CameraModel, p: tuple[float, ...]) -> Maps:
+    """Return for every pixel of the rectified image its column and its row in the raw one, (H, W) each [px].
+
+    Args:
+        camera: The camera.
+        p: (12,) projection of the rectified image, row by row.
+    """
+    k = np.array(camera.k).reshape(3, 3)
+    rectified_from_raw = np.array(camera.r).reshape(3, 3)
+    projection = np.array(p).reshape(3, 4)[:, :3]
+    coefficients = np.array(camera.d, dtype=np.float64)
+    fisheye = camera.model == EQUIDISTANT
+    make: Any = cv2.fisheye.initUndistortRectifyMap if fisheye else cv2.initUndistortRectifyMap
+    size = (camera.width, camera.height)
+    columns, rows = make(k, coefficients, rectified_from_raw, projection, size, cv2.CV_32FC1)
+    return np.asarray(columns, dtype=np.float32), np.asarray(rows, dtype=np.float32)
+
+
+def shifted(image: Image, columns_px: float) -> Image:
+    """Return an image moved to the right, by parts of a pixel too; what comes in at the side repeats the rim.
+
+    Args:
+        image: (H, W) uint8.
+        columns_px: By how much [px]; negative: to the left.
+    """
+    whole = int(np.floor(columns_px))
+    weights = _keys_weights(columns_px - whole)
+    # Output column u is the input at u - columns_px, which lies between u - whole - 1 and u - whole.
+    reach = abs(whole) + len(weights)
+    wide = cv2.copyMakeBorder(image, 0, 0, reach, reach, cv2.BORDER_REPLICATE)
+    if columns_px != whole:
+        # filter2D correlates: tap i is the pixel i - 2 to the right.
+        wide = cv2.filter2D(wide, -1, weights[None, :], anchor=(2, 0), borderType=cv2.BORDER_REPLICATE)
+    start = reach - whole
+    return np.ascontiguousarray(wide[:, start : start + image.shape[1]], dtype=np.uint8)
+
+
+def _keys_weights(fraction: float) -> npt.NDArray[np.float64]:
+    """Return the weights of the pixels at -2, -1, 0, 1 for the value at ``-fraction`` (0 ... 1)."""
+    distances = np.abs(np.array([-2.0, -1.0, 0.0, 1.0]) + fraction)
+    near = (_KEYS_A + 2) * distances**3 - (_KEYS_A + 3) * distances**2 + 1
+    far = _KEYS_A * (distances**3 - 5 * distances**2 + 8 * distances - 4)
+    weights: npt.NDArray[np.float64] = np.where(distances <= 1, near, np.where(distances < 2, far, 0.0))
+    return weights
+
+
+def _remap(image: Image, maps: Maps) -> Image:
+    # Linear, as image_proc has it: of OpenCV's it alone shifts nothing (cubic, 0.05 px; Lanczos, 0.03 px).
+    return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR), dtype=np.uint8)

@@ -1,0 +1,154 @@
+"""The rectified stereo rig: intrinsics shared by both cameras, and the baseline."""
+
+from __future__ import annotations
+
+import math
+import numbers
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+from ..errors import RigError
+from .camera_info import CameraModel, pair_geometry, projections_differ
+
+
+@dataclass(frozen=True, slots=True)
+class StereoRig:
+    """Rectified stereo pair of two identical pinhole cameras (paper section 2.1, Table I).
+
+    Pixel centres lie at integer coordinates (OpenCV's convention): the
+    centre of the top left pixel is (0, 0). A point at depth ``Z`` metres has the disparity
+    ``fx * baseline_m / Z``.
+
+    Attributes:
+        width: Image width [px].
+        height: Image height [px].
+        fx: Horizontal focal length [px].
+        fy: Vertical focal length [px].
+        cx: Column of the principal point [px], the same in both cameras.
+        cy: Row of the principal point [px].
+        baseline_m: Distance between the camera centres [m].
+
+    Raises:
+        RigError: A value is not finite, not positive, or the principal point is outside the image.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    baseline_m: float
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            given = getattr(self, field.name)
+            # numbers.Real takes NumPy's scalars as well.
+            if isinstance(given, bool) or not isinstance(given, numbers.Real):
+                raise RigError(f"rig.{field.name} is {given!r}, a number is needed")
+            value = float(given)
+            if not math.isfinite(value):
+                raise RigError(f"rig.{field.name} is {value}, a finite number is needed")
+            whole = field.name in ("width", "height")
+            if whole and not value.is_integer():
+                raise RigError(f"rig.{field.name} is {value}, whole pixels are needed")
+            object.__setattr__(self, field.name, int(value) if whole else value)
+        for name in ("width", "height", "fx", "fy", "baseline_m"):
+            if getattr(self, name) <= 0:
+                raise RigError(
+                    f"rig.{name} is {getattr(self, name)}, it must be greater than zero: "
+                    "check the calibration of the camera pair"
+                )
+        if not (0 <= self.cx <= self.width and 0 <= self.cy <= self.height):
+            raise RigError(
+                f"principal point ({self.cx}, {self.cy}) lies outside the "
+                f"{self.width} x {self.height} image: check cx and cy"
+            )
+
+    @classmethod
+    def from_camera_info(cls, left: Any, right: Any) -> StereoRig:
+        """Build the rig from the CameraInfo of both cameras.
+
+        The projection matrix ``P`` is used, as it describes the rectified
+        image; the baseline is ``-P_right[0, 3] / P_right[0, 0]``.
+
+        Args:
+            left: Anything with the fields of sensor_msgs/CameraInfo, ROS 2 or ROS 1.
+            right: The same of the right camera.
+
+        Raises:
+            CameraInfoError: A camera is uncalibrated (K[0] = 0), the sizes differ, the pair is
+                not rectified to one projection matrix, or the baseline is zero, negative or no vehicle's.
+                Where only cx differs, :class:`~stereo_selfcal.core.camera.rectifier.StereoRectifier` helps.
+        """
+        cameras = CameraModel.read(left, "left"), CameraModel.read(right, "right")
+        pair = pair_geometry(*cameras)
+        if pair.shift_px:
+            raise projections_differ(*cameras, "cx", 2)
+        return cls.of_camera(cameras[0], pair.baseline_m)
+
+    @classmethod
+    def of_camera(cls, camera: CameraModel, baseline_m: float) -> StereoRig:
+        """Build the rig of two cameras with the projection matrix of this one.
+
+        Args:
+            camera: The left camera.
+            baseline_m: Distance of the cameras [m].
+
+        Raises:
+            RigError: A value cannot be right.
+        """
+        p = camera.p
+        return cls(camera.width, camera.height, p[0], p[5], p[2], p[6], baseline_m)
+
+    @classmethod
+    def from_sensor(
+        cls,
+        width: int,
+        height: int,
+        focal_mm: float,
+        ccd_width_mm: float,
+        baseline_m: float,
+        ccd_height_mm: float | None = None,
+    ) -> StereoRig:
+        """Build the rig from the data sheet, as the paper's Table I gives it.
+
+        Args:
+            width: Image width [px].
+            height: Image height [px].
+            focal_mm: Focal length [mm].
+            ccd_width_mm: Width of the light-sensitive area [mm].
+            baseline_m: Distance between the camera centres [m].
+            ccd_height_mm: Height of the light-sensitive area [mm]; None means square pixels.
+
+        Returns:
+            A rig with the principal point in the middle of the image.
+        """
+        lengths = (("focal_mm", focal_mm), ("ccd_width_mm", ccd_width_mm), ("ccd_height_mm", ccd_height_mm))
+        for name, value in lengths:
+            if value is not None and not value > 0:
+                raise RigError(f"{name} is {value}, it must be greater than zero")
+        fx = focal_mm / ccd_width_mm * width
+        fy = fx if ccd_height_mm is None else focal_mm / ccd_height_mm * height
+        return cls(width, height, fx, fy, (width - 1) / 2, (height - 1) / 2, baseline_m)
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> StereoRig:
+        """Build the rig from a mapping with exactly the attribute names (a rig file).
+
+        Raises:
+            RigError: A key is missing or unknown, or a value cannot be right.
+        """
+        names = [field.name for field in fields(cls)]
+        missing = [name for name in names if name not in values]
+        unknown = [str(name) for name in values if name not in names]
+        if missing or unknown:
+            parts = [f"lacks {', '.join(missing)}"] if missing else []
+            parts += [f"has unknown {', '.join(unknown)}"] if unknown else []
+            raise RigError(f"rig {' and '.join(parts)}: its keys are {', '.join(names)}")
+        return cls(**{name: values[name] for name in names})
+
+    def to_mapping(self) -> dict[str, float]:
+        """Return the rig as a mapping, the inverse of :meth:`from_mapping`."""
+        return asdict(self)

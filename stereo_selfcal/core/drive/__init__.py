@@ -1,0 +1,1 @@
+"""Frames over time: their mean, the motion of the car, moves of the mount."""

@@ -1,0 +1,300 @@
+"""When the mount was moved: level shifts in the estimates of a drive, told from a car on its suspension.
+
+A car pitches when it brakes, rolls when it turns, sinks under its load: its camera comes back. A mount that
+was knocked stays where it is. So estimates are averaged over blocks of ten seconds; what comes back
+within two minutes is motion; and a shift has to stand out of the motion that the same drive shows, by as
+much as one drive in a hundred does by chance.
+
+Shifts are looked for in seeded intervals, the clearest first (S. Kovacs et al., "Seeded binary segmentation",
+Biometrika 110, 2023): unlike plain binary segmentation, this finds a shift and its opposite. What does not
+stand out of the minutes around it is dropped, so that a slow drift is not cut into stairs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from ..numerics.statistics import SIGMA_OVER_MAD
+from ..tolerances import LEAST_SHIFT
+from ..types import Array
+from .motion import (
+    BLOCK_S,
+    OUTLIER_SIGMAS,
+    Motion,
+    TimeBlocks,
+    blocks_of,
+    measure_motion,
+    standard_error,
+    without_excursions,
+)
+
+# A level has to be seen for two minutes on either side, and one that is left and found again within them is
+# that of a car that braked twice, stood on a slope or towed.
+_STAYS_BLOCKS = 12
+_FEWEST_BLOCKS = 2 * _STAYS_BLOCKS
+# A shift counts against what lies around it: over hours fuel, load and warmth move a camera as well.
+_AROUND_S = 300.0
+# Standard errors by which a shift has to stand out. Greatest statistic of all intervals, parameters and
+# splits: exceeded in at most 1 % of simulated drives of minutes to an hour without a shift, whether motion
+# lasts for half a second or for five.
+_THRESHOLD = 5.5
+
+# Lengths of seeded intervals grow by this; they overlap by half.
+_GROWTH = 2**0.5
+# Half the width, in sigma^2 / shift^2, of the 95 % interval of a change point: J. Bai, "Estimation of a
+# change point in multiple regression models", Rev. Econ. Stat. 79, 1997.
+_BAI_95 = 11.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Segment:
+    """A part of a drive in which the mount stayed where it was.
+
+    Attributes:
+        first: Index of its first estimate.
+        end: Index after its last.
+        start_s: Stamp of the first estimate [s].
+        end_s: Stamp of the last [s].
+        mean: (3,) mean of height_m, pitch_rad, roll_rad, outliers left out.
+        spread: (3,) their standard deviation over the time: the car's motion, and the noise of a frame.
+        standard_error: (3, 3) covariance of the mean as the motion makes it; None where the segment is too
+            short to show how long the motion lasts.
+    """
+
+    first: int
+    end: int
+    start_s: float
+    end_s: float
+    mean: Array
+    spread: Array
+    standard_error: Array | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LevelShift:
+    """A move of the mount.
+
+    Attributes:
+        index: Index of the first estimate after it.
+        at_s: When [s]: in the middle between the last estimate before and the first one after it.
+        within_s: Half the width of the interval that holds it with a probability of 95 % [s].
+        shift: (3,) by how much height_m, pitch_rad, roll_rad changed.
+        sigmas: (3,) the same over its standard error.
+    """
+
+    index: int
+    at_s: float
+    within_s: float
+    shift: Array
+    sigmas: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MountHistory:
+    """What became of the mount during a drive.
+
+    Attributes:
+        segments: Parts with the mount at rest, in order; at least one.
+        changes: Moves between them.
+        judged: Whether the drive is long enough for a move to be told from motion.
+    """
+
+    segments: tuple[Segment, ...]
+    changes: tuple[LevelShift, ...]
+    judged: bool
+
+
+def find_changes(stamps_s: npt.ArrayLike, poses: npt.ArrayLike, covariances: npt.ArrayLike) -> MountHistory:
+    """Find when the mount was moved, and where it was between.
+
+    Args:
+        stamps_s: (N,) stamps of the accepted frames, rising [s]; at least one.
+        poses: (N, 3) height_m, pitch_rad, roll_rad of each.
+        covariances: (N, 3, 3) of them: the noise of a frame, below which no motion is known.
+
+    Returns:
+        One segment where nothing was moved, or the drive is too short to tell.
+
+    Raises:
+        ValueError: There is no estimate, or the arrays do not fit each other.
+    """
+    stamps = np.asarray(stamps_s, dtype=np.float64)
+    values = np.asarray(poses, dtype=np.float64)
+    noise = np.sqrt(np.diagonal(np.asarray(covariances, dtype=np.float64), axis1=1, axis2=2))
+    if not len(stamps) or values.shape != (len(stamps), 3) or noise.shape != values.shape:
+        raise ValueError(f"{stamps.shape} stamps, {values.shape} poses and {noise.shape} covariances")
+    blocks = blocks_of(stamps, values)
+    if len(blocks) < _FEWEST_BLOCKS:
+        return MountHistory((_segment(stamps, values, 0, len(stamps)),), (), False)
+    kept = without_excursions(blocks)
+    if len(kept) < _FEWEST_BLOCKS:
+        kept = blocks
+    motion = measure_motion(kept, noise, len(stamps) / len(blocks))
+    splits = _verified(_refitted(_candidates(kept, motion), kept, motion), kept, motion)
+    cuts = [_locate(split, splits, kept, stamps, values, motion) for split in splits]
+    bounds = [0, *cuts, len(stamps)]
+    segments = tuple(_segment(stamps, values, a, b) for a, b in pairwise(bounds))
+    changes = tuple(
+        _change(cut, split, splits, kept, stamps, motion) for cut, split in zip(cuts, splits, strict=True)
+    )
+    return MountHistory(segments, changes, True)
+
+
+def _seeded(n: int) -> list[tuple[int, int]]:
+    """Return intervals of n blocks: every length from the shortest to all, each shifted by half of itself."""
+    intervals = []
+    length = float(2 * _STAYS_BLOCKS)
+    while True:
+        whole = min(round(length), n)
+        n_starts = -(-(n - whole) // max(whole // 2, 1)) + 1
+        starts = np.unique(np.round(np.linspace(0, n - whole, n_starts)).astype(int))
+        intervals += [(int(start), int(start) + whole) for start in starts]
+        if whole == n:
+            return intervals
+        length *= _GROWTH
+
+
+def _candidates(blocks: TimeBlocks, motion: Motion) -> list[int]:
+    """Return the splits (indices of blocks) at which a level shifts, in order."""
+    total = np.vstack([np.zeros(3), np.cumsum(blocks.values, axis=0)])
+    found: list[tuple[float, int, int, int]] = []
+    for start, end in _seeded(len(blocks)):
+        split = np.arange(start + _STAYS_BLOCKS, end - _STAYS_BLOCKS + 1)
+        before = (total[split] - total[start]) / (split - start)[:, None]
+        after = (total[end] - total[split]) / (end - split)[:, None]
+        statistic = motion.statistic(after - before, split - start, end - split)
+        large = np.where(np.abs(after - before) >= LEAST_SHIFT, statistic, 0.0).max(axis=1)
+        best = int(np.argmax(large))
+        if large[best] > _THRESHOLD:
+            found.append((-float(large[best]), start, end, int(split[best])))
+    splits: list[int] = []
+    for _, start, end, split_at in sorted(found):
+        if not any(start < other < end for other in splits):
+            splits.append(split_at)
+    return sorted(splits)
+
+
+def _around(split: int, splits: list[int], blocks: TimeBlocks) -> tuple[slice, slice]:
+    """Return the blocks before and after a split: up to the next splits, and no farther than counts."""
+    reach = round(_AROUND_S / BLOCK_S)
+    before = max([other for other in splits if other < split], default=0)
+    after = min([other for other in splits if other > split], default=len(blocks))
+    return slice(max(before, split - reach), split), slice(split, min(after, split + reach))
+
+
+def _reach(split: int, splits: list[int], blocks: TimeBlocks) -> tuple[int, int]:
+    """Return the blocks a split may move to: half way to its neighbours, as those may move as well."""
+    before, after = _around(split, splits, blocks)
+    inset = _STAYS_BLOCKS // 2
+    low = (before.start + split) // 2 + inset if before.start in splits else before.start
+    high = (split + after.stop) // 2 - inset if after.stop in splits else after.stop
+    return min(low, split), max(high, split)
+
+
+def _refitted(splits: list[int], blocks: TimeBlocks, motion: Motion) -> list[int]:
+    """Move each split to where it is best by all that lies around it, not by its narrow interval alone."""
+    moved = []
+    for split in splits:
+        before, after = _around(split, splits, blocks)
+        values = blocks.values[before.start : after.stop] / motion.sigma
+        low, high = _reach(split, splits, blocks)
+        n = np.arange(low, high + 1) - before.start
+        n = n[(n >= _STAYS_BLOCKS) & (n <= len(values) - _STAYS_BLOCKS)]
+        if not len(n):
+            moved.append(split)
+            continue
+        total = np.cumsum(values, axis=0)
+        left, right = total[n - 1], total[-1] - total[n - 1]
+        explained = np.sum(left**2 / n[:, None] + right**2 / (len(values) - n)[:, None], axis=1)
+        moved.append(before.start + int(n[np.argmax(explained)]))
+    return moved
+
+
+def _shift(split: int, splits: list[int], blocks: TimeBlocks, motion: Motion) -> tuple[Array, Array]:
+    """Return the shift (3,) at a split and its statistic (3,), against what lies around it."""
+    before, after = (blocks.values[part] for part in _around(split, splits, blocks))
+    shift = np.median(after, axis=0) - np.median(before, axis=0)
+    return shift, motion.statistic(shift, len(before), len(after))
+
+
+def _verified(splits: list[int], blocks: TimeBlocks, motion: Motion) -> list[int]:
+    """Drop, the weakest first, what does not stand out of its surroundings, and what comes back."""
+    splits = list(splits)
+    while splits:
+        strength = []
+        for split in splits:
+            shift, statistic = _shift(split, splits, blocks, motion)
+            strength.append(float(np.where(np.abs(shift) >= LEAST_SHIFT, statistic, 0.0).max()))
+        weakest = int(np.argmin(strength))
+        if strength[weakest] > _THRESHOLD:
+            returning = _first_return(splits, blocks, motion)
+            if returning is None:
+                break
+            del splits[returning : returning + 2]
+            continue
+        del splits[weakest]
+    return splits
+
+
+def _first_return(splits: list[int], blocks: TimeBlocks, motion: Motion) -> int | None:
+    """Return the first of two neighbouring splits between which the camera was away only briefly."""
+    for i, (away, back) in enumerate(pairwise(splits)):
+        if back - away > _STAYS_BLOCKS:
+            continue
+        others = [split for split in splits if split not in (away, back)]
+        before, _ = _around(away, others, blocks)
+        _, after = _around(back, others, blocks)
+        shift = np.median(blocks.values[after], axis=0) - np.median(blocks.values[before], axis=0)
+        statistic = motion.statistic(shift, before.stop - before.start, after.stop - after.start)
+        if not np.any((np.abs(shift) >= LEAST_SHIFT) & (statistic > _THRESHOLD)):
+            return i
+    return None
+
+
+def _locate(
+    split: int, splits: list[int], blocks: TimeBlocks, stamps: Array, values: Array, motion: Motion
+) -> int:
+    """Return the index of the first frame after a shift, by least squares around it."""
+    before, after = _around(split, splits, blocks)
+    levels = [np.median(blocks.values[part], axis=0) for part in (before, after)]
+    low, high = _reach(split, splits, blocks)
+    starts_s = stamps[0] + BLOCK_S * np.append(blocks.number, blocks.number[-1] + 1)
+    first, end = (int(i) for i in np.searchsorted(stamps, starts_s[[low, high]]))
+    first, end = max(first, 1), min(end, len(stamps) - 1)
+    costs = [np.sum(((values[first:end] - level) / motion.sigma) ** 2, axis=1) for level in levels]
+    # Beyond a shift's own size a frame is an outlier, and says no more than that it is on that side.
+    most = float(np.sum(((levels[1] - levels[0]) / motion.sigma) ** 2))
+    gain = np.clip(costs[1] - costs[0], -most, most)  # > 0: like before
+    return first + int(np.argmax(np.concatenate([[0.0], np.cumsum(gain)])))
+
+
+def _change(
+    cut: int, split: int, splits: list[int], blocks: TimeBlocks, stamps: Array, motion: Motion
+) -> LevelShift:
+    shift, statistic = _shift(split, splits, blocks, motion)
+    gap_s = float(stamps[cut] - stamps[cut - 1])
+    strength = float(np.sum((shift / motion.sigma) ** 2))
+    within_s = gap_s / 2.0 + _BAI_95 * BLOCK_S / strength
+    return LevelShift(cut, float(stamps[cut] + stamps[cut - 1]) / 2.0, within_s, shift, statistic)
+
+
+def _segment(stamps: Array, values: Array, first: int, end: int) -> Segment:
+    part = values[first:end]
+    deviation = np.abs(part - np.median(part, axis=0))
+    scale = SIGMA_OVER_MAD * np.median(deviation, axis=0)
+    good = np.all(deviation <= OUTLIER_SIGMAS * scale, axis=1)
+    part = part[good] if good.any() else part
+    spread = part.std(axis=0, ddof=1) if len(part) > 1 else np.zeros(3)
+    return Segment(
+        first,
+        end,
+        float(stamps[first]),
+        float(stamps[end - 1]),
+        part.mean(axis=0),
+        spread,
+        standard_error(stamps[first:end], values[first:end]),
+    )

@@ -1,0 +1,306 @@
+"""Has the mean of a series moved, and when? For frames whose errors are correlated over seconds.
+
+Model, for each of height, pitch and roll: a frame shows the pose, plus what suspension and road do at that
+moment (of some variance, and alike within some seconds), plus noise of known variance.
+The statistic and its rate of false alarms are derived in docs/watch.md.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..numerics.statistics import SIGMA_OVER_MAD
+from ..types import Array
+
+Indices = npt.NDArray[np.intp]
+Flags = npt.NDArray[np.bool_]
+
+# What frames scatter by before a drive has shown it: height [m], pitch [rad], roll [rad]. Braking and driving
+# off pitch a car by 0.1 to 0.3 deg, its springs let it down by a centimetre, cambers roll it by 0.3 deg.
+MOTION_STD: Array = np.array([0.01, math.radians(0.2), math.radians(0.3)])
+# So many frames of the drive count as much as that.
+_MOTION_FRAMES = 10.0
+# A road that is as even as a table shows no scatter; the camera still moves by a twentieth of the above.
+_LEAST_MOTION = 0.05
+
+# How long motion goes on, before a drive has shown it: a braking lasts for seconds.
+_MEMORY_S = 3.0
+_MEMORY_FRAMES = 30.0
+# Frames farther apart than this are taken as independent: eight times the above, or a sixtieth of what was
+# seen, as the window of such an estimate must grow with the series (Newey and West, Econometrica 55, 1987).
+_SHORTEST_HORIZON_S = 24.0
+_LONGEST_HORIZON_S = 60.0
+_HORIZON_OF_SPAN = 1.0 / 60.0
+
+# What load, speed and fuel move over an hour without anybody having touched the camera: height, pitch, roll.
+_WANDER_STD: Array = np.array([0.001, math.radians(0.005), math.radians(0.01)])
+
+# A frame is compared with the median of so many on either side: a few wrong ones are no change, most are.
+_NEIGHBOURS = 5
+_OUTLIER_SIGMAS = 4.0
+
+# The fewest frames and the shortest time that can be told from a long braking.
+LEAST_FRAMES = 5
+LEAST_SPAN_S = 20.0
+
+# Frames since a change, in steps of 5 %: it is found a little later at most.
+_LENGTHS: Indices = np.unique(np.geomspace(1, 1e5, 237).astype(np.intp))
+_ROUNDS = 2  # scatter is measured about the means before and after the change, which depend on it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Series:
+    """Frames in their order.
+
+    Attributes:
+        times_s: (N,) [s], rising.
+        values: (N, 3) height_m, pitch_rad, roll_rad.
+        variances: (N, 3) of their noise.
+        used: (N,) whether it is no outlier.
+    """
+
+    times_s: Array
+    values: Array
+    variances: Array
+    used: Flags
+
+    def __len__(self) -> int:
+        return len(self.times_s)
+
+    def part(self, which: slice) -> Series:
+        """Return some of the frames."""
+        return Series(self.times_s[which], self.values[which], self.variances[which], self.used[which])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """What is known of the mean before the first frame.
+
+    Attributes:
+        mean: (3,).
+        variance: (3,), without motion.
+        moments: 1 if it is of one moment of a moving car, 0 if it is a mean over minutes.
+    """
+
+    mean: Array
+    variance: Array
+    moments: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scatter:
+    """How frames scatter about their mean.
+
+    Attributes:
+        motion: (3,) variance of what suspension and road do.
+        inflation: (3,) by how much the variance of a mean is greater than if frames were independent.
+        freedom: Degrees of freedom of that estimate.
+    """
+
+    motion: Array
+    inflation: Array
+    freedom: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DriftChange:
+    """The most likely change.
+
+    Attributes:
+        z: (3,) for height, pitch and roll: the change over its standard deviation, as a standard normal
+            variable; 0 where there are too few frames.
+        split: Index of the first frame after the change.
+        drift: (3,) mean after it minus mean before it.
+        std: (3,) standard deviation of that.
+        before: (3,) mean before it, reference included.
+        before_variance: (3,) of that.
+        scatter: How the frames scatter.
+    """
+
+    z: Array
+    split: int
+    drift: Array
+    std: Array
+    before: Array
+    before_variance: Array
+    scatter: Scatter
+
+    @property
+    def axis(self) -> int:
+        """Index of the quantity that shows the change best."""
+        return int(np.argmax(np.abs(self.z)))
+
+    @property
+    def size(self) -> float:
+        """|z| of that quantity."""
+        return float(np.abs(self.z).max())
+
+
+def prior_scatter() -> Scatter:
+    """Return what is assumed before a frame has come."""
+    return Scatter(MOTION_STD**2, np.ones(3), _MOTION_FRAMES)
+
+
+def mark_outliers(series: Series, known: int) -> Flags:
+    """Return (N,) which frames are no outliers: far from the median of their neighbours on either side.
+
+    Args:
+        series: The frames; ``used`` holds for the first ones.
+        known: How many of them; their neighbours have not changed.
+    """
+    n = len(series)
+    used: Flags = series.used.copy()
+    around = np.arange(known, n)[:, None] + np.arange(-_NEIGHBOURS, _NEIGHBOURS + 1)
+    inside = (around >= 0) & (around < n)
+    # What does not exist is sorted behind what does.
+    ranked = np.sort(np.where(inside[..., None], series.values[np.clip(around, 0, n - 1)], np.inf), axis=1)
+    row, count = np.arange(n - known), inside.sum(axis=1)
+    medians = (ranked[row, (count - 1) // 2] + ranked[row, count // 2]) / 2.0
+    recent = series.values[max(0, known - 2 * _NEIGHBOURS) :]
+    spread = SIGMA_OVER_MAD * np.median(np.abs(recent - np.median(recent, axis=0)), axis=0)
+    # Few frames may lie close together by chance: what a road does at least is no outlier.
+    scale = np.sqrt(np.maximum(spread, MOTION_STD / 2.0) ** 2 + series.variances[known:])
+    used[known:] = np.all(np.abs(series.values[known:] - medians) <= _OUTLIER_SIGMAS * scale, axis=1)
+    return used
+
+
+def settled_outliers(n: int) -> int:
+    """Return how many of ``n`` frames have all the neighbours that decide whether they are outliers."""
+    return max(0, n - _NEIGHBOURS)
+
+
+def find_change(
+    series: Series, reference: Reference | None, scatter: Scatter | None = None
+) -> DriftChange | None:
+    """Compare the frames after every possible change with those before it and the reference.
+
+    Args:
+        series: The frames.
+        reference: What is known of the mean before the first one, None if nothing is.
+        scatter: How the frames scatter, None to measure it.
+
+    Returns:
+        The change that is seen best, however weak; None as long as there are too few frames.
+    """
+    candidates = _candidates(series, reference is None)
+    if not len(candidates):
+        return None
+    if scatter is None:
+        scatter = prior_scatter()
+        for _ in range(_ROUNDS):
+            scatter = measure_scatter(series, _best(series, candidates, reference, scatter).split)
+    return _best(series, candidates, reference, scatter)
+
+
+def measure_scatter(series: Series, split: int = 0) -> Scatter:
+    """Return how frames scatter about the means before and after a change.
+
+    Args:
+        series: The frames.
+        split: Index of the first frame after it; 0 for none.
+    """
+    used = series.used
+    residuals = np.zeros_like(series.values)
+    for part in (slice(0, split), slice(split, None)):
+        inside = used[part]
+        if inside.any():
+            residuals[part][inside] = series.values[part][inside] - series.values[part][inside].mean(axis=0)
+    times, r = series.times_s[used], residuals[used]
+    n = len(times)
+    means = 1.0 + (split > 0)
+    excess = (r**2 - series.variances[used]).sum(axis=0)
+    motion = (_MOTION_FRAMES * MOTION_STD**2 + excess) / (_MOTION_FRAMES + max(n - means, 0.0))
+    motion = np.maximum(motion, (_LEAST_MOTION * MOTION_STD) ** 2)
+    if n < 2:
+        return Scatter(motion, np.ones(3), _MOTION_FRAMES)
+    step_s = max(float(np.median(np.diff(times))), 1e-3)
+    repeated = math.exp(-step_s / _MEMORY_S)
+    assumed = (1.0 + repeated) / (1.0 - repeated)
+    horizon_s = float(
+        np.clip(_HORIZON_OF_SPAN * (times[-1] - times[0]), _SHORTEST_HORIZON_S, _LONGEST_HORIZON_S)
+    )
+    lags = min(n - 1, int(horizon_s / step_s))
+    power = (r**2).sum(axis=0)
+    repeats = np.zeros(3)
+    for lag in range(1, lags + 1):
+        weight = np.maximum(0.0, 1.0 - (times[lag:] - times[:-lag]) / horizon_s)
+        repeats += (weight[:, None] * r[lag:] * r[:-lag]).sum(axis=0)
+    measured = 1.0 + 2.0 * repeats / np.maximum(power, np.finfo(float).tiny)
+    inflation = (_MEMORY_FRAMES * assumed + n * np.maximum(measured, 1.0)) / (_MEMORY_FRAMES + n)
+    # Of a spectrum at frequency 0 by Bartlett's window: 3 n / 2 m (Priestley, Spectral Analysis, table 6.2).
+    freedom = _MOTION_FRAMES + 1.5 * n / max(lags, 1)
+    return Scatter(motion, inflation, freedom)
+
+
+def mean_of(series: Series, scatter: Scatter) -> tuple[Array, Array]:
+    """Return mean and variance (3,) of all frames together."""
+    weights = series.used[:, None] / (series.variances + scatter.motion)
+    total = weights.sum(axis=0)
+    return (weights * series.values).sum(axis=0) / total, scatter.inflation / total
+
+
+def reference_variance(reference: Reference, scatter: Scatter) -> Array:
+    """Return the variance (3,) of a reference, motion included."""
+    return reference.variance + reference.moments * scatter.motion
+
+
+def _candidates(series: Series, between: bool) -> Indices:
+    """Return the indices at which a change leaves enough frames after it; and before it, if need be."""
+    counts = np.concatenate([[0], np.cumsum(series.used)])
+    n = len(series)
+    if not n:
+        return np.zeros(0, dtype=np.intp)
+    lengths = _LENGTHS[n >= _LENGTHS]
+    index: Indices = n - lengths[::-1]
+    enough = (counts[n] - counts[index] >= LEAST_FRAMES) & (
+        series.times_s[-1] - series.times_s[index] >= LEAST_SPAN_S
+    )
+    if between:
+        enough &= (counts[index] >= LEAST_FRAMES) & (
+            series.times_s[index] - series.times_s[0] >= LEAST_SPAN_S
+        )
+    candidates: Indices = index[enough]
+    return candidates
+
+
+def _best(series: Series, candidates: Indices, reference: Reference | None, scatter: Scatter) -> DriftChange:
+    weights = series.used[:, None] / (series.variances + scatter.motion)
+    summed = np.zeros((3, len(series) + 1, 3))
+    for moment in range(3):
+        np.cumsum(weights * series.values**moment, axis=0, out=summed[moment, 1:])
+    before, after = summed[:, candidates], summed[:, -1:] - summed[:, candidates]
+    counts = np.concatenate([[0], np.cumsum(series.used)])
+    n_after = (counts[-1] - counts[candidates])[:, None]
+    precision, moment = before[0] / scatter.inflation, before[1] / scatter.inflation
+    if reference is not None:
+        known = 1.0 / reference_variance(reference, scatter)
+        precision, moment = precision + known, moment + known * reference.mean
+    mean_before, mean_after = moment / precision, after[1] / after[0]
+    # Where the road has become rougher it is that road's scatter that counts.
+    chi2 = after[2] - after[0] * mean_after**2
+    rougher = np.maximum(1.0, (_MOTION_FRAMES + chi2) / (_MOTION_FRAMES + n_after - 1.0))
+    drift = mean_after - mean_before
+    variance = rougher * scatter.inflation / after[0] + 1.0 / precision + _WANDER_STD**2
+    std = np.sqrt(variance)
+    z = _as_normal(drift / std, scatter.freedom)
+    best = int(np.argmax(np.abs(z).max(axis=1)))
+    return DriftChange(
+        z[best],
+        int(candidates[best]),
+        drift[best],
+        std[best],
+        mean_before[best],
+        1.0 / precision[best],
+        scatter,
+    )
+
+
+def _as_normal(t: Array, freedom: float) -> Array:
+    """Return the normal variable with the tail of Student's t (Wallace, Ann. Math. Stat. 30, 1959)."""
+    factor = (8.0 * freedom + 1.0) / (8.0 * freedom + 3.0)
+    normal: Array = np.sign(t) * factor * np.sqrt(freedom * np.log1p(t**2 / freedom))
+    return normal

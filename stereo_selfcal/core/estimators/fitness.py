@@ -1,0 +1,186 @@
+"""Fitness of candidate extrinsics (paper section 2.3), for a whole population in one call.
+
+The paper says "E1 and E2 are normalised" without saying how. Here both are squared pixels:
+
+* E1 divides the distance between the two places on the road where the cameras put a point by the size of a
+  pixel there, along the row. So a distant point counts no more than the pixels it was measured with, and
+  lowering the height, which shrinks every distance in metres, gains nothing. As both cameras see
+  a point in the same row, this is the column where the right camera should see what the left one sees on
+  the road, minus where it does: disparity predicted minus disparity measured. The disparity of a plane
+  is linear in the image, so the sum over all points is a quadratic form of three numbers, whatever
+  their number.
+  A line beside the boundaries of the lane may lie higher or lower than their plane: its points count by how
+  sure that is.
+* E2 is the angle between the two lines on the road in units of one pixel's angle, 1 / f,
+  times ``parallel_weight``: the vanishing point of two lines is known about ten times better than
+  where the plane through their disparities has its horizon (peers' comparison: 0.002 against
+  0.025 degrees of pitch at 5 % noise), and the smaller term of the two must not hide that.
+  A further line runs along the road, too, and is seen parallel to the others even where it lies beside their
+  plane. But it was painted another day, or is another edge, and farther aside its direction is measured
+  worse: its angles are divided by that weight, so that they do not outdo E1.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from ..camera.rig import StereoRig
+from ..config import FitnessConfig
+from ..lanes.closed_form import disparity_model, point_weights
+from ..lanes.lane_pair import LanePattern
+from ..types import Array
+
+
+class PatternFitness:
+    """Fitness of (height_m, pitch_rad, roll_rad) for one pattern.
+
+    Attributes:
+        evaluations: Number of candidates evaluated so far.
+    """
+
+    def __init__(self, pattern: LanePattern, rig: StereoRig, config: FitnessConfig) -> None:
+        self._config = config
+        self._rig = rig
+        self._focal_px = float(np.sqrt(rig.fx * rig.fy))
+        self._design, self._disparity = disparity_model(pattern, rig)
+        weights = point_weights(pattern)
+        weighted = self._design.T * (weights / weights.sum())
+        self._gram = weighted @ self._design
+        self._moment = weighted @ self._disparity
+        self._square = float(weights @ self._disparity**2 / weights.sum())
+        self._normals = _normals_of(pattern.columns, pattern.rows, rig)
+        # The first pair are the boundaries.
+        n_pairs = len(_pairs(self._normals.shape[-1]))
+        self._pair_weights = np.full(n_pairs, self._focal_px**2 / config.parallel_weight**2)
+        self._pair_weights[1:] /= max(n_pairs - 1, 1)
+        self._pair_weights[0] = (self._focal_px * config.parallel_weight) ** 2
+        self.evaluations = 0
+
+    def __call__(self, population: Array) -> Array:
+        """Return the fitness of (P, 3) candidates, shape (P,), in (0, 1 / K]."""
+        return self._fitness(*self.errors(population))
+
+    def seen_by(self, camera: int, population: Array) -> Array:
+        """Return the fitness with the parallelism in one camera only, shape (P,).
+
+        The fitness is the greater one of the two: "at least one camera must see parallel lines". Each has
+        one optimum, while the greater of both may have two, close by and almost as good.
+        """
+        self.evaluations += len(population)
+        trig = _trigonometry(population)
+        parallelism = self._parallelism(self._normals[camera], *trig)
+        return self._fitness(self._matching_error(population[:, 0], *trig), parallelism)
+
+    def seen_by_each(self, populations: Array) -> Array:
+        """Return the fitness of one population a camera, (2, P, 3), by that camera's parallelism, (2, P)."""
+        shape = populations.shape[:2]
+        flat = populations.reshape(-1, populations.shape[2])
+        self.evaluations += len(flat)
+        trig = _trigonometry(flat)
+        parallelism = self._parallelism(self._normals, *(part.reshape(shape) for part in trig)).ravel()
+        return self._fitness(self._matching_error(flat[:, 0], *trig), parallelism).reshape(shape)
+
+    def errors(self, population: Array) -> tuple[Array, Array]:
+        """Return the normalised E1 and E2 of (P, 3) candidates [px^2], each of shape (P,)."""
+        self.evaluations += len(population)
+        trig = _trigonometry(population)
+        parallelism = np.min([self._parallelism(normals, *trig) for normals in self._normals], axis=0)
+        return self._matching_error(population[:, 0], *trig), parallelism
+
+    def _fitness(self, matching: Array, parallelism: Array) -> Array:
+        fitness: Array = 1.0 / (np.maximum(matching, parallelism) + self._config.k)
+        return fitness
+
+    def _parallelism(self, normals: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
+        """E2: squared angles between the lines in units of one pixel's angle, weighted, (..., P)."""
+        error: Array = _angles_between(normals, cp, sp, cr, sr) ** 2 @ self._pair_weights
+        return error
+
+    def _plane(self, height: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
+        """Return the disparity [px] of the road by the ray (1, y, z) of the left camera, (P, 3)."""
+        across = cp * sr
+        left_height = height + across * (self._rig.baseline_m / 2.0)
+        scale = self._rig.fx * self._rig.baseline_m / left_height
+        # A point on the road has depth left_height / (sp - cp sr y - cp cr z).
+        plane = np.empty((len(height), 3))
+        plane[:, 0], plane[:, 1], plane[:, 2] = scale * sp, -scale * across, -scale * cp * cr
+        return plane
+
+    def _matching_error(self, height: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
+        """E1: mean squared distance of the places where the cameras put a point, in pixels."""
+        plane = self._plane(height, cp, sp, cr, sr)
+        square = np.einsum("pi,pi->p", plane @ self._gram, plane) - 2.0 * plane @ self._moment
+        # Rounding may leave a perfect fit just below zero.
+        error: Array = np.maximum(square + self._square, 0.0)
+        return error
+
+    def plane(self, candidate: Array) -> Array:
+        """Return the disparity [px] of a candidate's road by the ray (1, y, z) of the left camera, (3,)."""
+        plane: Array = self._plane(candidate[:1], *_trigonometry(candidate[None]))[0]
+        return plane
+
+    def linear_terms(self, candidate: Array) -> tuple[Array, Array]:
+        """Return what the fitness of two lines is made of, before squares and minimum are taken.
+
+        Args:
+            candidate: (3,) height_m, pitch_rad, roll_rad.
+
+        Returns:
+            distances (2 N,) of the points and angles (2,) between the lines by camera, both [px].
+        """
+        angles = np.array([self._angle(normals, candidate) for normals in self._normals])
+        return self._design @ self.plane(candidate) - self._disparity, angles
+
+    def angle_with(self, columns: Array, rows: Array, candidate: Array) -> float:
+        """Return what the angle of :meth:`linear_terms` would be with other columns (L, N) [px]."""
+        return self._angle(_normals_of(columns, rows, self._rig), candidate)
+
+    def _angle(self, normals: Array, candidate: Array) -> float:
+        return self._focal_px * float(_angles_between(normals, *_trigonometry(candidate[None]))[0, 0])
+
+
+def _normals_of(columns: Array, rows: Array, rig: StereoRig) -> Array:
+    """Return the normals of the planes through a camera and each line, as columns (..., 3, L)."""
+    ends = columns[..., [0, -1]]
+    rays = np.empty((*ends.shape, 3))
+    rays[..., 0], rays[..., 1] = 1.0, -(ends - rig.cx) / rig.fx
+    rays[..., 2] = -(rows[[0, -1]] - rig.cy) / rig.fy
+    return np.swapaxes(np.cross(rays[..., 0, :], rays[..., 1, :]), -1, -2)
+
+
+def _angles_between(normals: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
+    """Return the angles of all pairs of lines as a camera puts them on the road [rad], (..., P, pairs).
+
+    Args:
+        normals: (..., 3, L) normals of the planes through the camera and each line.
+        cp: (..., P) cosine of pitch.
+        sp: Its sine.
+        cr: Cosine of roll.
+        sr: Its sine.
+    """
+    # A line runs along the road at right angles to the normal of its plane: (-n_y, n_x), in road axes.
+    rotation = np.empty((*cp.shape, 5))
+    rotation[..., 0], rotation[..., 1], rotation[..., 2] = cp, sp * sr, sp * cr
+    rotation[..., 3], rotation[..., 4] = cr, -sr
+    towards, aside = rotation[..., :3] @ normals, rotation[..., 3:] @ normals[..., 1:, :]
+    n_lines = normals.shape[-1]
+    # Of two lines as slices, which copy nothing.
+    first, second = (slice(0, 1), slice(1, 2)) if n_lines == 2 else tuple(_pairs(n_lines).T)
+    x0, x1, y0, y1 = towards[..., first], towards[..., second], aside[..., first], aside[..., second]
+    dot = x0 * x1 + y0 * y1
+    cross = x1 * y0 - x0 * y1
+    # Lines have no direction: they differ by at most a right angle.
+    angle: Array = np.arctan2(np.where(dot < 0.0, -cross, cross), np.abs(dot))
+    return angle
+
+
+def _pairs(n_lines: int) -> npt.NDArray[np.intp]:
+    """Return the numbers of the lines of each pair, (pairs, 2), the boundaries first."""
+    return np.column_stack(np.triu_indices(n_lines, 1))
+
+
+def _trigonometry(population: Array) -> tuple[Array, Array, Array, Array]:
+    """Return cosine and sine of pitch, cosine and sine of roll, each (P,)."""
+    pitch, roll = population[:, 1], population[:, 2]
+    return np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)

@@ -1,0 +1,143 @@
+"""One step of Gauss and Newton: what the blocks of rows say of the road, block by block weighted robustly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..numerics.statistics import upper_median
+from ..road.stripe_model import N_POSE
+from ..types import Array
+from .row_blocks import RowBlocks
+
+MIN_BLOCKS = 12  # of four stripe images, 10 parameters: 36 displacements at least
+# A stripe with fewer blocks has no say: its own position and width take two displacements each.
+_MIN_STRIPE_BLOCKS = 3
+
+# Tukey's biweight on the deviance of a block of three displacements: 95 % efficiency for normal errors.
+_TUKEY_DEVIANCE = 30.0
+_MEDIAN_CHI2_3 = 2.366  # of the chi-squared distribution with three degrees of freedom
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Known:
+    """What is known of the road beforehand.
+
+    Attributes:
+        varied: (5 + 3 L,) the parameters that are free.
+        heights_m: (L,) heights of the stripes over the plane so far [m].
+        height_stds_m: (L,) their standard deviations about 0 [m]; 0 where they are not free.
+    """
+
+    varied: npt.NDArray[np.bool_]
+    heights_m: Array
+    height_stds_m: Array
+
+    def heights(self, variance: float) -> tuple[Array, Array]:
+        """Return the information (P, P) of the heights, and what it says of the next step (P,).
+
+        Args:
+            variance: Of the grey values, in which all information is measured.
+        """
+        n = len(self.varied) + 2  # with the blur of both lenses
+        information, pull = np.zeros((n, n)), np.zeros(n)
+        free = self.height_stds_m > 0.0
+        place = len(self.varied) - len(free) + np.flatnonzero(free)
+        information[place, place] = variance / self.height_stds_m[free] ** 2
+        pull[place] = -information[place, place] * self.heights_m[free]
+        return information, pull
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """A step of all parameters.
+
+    Attributes:
+        step: (P,) of all parameters; 0 of those that are not free.
+        free: Which ones are.
+        information: Of the free ones, by the blocks that count, for noise of variance 1.
+        relative: Deviances of these blocks, over that at which a block ceases to count.
+        scale: Mean scale of the deviances of both cameras.
+    """
+
+    step: Array
+    free: npt.NDArray[np.intp]
+    information: Array
+    relative: Array
+    scale: float
+
+    def covariance(self, variance: float) -> Array | None:
+        """Return the covariance (P, P) of an M-estimator, None where the weights say nothing.
+
+        With deviance d and weight w(d) of a block it is ``E[w^2 d] / 3`` over the square of
+        ``E[w + 2 w' d / 3]``, times the inverse information of the blocks that count (Huber, Robust
+        Statistics, section 6.3).
+
+        Args:
+            variance: Of the grey values.
+        """
+        # dw/dd = -2 (1 - d / c) / c for the biweight w = (1 - d / c)^2.
+        weight = 1.0 - self.relative
+        steepness = float(np.mean(weight**2 - 4.0 / 3.0 * weight * self.relative))
+        scatter = float(np.mean(weight**4 * self.relative)) * _TUKEY_DEVIANCE / 3.0
+        if steepness <= 0.0:
+            return None
+        covariance = np.zeros((len(self.step), len(self.step)))
+        inverse = np.linalg.pinv(self.information, hermitian=True)
+        covariance[np.ix_(self.free, self.free)] = inverse * (scatter / steepness**2 * variance)
+        return covariance
+
+
+def solve_step(blocks: RowBlocks, by_road: Array, reweightings: int, known: Known) -> Step | None:
+    """Solve for the change of all parameters, block by block weighted robustly.
+
+    Returns:
+        The step; None when undetermined.
+    """
+    usable = blocks.usable
+    enough = usable.sum(axis=(0, 2)) >= _MIN_STRIPE_BLOCKS
+    if np.count_nonzero(usable) < MIN_BLOCKS or np.count_nonzero(enough) < 2:
+        return None
+    enough_of = np.concatenate([np.ones(N_POSE, bool), np.tile(enough, 3)])
+    free = np.flatnonzero(np.concatenate([known.varied & enough_of, np.ones(2, bool)]))
+    usable = usable & enough[:, None]
+    of_camera = np.nonzero(usable)[0]
+    # Displacements (left edge, right edge, blur) of each block by the free parameters: (M, 3, P).
+    n_road = len(by_road)
+    design = np.zeros((len(of_camera), 3, n_road + 2))
+    design[:, :2, :n_road] = np.moveaxis(by_road, (0, 3), (-1, -2))[usable]
+    design[np.arange(len(of_camera)), 2, n_road + of_camera] = 1.0
+    design = design[..., free]
+    information, displacement = blocks.information[usable], blocks.displacement[usable]
+    by_information = information @ design
+    # All blocks' normal equations in one row each: weighting them is one product.
+    normals = (np.swapaxes(design, -1, -2) @ by_information).reshape(len(design), -1)
+    sides = (blocks.gradient[usable][:, None] @ design)[:, 0]
+    prior, pull = (part[..., free] for part in known.heights(blocks.variance))
+    prior = prior[free]
+    weights = np.ones(len(sides))
+    # A camera that the template fits worse (its lens is sharper or softer) has larger deviances in all
+    # of its blocks: they weigh less, but are no outliers.
+    scales = np.ones(2)
+    cameras = [(i, np.flatnonzero(of_camera == i)) for i in range(2)]
+    for _ in range(reweightings):
+        normal = (weights @ normals).reshape(prior.shape) + prior
+        if not np.isfinite(normal).all() or np.linalg.matrix_rank(normal, hermitian=True) < len(normal):
+            return None
+        change = np.linalg.solve(normal, weights @ sides + pull)
+        residual = displacement - design @ change
+        deviance = np.einsum("mi,mij,mj->m", residual, information, residual) / blocks.variance
+        for i, blocks_of in cameras:
+            if len(blocks_of):
+                scales[i] = max(1.0, upper_median(deviance[blocks_of]) / _MEDIAN_CHI2_3)
+        relative = deviance / (scales * _TUKEY_DEVIANCE)[of_camera]
+        weights = np.maximum(1.0 - relative, 0.0) ** 2 / scales[of_camera]
+    counted = relative < 1.0
+    if not counted.any():
+        return None
+    whole = np.zeros(n_road + 2)
+    whole[free] = change
+    left = (counted / scales[of_camera] @ normals).reshape(prior.shape) + prior
+    return Step(whole, free, left, relative[counted], float(scales.mean()))

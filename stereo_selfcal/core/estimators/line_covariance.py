@@ -1,0 +1,207 @@
+"""Covariance of the extrinsics from that of the measured lines, and a test for curvature.
+
+Four measured lines (two lane boundaries, two cameras) are eight numbers with known covariance. The
+genetic algorithm minimises E1 while E2 keeps the lines parallel in one camera, and the implicit
+function theorem says how its result moves with the eight numbers: that gives its covariance.
+
+Six parameters predict the eight numbers: height, pitch, roll, yaw of the lane and the positions of
+both boundaries. The two left over say whether the lines are as consistent as their own
+covariances promise (chi2); where they are not, the covariance is enlarged.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..camera.rig import StereoRig
+from ..config import FitnessConfig
+from ..geometry.pose import Extrinsics
+from ..lanes.lane_pair import ImageLine, LanePattern
+from ..lanes.line_geometry import lane_in_road
+from ..road.stripe_model import predict_edges
+from ..types import Array
+from .fitness import PatternFitness
+
+_N_ITERATIONS = 2  # from the genetic result, the first step already lands within its rounding
+# Steps of the numerical derivative: height [m], pitch, roll, yaw [rad], positions [m].
+_STEPS = np.array([1e-5, 1e-6, 1e-6, 1e-6, 1e-5, 1e-5])
+_LINE_STEP_PX = 1e-3
+_DEGREES_OF_FREEDOM = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LineFit:
+    """Result of the six-parameter fit to the measured lines.
+
+    Attributes:
+        covariance: (3, 3) of (height_m, pitch_rad, roll_rad).
+        lane_yaw_rad: Yaw of the camera against the lane, > 0: it points left.
+        chi2: Weighted sum of squares of the two numbers left over; 2 is expected.
+        misfit_sigmas: The same as a multiple of their standard deviations; 1 is expected.
+    """
+
+    covariance: Array
+    lane_yaw_rad: float
+    chi2: float
+
+    @property
+    def misfit_sigmas(self) -> float:
+        """Root mean square of the two numbers left over, in standard deviations."""
+        return float(np.sqrt(self.chi2 / _DEGREES_OF_FREEDOM))
+
+
+def propagate(
+    pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics, config: FitnessConfig
+) -> LineFit | None:
+    """Propagate the covariance of the measured lines to the extrinsics.
+
+    Args:
+        pattern: The measured lines.
+        rig: Intrinsics and baseline.
+        config: The fitness that was maximised.
+        extrinsics: The estimate, near which the fit starts.
+
+    Returns:
+        The fit, with the covariance enlarged by chi2 / 2 where the lines agree less than they
+        promise (R. T. Birge, "The calculation of errors by the method of least squares", Phys. Rev.
+        40, 1932); None when the lines leave a parameter undetermined.
+    """
+    pattern = pattern.boundaries  # what the others add is not counted
+    lines = (*pattern.left, *pattern.right)
+    measured = np.array([value for line in lines for value in (line.u_mid, line.slope)])
+    information = np.zeros((8, 8))
+    for i, line in enumerate(lines):
+        information[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = np.linalg.inv(line.covariance)
+    parameters = np.concatenate([extrinsics.as_array(), lane_in_road(pattern, rig, extrinsics)])
+    for _ in range(_N_ITERATIONS):
+        varied = np.concatenate(
+            [parameters[None], parameters + np.diag(_STEPS), parameters - np.diag(_STEPS)]
+        )
+        predicted = _predict(varied, lines, rig)
+        residual = measured - predicted[0]
+        jacobian = ((predicted[1:7] - predicted[7:]) / (2.0 * _STEPS)[:, None]).T
+        normal = jacobian.T @ information @ jacobian
+        if not np.all(np.isfinite(normal)) or np.linalg.matrix_rank(normal) < len(parameters):
+            return None
+        parameters = parameters + np.linalg.solve(normal, jacobian.T @ information @ residual)
+    residual = measured - _predict(parameters[None], lines, rig)[0]
+    chi2 = float(residual @ information @ residual)
+    result_by_lines = _sensitivity(pattern, rig, extrinsics.as_array(), config)
+    if result_by_lines is None:
+        return None
+    covariance = result_by_lines @ np.linalg.inv(information) @ result_by_lines.T
+    covariance *= max(1.0, chi2 / _DEGREES_OF_FREEDOM)
+    return LineFit((covariance + covariance.T) / 2.0, float(parameters[3]), chi2)
+
+
+def _sensitivity(
+    pattern: LanePattern, rig: StereoRig, estimate: Array, config: FitnessConfig
+) -> Array | None:
+    """Return the derivative (3, 8) of the genetic result by (u_mid, slope) of the four lines.
+
+    The result minimises E1 = |d|^2 under the constraint that the angle g in the camera that sees the
+    lines more parallel is zero, so d_t^T d + lambda g_t = 0 and g = 0 (subscript: derivative).
+    Moving the lines by dl moves it by dt with::
+
+        [d_t^T d_t  g_t] [dt     ]     [d_t^T d_l]
+        [g_t^T       0 ] [dlambda]  = -[g_l      ] dl
+    """
+    fitness = PatternFitness(pattern, rig, config)
+    camera = int(np.argmin(np.abs(fitness.linear_terms(estimate)[1])))
+
+    def terms(candidate: Array) -> Array:
+        distances, angles = fitness.linear_terms(candidate)
+        return np.append(distances, angles[camera])
+
+    by_estimate = np.column_stack(
+        [
+            (terms(estimate + step) - terms(estimate - step)) / (2.0 * step.sum())
+            for step in np.diag(_STEPS[:3])
+        ]
+    )
+    d_t, g_t = by_estimate[:-1], by_estimate[-1:]
+    d_l, g_l = np.zeros((len(d_t), 8)), np.zeros((1, 8))
+    angle = fitness.linear_terms(estimate)[1][camera]
+    # The ray (1, y, z) of a left column u has y = (cx - u) / fx, and the disparity left minus right column.
+    of_column = (-fitness.plane(estimate)[1] / rig.fx - 1.0, 1.0)
+    n_rows = len(pattern.rows)
+    for i, line in enumerate((*pattern.left, *pattern.right)):
+        side, boundary = divmod(i, 2)
+        for j, change in enumerate((np.ones_like(pattern.rows), pattern.rows - line.v_mid)):
+            points = slice(boundary * n_rows, (boundary + 1) * n_rows)
+            d_l[points, 2 * i + j] = of_column[side] * change
+            if side == camera:
+                step = _LINE_STEP_PX / np.abs(change).max()
+                columns = pattern.columns[camera].copy()
+                columns[boundary] += step * change
+                g_l[0, 2 * i + j] = (fitness.angle_with(columns, pattern.rows, estimate) - angle) / step
+    system = np.block([[d_t.T @ d_t, g_t.T], [g_t, np.zeros((1, 1))]])
+    if not np.all(np.isfinite(system)) or np.linalg.matrix_rank(system) < len(system):
+        return None
+    solution: Array = -np.linalg.solve(system, np.concatenate([d_t.T @ d_l, g_l]))[:3]
+    return solution
+
+
+def _predict(parameters: Array, lines: tuple[ImageLine, ...], rig: StereoRig) -> Array:
+    """Return (u_mid, slope) of the four lines for (B, 6) parameters, shape (B, 8)."""
+    # Stripes of no width, in the plane: both edges are the line.
+    roads = np.concatenate([parameters, np.zeros((len(parameters), 4))], axis=1)
+    roads = np.insert(roads, 4, 0.0, axis=1)  # straight
+    lines_uv = predict_edges(roads, rig)[:, :, :, 0].reshape(len(parameters), 4, 2)
+    v_mid = np.array([line.v_mid for line in lines])
+    u_mid = lines_uv[..., 0] + lines_uv[..., 1] * v_mid
+    return np.stack([u_mid, lines_uv[..., 1]], axis=-1).reshape(len(parameters), 8)
+
+
+@dataclass(frozen=True, slots=True)
+class Bends:
+    """What the lines have in common that no straight line on a plane has.
+
+    Attributes:
+        lateral_per_m: Curvature of the lane [1/m], > 0: to the left.
+        lateral_std_per_m: Its standard deviation.
+        vertical_per_m: Curvature of the road's profile [1/m], > 0: a dip, < 0: a crest.
+        vertical_std_per_m: Its standard deviation.
+    """
+
+    lateral_per_m: float
+    lateral_std_per_m: float
+    vertical_per_m: float
+    vertical_std_per_m: float
+
+
+def measure_bends(pattern: LanePattern, rig: StereoRig, height_m: float) -> Bends:
+    """Measure the curvatures that the points of the four lines have in common.
+
+    A line at distance x on a road of curvature k is displaced by k x^2 / 2 to the left, in the image by
+    -k fx x / 2 = -k fx fy height / 2 / (v - v_horizon). Where the road rises by c x^2 / 2, a row shows it
+    nearer by the part c x^2 / (2 height), so that a line of slope m moves by
+    m c fy^2 height / 2 / (v - v_horizon): lines of either side to opposite sides. Both are fitted to the
+    measured points, together with a straight line of its own for each.
+    """
+    lines = (*pattern.left, *pattern.right)
+    n_parameters = 2 * len(lines) + 2
+    normal = np.zeros((n_parameters, n_parameters))
+    right_side = np.zeros(n_parameters)
+    blocks = []
+    for i, line in enumerate(lines):
+        below = np.maximum(line.rows - float(pattern.vanishing_point[1]), 1.0)
+        design = np.zeros((len(line.rows), n_parameters))
+        design[:, 2 * i] = 1.0
+        design[:, 2 * i + 1] = line.rows - line.v_mid
+        design[:, -2] = -rig.fx * rig.fy * height_m / 2.0 / below
+        design[:, -1] = line.slope * rig.fy**2 * height_m / 2.0 / below
+        normal += design.T @ (design * line.weights[:, None])
+        right_side += design.T @ (line.weights * line.columns)
+        blocks.append(design)
+    solution, *_ = np.linalg.lstsq(normal, right_side, rcond=None)
+    squares = sum(
+        float(line.weights @ (line.columns - design @ solution) ** 2)
+        for line, design in zip(lines, blocks, strict=True)
+    )
+    freedom = max(1, sum(len(line.rows) for line in lines) - n_parameters)
+    variances = np.diag(np.linalg.pinv(normal))[-2:] * squares / freedom
+    std = np.sqrt(np.maximum(variances, 0.0))
+    return Bends(float(solution[-2]), float(std[0]), float(solution[-1]), float(std[1]))

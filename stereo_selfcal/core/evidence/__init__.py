@@ -1,0 +1,1 @@
+"""What speaks for and against an estimate: measurements, gates, uncertainties, cross-checks."""

@@ -1,0 +1,71 @@
+"""What the stages have found of a frame so far."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..config import CalibratorConfig
+from ..estimators.line_covariance import Bends, LineFit
+from ..estimators.stripe_fit import StripeFit
+from ..estimators.texture_alignment import TextureFit
+from ..geometry.pose import Extrinsics
+from ..lanes.line_geometry import BelowPlane
+from ..types import Array
+from .profile import Profile
+from .row_offset import VerticalOffset
+from .stripe_border import StripeBorder
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """What the stages have found so far; None where one has not run, or found nothing.
+
+    Attributes:
+        config: Settings.
+        genetic: Estimate of the genetic algorithm; None where there is but the asphalt.
+        fitness: Its fitness.
+        misfit_px: Misfit of the lines under it.
+        below: How deep another line both cameras see lies below the plane of these.
+        bends: Curvatures of the lines.
+        lines: Fit of a flat road to the lines.
+        refined: Fit of the grey values of the stripes.
+        profile: Heights of the road along the stripes, over the plane of that fit.
+        wide_profile: The same by edges that are too far off to be measured well: where it shows another slope
+            ahead, there is one, of that size at least.
+        clipped: Greatest part of clipped pixels in the lower half of an image.
+        witness: Texture of the asphalt over what is needed to believe it; None where it need not be.
+        texture: The asphalt, where it can be believed.
+        heights_m: (L,) heights of the lines over it [m].
+        own_m: (2,) heights of the boundaries over the asphalt between them, and their deviations [m].
+        vertical: Vertical offset between the images.
+        rims: What lies between the boundaries and the lane; empty where the asphalt is the better witness.
+        fitted: Whether the stripes' grey values could be fitted; None where the asphalt is asked instead.
+        between_m: Height of a line between the boundaries over their plane, and its standard deviation [m].
+        std: (3,) standard deviations of an estimate that rests on the lines alone [m, rad, rad].
+    """
+
+    config: CalibratorConfig
+    genetic: Extrinsics | None = None
+    fitness: float = 0.0
+    misfit_px: float = 0.0
+    below: BelowPlane | None = None
+    bends: Bends | None = None
+    lines: LineFit | None = None
+    refined: StripeFit | None = None
+    profile: Profile | None = None
+    wide_profile: Profile | None = None
+    clipped: float | None = None
+    witness: float | None = None
+    texture: TextureFit | None = None
+    heights_m: Array | None = None
+    own_m: tuple[Array, Array] | None = None
+    vertical: VerticalOffset | None = None
+    rims: tuple[StripeBorder, ...] = ()
+    fitted: bool | None = None
+    between_m: tuple[float, float] | None = None
+    std: Array | None = None
+
+    @property
+    def of_lines(self) -> Extrinsics | None:
+        """The estimate from lines that is best so far."""
+        return self.genetic if self.refined is None else self.refined.extrinsics

@@ -1,0 +1,264 @@
+"""Vertical offset between the images of a pair: zero where they are rectified.
+
+Measured on the road, whose disparity is known once the plane is; the rows of both images are moved against
+each other until the grey values agree.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ..camera.rig import StereoRig
+from ..estimators.sampling import half_disparity, sample, usable_samples
+from ..geometry.plane import plane_from_pose
+from ..geometry.pose import Extrinsics
+from ..numerics.statistics import SIGMA_OVER_MAD, upper_median
+from ..road.cell_grid import FAR_M, HALF_WIDTH_M, Corridor, lay_out
+from ..types import Array, Floats, Image
+
+_BLUR_PX = 1.0
+_KERNEL_PX = 9
+_REACH_PX = 8  # half of that, the derivative, and the interpolation
+_MOST_PX = 4  # searched, in whole rows, to either side: more is seen by the eye
+_PASSES = 3
+_THINNING = 2
+_LEAST_CELLS = 12  # six for each of the two numbers: their scatter is the uncertainty
+_LEAST_INFORMATION = 0.2  # of a cell's vertical gradients, what the horizontal ones do not explain
+_CELL_SIGMAS = 3.0
+_CORRELATED_SAMPLES = (
+    4.0  # of noise blurred by 1 px in both directions, 4 pi sigma^2 pixels, of every second pixel
+)
+_QUANTISATION = 1.0 / 12.0 / 6.0  # variance of a whole grey value, less by the blur
+_TUKEY_SIGMAS = 4.685
+_REWEIGHTINGS = 8
+_RIDGE = 1e-9  # keeps the equations regular where all cells lie below each other
+
+
+# Columns in the left and in the right image and rows without an offset [px] of samples, (N,) each.
+Place = tuple[Floats, Floats, Floats]
+# Grey value, derivative along the row and along the column of a blurred image, (H, W) each.
+Channels = tuple[Floats, Floats, Floats]
+
+
+@dataclass(frozen=True, slots=True)
+class VerticalOffset:
+    """How the rows of both images fit each other.
+
+    Attributes:
+        offset_px: Row in the right image minus row in the left one of the same point, at the principal point.
+        std_px: Its standard deviation, by the scatter of the cells of the road.
+        roll_rad: Turn of the right image against the left one about the optical axis, > 0: to the right the
+            rows of the right image fall.
+        roll_std_rad: Its standard deviation.
+        n_cells: Cells of the road that were used.
+    """
+
+    offset_px: float
+    std_px: float
+    roll_rad: float
+    roll_std_rad: float
+    n_cells: int
+
+
+def vertical_offset(
+    images: tuple[Image, Image],
+    rig: StereoRig,
+    extrinsics: Extrinsics,
+    lane_yaw_rad: float = 0.0,
+    *,
+    limits_m: tuple[float, float] = (-HALF_WIDTH_M, HALF_WIDTH_M),
+    far_m: float = FAR_M,
+) -> VerticalOffset | None:
+    """Measure the vertical offset between both images on the road.
+
+    Args:
+        images: Left and right image, (H, W) uint8.
+        rig: Intrinsics and baseline.
+        extrinsics: Where the road is, good to about a pixel of disparity.
+        lane_yaw_rad: Heading of the camera against the lane.
+        limits_m: Right and left limit of the corridor beside the camera [m], left positive.
+        far_m: End of the corridor [m].
+
+    Returns:
+        The offset, or None where the road has too little texture to measure it.
+    """
+    plane = plane_from_pose(extrinsics, rig)
+    corridor = lay_out(rig, extrinsics, lane_yaw_rad, limits_m, far_m, _THINNING)
+    if corridor is None:
+        return None
+    half = half_disparity(corridor, plane, rig)
+    usable = usable_samples(images, corridor, half, rig, None)
+    at_left, at_right = corridor.u + half, corridor.u - half
+    # Only the part of the images that is looked at, and what filters and interpolation reach.
+    top = max(0, int(corridor.v.min()) - 2 * _MOST_PX)
+    start = max(0, int(min(at_left.min(), at_right.min())) - _REACH_PX)
+    end = int(max(at_left.max(), at_right.max())) + _REACH_PX + 1
+    left, right = (with_slopes(image[top:, start:end]) for image in images)
+    place = (at_left - np.float32(start), at_right - np.float32(start), corridor.v - np.float32(top))
+    offset = _search(left[0], right[0], corridor, place, usable)
+    return refine_offset(
+        (left, right), corridor, place, usable, rig, (offset, 0.0), _PASSES, _MOST_PX, cv2.INTER_CUBIC
+    )
+
+
+def refine_offset(
+    images: tuple[Channels, Channels],
+    samples: Corridor,
+    place: Place,
+    usable: Floats,
+    rig: StereoRig,
+    start: tuple[float, float],
+    passes: int,
+    most_px: int,
+    how: int,
+    disparity_std_px: float = math.inf,
+    least_cells: int = _LEAST_CELLS,
+) -> VerticalOffset | None:
+    """Refine an offset and a turn, good to a row or so, by what the cells show.
+
+    Args:
+        images: Left and right image with their derivatives (:func:`with_slopes`).
+        samples: Where they are compared.
+        place: Of the samples in the images given.
+        usable: (N,) 1 for samples that count, 0 for others.
+        rig: Intrinsics.
+        start: Offset [px] and turn [rad].
+        passes: How often.
+        most_px: An offset twice as great has run away.
+        how: Interpolation of OpenCV.
+        disparity_std_px: How well the disparity is known; if not at all, edges that are slanted say little.
+        least_cells: Fewer than that are too few.
+
+    Returns:
+        Offset and turn, or None where too little is seen, or it has run away.
+    """
+    (left, right), (at_left, at_right, v) = images, place
+    offset, turn = start
+    columns = samples.cell_rays[:, 1] * -rig.fx
+    solution = None
+    for _ in range(passes):
+        tilt = np.float32(0.5) * (np.float32(offset) + np.float32(turn) * (samples.u - np.float32(rig.cx)))
+        of_left = np.stack([sample(channel, at_left, v - tilt, how) for channel in left])
+        of_right = np.stack([sample(channel, at_right, v + tilt, how) for channel in right])
+        cells = measure_cells(of_left, of_right, usable, samples, disparity_std_px)
+        solution = combine_cells(*cells, columns, least_cells)
+        if solution is None:
+            return None
+        offset, turn = offset + solution.offset_px, turn + solution.roll_rad
+        if not abs(offset) <= 2.0 * most_px:
+            return None
+    assert solution is not None
+    return VerticalOffset(offset, solution.std_px, turn, solution.roll_std_rad, solution.n_cells)
+
+
+def with_slopes(image: Image) -> Channels:
+    """Return grey value, derivative along the row and along the column of the blurred image."""
+    kernel = cv2.getGaussianKernel(_KERNEL_PX, _BLUR_PX, cv2.CV_32F)
+    smooth = np.asarray(cv2.sepFilter2D(image, cv2.CV_32F, kernel, kernel), np.float32)
+    along, down = (
+        np.asarray(cv2.Sobel(smooth, cv2.CV_32F, dx, dy, ksize=1, scale=0.5), np.float32)
+        for dx, dy in ((1, 0), (0, 1))
+    )
+    return smooth, along, down
+
+
+def _search(fixed: Floats, moving: Floats, corridor: Corridor, place: Place, usable: Floats) -> float:
+    """Return the offset in whole rows at which both images correlate best, summed over the cells."""
+    at_left, at_right, v = place
+    offsets = np.arange(-_MOST_PX, _MOST_PX + 1)
+    rows = v + offsets[:, None].astype(np.float32)
+    columns = np.broadcast_to(at_right, rows.shape)
+    reference = sample(fixed, at_left, v, cv2.INTER_LINEAR)
+    moved = sample(moving, columns, rows, cv2.INTER_LINEAR)
+    reference, moved = (_centred(each, usable, corridor) for each in (reference, moved))
+    both, squares = (corridor.sums_over_cells(moved * each) for each in (reference, moved))
+    return float(offsets[np.argmax((both / np.sqrt(np.maximum(squares, 1.0))).sum(axis=1))])
+
+
+def _centred(samples: Floats, usable: Floats, corridor: Corridor) -> Floats:
+    """Remove the means of the segments from samples (..., N); what does not count is zero."""
+    sums = corridor.segment_sums
+    means = sums(samples * usable) / np.maximum(sums(usable), 1e-6)
+    centred: Floats = (samples - corridor.to_samples(means)) * usable
+    return centred
+
+
+def measure_cells(
+    left: Floats, right: Floats, usable: Floats, corridor: Corridor, disparity_std_px: float = math.inf
+) -> tuple[Array, Array]:
+    """Return the vertical displacement of the cells [px] and its variance; infinite without texture.
+
+    Args:
+        left: (3, N) grey value and both derivatives of the left image at the samples (:func:`with_slopes`).
+        right: The same of the right image.
+        usable: (N,) 1 for samples that count, 0 for others.
+        corridor: The samples, in segments and cells; the means of the segments are removed.
+        disparity_std_px: How well the disparity is known.
+    """
+    left, right = _centred(left, usable, corridor), _centred(right, usable, corridor)
+    scale = np.sqrt(np.vdot(left[0], left[0]) / max(np.vdot(right[0], right[0]), 1e-6))
+    right = right * np.float32(np.clip(scale, 0.25, 4.0))
+    difference = left[0] - right[0]
+    by_left, by_right = left[1:], right[1:]  # by column and by row
+    sums = corridor.sums_over_cells
+    gradient = sums((by_left + by_right) / 2 * difference)
+    # Gradients of one image by those of the other: noise alone leaves nothing.
+    common = sums(by_left[:, None] * by_right)
+    common = (common + common.swapaxes(0, 1)) / 2
+    count = np.maximum(sums(usable), 1.0)
+    alone = sums(by_left * by_left) * sums(by_right * by_right)
+    by_noise = _CELL_SIGMAS * np.sqrt(alone * _CORRELATED_SAMPLES / count)
+    seen = common[1, 1] > by_noise[1]
+    noise = np.maximum(sums(difference * difference) / count, _QUANTISATION)
+    # An edge along the row has nothing across it, which a wrong disparity could move.
+    slanted = common[0, 0] > by_noise[0]
+    known = noise / disparity_std_px**2
+    along = np.where(slanted, common[0, 1] / np.where(slanted, common[0, 0] + known, 1.0), 0.0)
+    by_row = np.where(seen, common[1, 1] - along * common[0, 1], 0.0)
+    seen &= by_row > (_LEAST_INFORMATION * common[1, 1] if math.isinf(disparity_std_px) else 0.0)
+    rest = gradient[1] - along * gradient[0]
+    safe = np.where(seen, by_row, 1.0)
+    # The right image lies lower by the displacement: its grey values there, less those on the left, fall.
+    return np.where(seen, rest / safe, 0.0), np.where(seen, noise / safe, np.inf)
+
+
+def combine_cells(
+    cells: Array, variance: Array, columns: Array, least_cells: int = _LEAST_CELLS
+) -> VerticalOffset | None:
+    """Fit an offset and a turn to the displacements of the cells; their scatter is the uncertainty.
+
+    Args:
+        cells: (C,) vertical displacements [px].
+        variance: (C,) of them; infinite where a cell shows nothing.
+        columns: (C,) place of the cells beside the principal point [px].
+        least_cells: Fewer than that are too few.
+    """
+    seen = np.isfinite(variance)
+    if np.count_nonzero(seen) < least_cells:
+        return None
+    design = np.column_stack([np.ones(np.count_nonzero(seen)), columns[seen]])
+    sigma = np.sqrt(variance[seen])
+    # No cell counts for more than a typical one: what scatters is the road, not the noise.
+    sigma = np.maximum(sigma, upper_median(sigma))
+    rows, target = design / sigma[:, None], cells[seen] / sigma
+    weights, scale = np.ones(len(target)), 1.0
+    products = np.stack([rows[:, 0] ** 2, rows[:, 0] * rows[:, 1], rows[:, 1] ** 2, *(rows.T * target)])
+    for i in range(2 * _REWEIGHTINGS):
+        a, b, c, first, second = products @ weights
+        a, c = a * (1.0 + _RIDGE), c * (1.0 + _RIDGE)
+        solution = np.array([c * first - b * second, a * second - b * first]) / (a * c - b * b)
+        residual = np.abs(target - rows @ solution)
+        scale = max(SIGMA_OVER_MAD * upper_median(residual), 1e-9)
+        if i < _REWEIGHTINGS:
+            weights = 1.0 / np.maximum(residual, 0.1 * scale)
+        else:
+            weights = np.clip(1.0 - (residual / (_TUKEY_SIGMAS * scale)) ** 2, 0.0, None) ** 2
+    normal = np.array([[a, b], [b, c]])
+    covariance = np.linalg.inv(normal) * scale**2 * len(target) / (len(target) - 2)
+    std = np.sqrt(np.diag(covariance))
+    used = int(np.count_nonzero(weights))
+    return VerticalOffset(float(solution[0]), float(std[0]), float(solution[1]), float(std[1]), used)

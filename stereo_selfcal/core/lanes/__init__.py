@@ -1,0 +1,1 @@
+"""Lane lines in the images: found, measured, matched between the cameras."""

@@ -1,0 +1,213 @@
+"""Where to look for lines: the Hough transform of stripe points (paper section 2.2).
+
+The accumulator is the paper's: rho = u cos(theta) + v sin(theta) about the image centre, rho of
+either sign, so that left and right lane boundaries differ in the sign of theta. Its cells (1 degree, 4
+px) only say where to look; the accuracy comes from the fit that follows (:mod:`.lines`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..types import Array
+from .chains import chain_points
+from .stripe_points import StripePoints
+
+_THETA_STEP_DEG = 1.0
+# A row-wise gradient sees no line flatter than this; it also bounds du/dv to +-5.7.
+_THETA_MAX_DEG = 80.0
+_N_THETA = int(2 * _THETA_MAX_DEG / _THETA_STEP_DEG) + 1
+_RHO_STEP_PX = 4.0
+
+# A point votes only for slopes near that of its own edge: within three standard deviations of
+# the measured direction, but at least within this, for a direction from 3 x 3 pixels of a
+# stripe a few pixels wide is that much off by its other edge (measured on rendered lines).
+_MIN_VOTE_HALF_WIDTH_DEG = 8.0
+_MAX_VOTE_HALF_WIDTH_DEG = 40.0  # half the accumulator: beyond, a point says nothing
+_VOTE_SIGMAS = 3.0
+
+# A chain of points knows its direction to its own scatter; a cell of the accumulator is one degree wide.
+_MIN_CHAIN_HALF_WIDTH_DEG = 1.0
+# Shorter chains are chance: two links in a row.
+_MIN_CHAIN_ROWS = 8
+# From here on a point has its full vote: the shortest dash, 3 m, seen 20 m ahead, is as many rows long.
+# A point without a chain has a tenth of it.
+_FULL_CHAIN_ROWS = 24.0
+_UNCHAINED = 0.1
+
+# Contrast beyond this makes no better line: a quarter of the grey levels (the paper's stripes
+# have 123), so that fresh paint in the sun does not outvote a worn line of twice the length.
+_FULL_VOTE_GREY = 64.0
+
+# The strongest points of an image that vote; a lane line has at most one in each row and filter,
+# so this leaves room for several lines besides clutter, and bounds the time on foliage.
+_MAX_VOTING_POINTS = 6000
+
+# Peaks kept for each sign of theta: own lane, neighbours' lanes, kerbs, shadows.
+PEAKS_PER_SIGN = 10
+# Lines with fewer votes are not looked at: a worn line (10 grey levels) of half the length of the
+# strongest has a tenth of its votes, and 40 rows of it have 5.
+_MIN_VOTE_SHARE = 0.04
+_MIN_VOTES = 2.0
+_MIN_CHAINED_VOTES = 0.2  # the same without chains
+# Points this close to a peak are taken to be its line, and their votes are withdrawn before the
+# next peak is looked for: the half diagonal of a cell over the length of a line.
+_SUPPORT_PX = 6.0
+# Votes of a line that may lie beyond the rows it is measured in, at either end: strays of a tree behind it.
+_TAIL_SHARE = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class HoughPeak:
+    """A cell of the accumulator: ``u(v) = u_mid + slope * (v - v_mid)``, its votes, and their rows."""
+
+    u_mid: float
+    slope: float
+    v_mid: float
+    votes: float
+    contrast: float
+    width_px: float
+    first_row: int
+    last_row: int
+
+
+def hough_peaks(
+    points: StripePoints, shape: tuple[int, int], chained: bool = False
+) -> tuple[list[HoughPeak], list[HoughPeak]]:
+    """Return the strongest lines of either sign of theta, strongest first.
+
+    Args:
+        points: Marked points of one image.
+        shape: (H, W) of the image.
+        chained: Whether points vote as the chains they belong to: foliage, in which points drown, has
+            none, but noise breaks them, and a bend becomes a chord.
+
+    Returns:
+        Lines that run to the left going down (theta > 0: left lane boundaries), and to the right.
+    """
+    centre_u, centre_v = (shape[1] - 1) / 2, (shape[0] - 1) / 2
+    vote, theta, half_width, in_chain = _votes(points, shape[1], chained)
+    strongest = np.argsort(-vote, kind="stable")[:_MAX_VOTING_POINTS]
+    u, v = points.columns[strongest] - centre_u, points.rows[strongest] - centre_v
+    theta, half_width, in_chain = theta[strongest], half_width[strongest], in_chain[strongest]
+    n_rho = 2 * math.ceil(math.hypot(*shape) / 2 / _RHO_STEP_PX) + 3
+    cells, owner = _cells(u, v, theta, half_width, n_rho)
+    weights = vote[strongest]
+    table = np.bincount(cells, weights[owner], minlength=_N_THETA * n_rho)
+
+    sides: tuple[list[HoughPeak], list[HoughPeak]] = ([], [])
+    middle = _N_THETA // 2
+    regions = (slice((middle + 1) * n_rho, _N_THETA * n_rho), slice(0, middle * n_rho))
+    strongest_votes = float(table.max(initial=0.0))
+    least_votes = max(_MIN_CHAINED_VOTES if chained else _MIN_VOTES, _MIN_VOTE_SHARE * strongest_votes)
+    for peaks, region in zip(sides, regions, strict=True):
+        for _ in range(PEAKS_PER_SIGN):
+            best = region.start + int(np.argmax(table[region]))
+            if table[best] <= least_votes:
+                break
+            angle = math.radians(best // n_rho * _THETA_STEP_DEG - _THETA_MAX_DEG)
+            rho = (best % n_rho - n_rho // 2) * _RHO_STEP_PX
+            support = np.abs(u * math.cos(angle) + v * math.sin(angle) - rho) < _SUPPORT_PX
+            support &= weights > 0.0
+            near = support & in_chain
+            support &= np.abs(theta - math.degrees(angle)) <= half_width
+            if not support.any():
+                table[best] = 0.0
+                continue
+            chosen = strongest[support]
+            v_mid = float(np.median(v[support]))
+            u_mid, slope = _line_through(
+                u[support],
+                v[support] - v_mid,
+                weights[support],
+                ((rho - v_mid * math.sin(angle)) / math.cos(angle), -math.tan(angle)),
+            )
+            rows = (0.0, shape[0] - 1.0)
+            if 2.0 * weights[support & in_chain].sum() > weights[support].sum():
+                rows = _row_range(points.rows[chosen], weights[support])
+            peaks.append(
+                HoughPeak(
+                    u_mid=u_mid + centre_u,
+                    slope=slope,
+                    v_mid=v_mid + centre_v,
+                    votes=float(table[best]),
+                    contrast=float(np.median(points.contrast[chosen])),
+                    width_px=float(np.median(points.widths[chosen])),
+                    first_row=int(rows[0]),
+                    last_row=int(rows[1]),
+                )
+            )
+            # A stripe that several filters have marked must not come back as another line.
+            support |= near
+            withdrawn = support[owner]
+            table -= np.bincount(cells[withdrawn], weights[owner[withdrawn]], minlength=table.size)
+            weights[support] = 0.0
+            table[best] = 0.0  # what rounding left, or points on the rim of the support
+    return sides
+
+
+def _votes(
+    points: StripePoints, width: int, chained: bool
+) -> tuple[Array, Array, Array, npt.NDArray[np.bool_]]:
+    """Return weight, theta [deg] and half width [deg] of each point's votes, and whether a chain has it."""
+    vote = np.minimum(points.contrast / _FULL_VOTE_GREY, 1.0) * points.continuity * points.counts
+    slopes, slope_std = points.slopes, points.slope_std
+    in_chain = np.zeros(len(vote), dtype=bool)
+    if chained:
+        chains = chain_points(points, width)
+        in_chain = chains.length >= _MIN_CHAIN_ROWS
+        vote = vote * np.clip(chains.length / _FULL_CHAIN_ROWS, _UNCHAINED, 1.0)
+        slopes = np.where(in_chain, chains.slope, slopes)
+        slope_std = np.where(in_chain, chains.slope_std, slope_std)
+    spread = np.degrees(slope_std / (1.0 + slopes**2))
+    least = np.where(in_chain, _MIN_CHAIN_HALF_WIDTH_DEG, _MIN_VOTE_HALF_WIDTH_DEG)
+    half_width = np.clip(_VOTE_SIGMAS * spread, least, _MAX_VOTE_HALF_WIDTH_DEG)
+    return vote, np.degrees(np.arctan(-slopes)), half_width, in_chain
+
+
+def _line_through(u: Array, v: Array, weights: Array, cell: tuple[float, float]) -> tuple[float, float]:
+    """Return u and du/dv at v = 0 of the line through the points of a cell, (u, du/dv) of the cell itself.
+
+    A cell is a degree wide: too much in noise, where the blocks of rows the edge is measured in must be
+    long, and the points know better. No point is further from the cell than it may be, which bounds the
+    slope.
+    """
+    share = weights / weights.sum()
+    mean_u, mean_v = float(share @ u), float(share @ v)
+    spread = float(share @ (v - mean_v) ** 2)
+    slope = cell[1]
+    if spread <= 0.0:
+        return cell
+    found = float(share @ ((v - mean_v) * (u - mean_u))) / spread
+    reach = 2.0 * _SUPPORT_PX / float(np.ptp(v))
+    slope = min(max(found, slope - reach), slope + reach)
+    return mean_u - slope * mean_v, slope
+
+
+def _row_range(rows: Array, weights: Array) -> tuple[float, float]:
+    """Return the rows between which nearly all weight lies."""
+    order = np.argsort(rows, kind="stable")
+    share = np.cumsum(weights[order])
+    ends = np.searchsorted(share, share[-1] * np.array([_TAIL_SHARE, 1.0 - _TAIL_SHARE]))
+    return float(rows[order[ends[0]]]), float(rows[order[min(ends[1], len(rows) - 1)]])
+
+
+def _cells(
+    u: Array, v: Array, theta: Array, half_width: Array, n_rho: int
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Return the cells that get votes, (M,), and which point each vote is of, (M,)."""
+    nearest = np.rint((theta + _THETA_MAX_DEG) / _THETA_STEP_DEG).astype(np.intp)
+    reach = (half_width / _THETA_STEP_DEG).astype(np.intp)
+    n_votes = 2 * reach + 1
+    owner = np.repeat(np.arange(len(u)), n_votes)
+    first = np.cumsum(n_votes) - n_votes
+    column = nearest[owner] - reach[owner] + np.arange(len(owner)) - first[owner]
+    inside = (column >= 0) & (column < _N_THETA)
+    column, owner = column[inside], owner[inside]
+    angles = np.radians(np.arange(_N_THETA) * _THETA_STEP_DEG - _THETA_MAX_DEG)
+    rho = u[owner] * np.cos(angles)[column] + v[owner] * np.sin(angles)[column]
+    return column * n_rho + np.rint(rho / _RHO_STEP_PX).astype(np.intp) + n_rho // 2, owner

@@ -1,0 +1,192 @@
+"""From the stripe points of both images to the calibration patterns they can be (paper section 2.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from ..camera.rig import StereoRig
+from ..config import CalibratorConfig
+from ..geometry.plane import jacobian_pose_wrt_plane, plane_from_pose
+from ..rejection import Rejection, RejectReason
+from ..road.priors import GREATEST_FALL, LANE_M
+from ..types import Image
+from . import frame_checks
+from .closed_form import solve_plane
+from .hough import hough_peaks
+from .lane_pair import ImageLine, LanePattern
+from .line_fit import fit_line, refit_line
+from .line_geometry import BelowPlane, height_std_m, place_of_line
+from .matching import (
+    Candidate,
+    Candidates,
+    MatchedLines,
+    Matches,
+    first_sampled_row,
+    match_lines,
+    pair_lines,
+    sample_pattern,
+)
+from .stripe_points import StripePoints
+
+Points = tuple[StripePoints, StripePoints]
+
+# Lines of worn stripes in noise are known to half a pixel where they end.
+_SURELY_APART_PX = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Refused:
+    """Why a frame has no pattern, and the lines that were found all the same, for a picture."""
+
+    rejection: Rejection
+    pattern: LanePattern | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaneHypotheses:
+    """What one look at a frame has found.
+
+    Attributes:
+        candidates: Lines of the left and of the right camera.
+        matches: Lines that both see.
+        patterns: Pairs of lane boundaries, sampled, most promising first; or why there are none.
+    """
+
+    candidates: tuple[Candidates, Candidates]
+    matches: Matches
+    patterns: list[LanePattern] | Refused
+
+
+def find_hypotheses(
+    points: Points,
+    images: tuple[Image, Image],
+    rig: StereoRig,
+    config: CalibratorConfig,
+    chained: bool = False,
+) -> LaneHypotheses:
+    """Find the pairs of lane boundaries that both cameras see.
+
+    Args:
+        points: Stripe points of the left and of the right image.
+        images: Both images, (H, W) uint8.
+        rig: Intrinsics and baseline.
+        config: Settings of the extraction.
+        chained: Whether points vote as chains (:func:`~stereo_selfcal.core.lanes.hough.hough_peaks`).
+    """
+    left, right = (_find_lines(each, image, chained) for each, image in zip(points, images, strict=True))
+    matches = match_lines(left, right, images, rig, config)
+    refusal = frame_checks.check_lines_found([left, right], config)
+    if refusal:
+        return LaneHypotheses((left, right), matches, Refused(refusal))
+    patterns = _patterns(matches, points, rig, config)
+    if isinstance(patterns, Refused) and patterns.rejection.reason is RejectReason.LINES_NOT_MATCHED:
+        exchanged = pair_lines(match_lines(right, left, images[::-1], rig, config), rig, config)
+        if exchanged:
+            patterns = Refused(frame_checks.cameras_swapped(exchanged))
+    return LaneHypotheses((left, right), matches, patterns)
+
+
+def _patterns(
+    matches: Matches, points: Points, rig: StereoRig, config: CalibratorConfig
+) -> list[LanePattern] | Refused:
+    pairs = pair_lines(matches, rig, config)
+    if not pairs:
+        return Refused(frame_checks.lines_not_matched((len(matches[0]), len(matches[1]))))
+    refusals = [frame_checks.check_converging(pair) for pair in pairs]
+    converging = [pair for pair, refusal in zip(pairs, refusals, strict=True) if refusal is None]
+    if refusals[0] is not None and not converging:
+        return Refused(refusals[0], sample_pattern(pairs[0], rig, config))
+    refined = [refit for pair in converging if (refit := _refit(pair, points, rig, config)) is not None]
+    if not refined:
+        return Refused(frame_checks.lines_too_short(config))
+    refined.sort(key=lambda pair: -pair.score)
+    return [sample_pattern(pair, rig, config) for pair in refined]
+
+
+def _find_lines(points: StripePoints, image: Image, chained: bool) -> Candidates:
+    """Return the lines of one image: left lane boundaries, right lane boundaries."""
+    sides = []
+    for peaks in hough_peaks(points, image.shape, chained):
+        lines = [(fit_line(points.gradient, peak, points.noise_grey), peak.votes) for peak in peaks]
+        sides.append([Candidate(line, votes) for line, votes in lines if line is not None])
+    return sides[0], sides[1]
+
+
+def _refit(
+    matched: MatchedLines, points: Points, rig: StereoRig, config: CalibratorConfig
+) -> MatchedLines | None:
+    """Fit the chosen lines again where they are sampled: below the vanishing point."""
+    first_row = first_sampled_row(matched.vanishing_point, rig, config)
+    lines = []
+    for view, pair in zip(points, (matched.left, matched.right), strict=True):
+        for line in pair:
+            refitted = refit_line(view.gradient, line, view.noise_grey, first_row)
+            if refitted is None or refitted.n_rows < config.extraction.min_line_rows:
+                return None
+            lines.append(refitted)
+    return MatchedLines.of(lines, matched.votes)
+
+
+def unused_lines(found: LaneHypotheses, pattern: LanePattern | None) -> tuple[ImageLine, ...]:
+    """Return the lines of the left camera that a look has found and a pattern has no use for."""
+    used = [] if pattern is None else pattern.lines[0]
+    lines = [candidate.line for side in found.candidates[0] for candidate in side]
+    return tuple(line for line in lines if not any(line.is_stripe(other) for other in used))
+
+
+def lines_below_plane(patterns: list[LanePattern], rig: StereoRig) -> list[BelowPlane]:
+    """Return how deep a line of the other patterns lies below the plane of each, if any: the surest one.
+
+    Nothing that is seen lies below the road: where a line does, the plane is that of a kerb, of a rail. A
+    line farther aside than those of the pattern may be lower by as much as roads fall to their sides.
+
+    Args:
+        patterns: Pairs of lines of one frame.
+        rig: Intrinsics and baseline.
+    """
+    lines = [pair for pattern in patterns for pair in _pairs_of(pattern)]
+    depths = []
+    for pattern in patterns:
+        closed = solve_plane(pattern, rig)
+        depths.append(BelowPlane())
+        if closed is None:
+            continue
+        plane = plane_from_pose(closed.extrinsics, rig)
+        by_pose = np.linalg.inv(jacobian_pose_wrt_plane(plane, rig))
+        covariance = by_pose @ closed.covariance @ by_pose.T
+        own_m = np.array([place_of_line(left, right, plane, rig)[1] for left, right in _pairs_of(pattern)])
+        for left, right in lines:
+            height_m, aside_m = place_of_line(left, right, plane, rig)
+            beyond_m = float(max(aside_m - own_m.max(), own_m.min() - aside_m, 0.0))
+            if beyond_m <= LANE_M:
+                std_m = height_std_m(left, right, plane, rig, covariance)
+                depth = BelowPlane(-height_m - GREATEST_FALL * beyond_m, std_m)
+                depths[-1] = max(depths[-1], depth, key=lambda each: each.depth_m - each.limit_m)
+    return depths
+
+
+def cross(a: LanePattern, b: LanePattern) -> bool:
+    """Return whether a line of one pattern crosses one of the other in the rows that show both.
+
+    Lines of one road meet at their vanishing point only: one of the two leads from one stripe to another.
+    """
+    return any(
+        _cross(*pair)
+        for camera in ("left", "right")
+        for pair in product(getattr(a, camera), getattr(b, camera))
+    )
+
+
+def _cross(a: ImageLine, b: ImageLine) -> bool:
+    ends = np.array([max(a.rows.min(), b.rows.min()), min(a.rows.max(), b.rows.max())])
+    if ends[0] >= ends[1]:
+        return False
+    apart = a.column_at(ends) - b.column_at(ends)
+    return bool(apart.min() < -_SURELY_APART_PX and apart.max() > _SURELY_APART_PX)
+
+
+def _pairs_of(pattern: LanePattern) -> list[tuple[ImageLine, ImageLine]]:
+    return list(zip(pattern.left, pattern.right, strict=True))

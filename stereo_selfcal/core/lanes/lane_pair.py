@@ -1,0 +1,125 @@
+"""The calibration pattern: lane lines seen by both cameras, sampled row by row."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..camera.rig import StereoRig
+from ..types import Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageLine:
+    """A straight line in one image: ``u(v) = u_mid + slope * (v - v_mid)``.
+
+    It is the left edge (the positive gradient) of a painted stripe.
+
+    Attributes:
+        u_mid: Column at row ``v_mid`` [px].
+        slope: du/dv.
+        v_mid: Row about which ``u_mid`` and ``slope`` are least correlated [px].
+        covariance: (2, 2) covariance of (u_mid, slope).
+        rows: (N,) rows [px] of the measured points.
+        columns: (N,) sub-pixel columns [px] of the measured points.
+        weights: (N,) relative weights of the measured points in the fit.
+        n_rows: Number of image rows behind the measured points.
+        width_px: Median width of the stripe along the rows [px].
+        contrast: Median contrast of its weaker edge [grey levels].
+    """
+
+    u_mid: float
+    slope: float
+    v_mid: float
+    covariance: Array
+    rows: Array
+    columns: Array
+    weights: Array
+    n_rows: int
+    width_px: float
+    contrast: float
+
+    def column_at(self, v: Array) -> Array:
+        """Return the column [px] at rows ``v`` [px], the same shape."""
+        return self.u_mid + self.slope * (v - self.v_mid)
+
+    def is_stripe(self, other: ImageLine) -> bool:
+        """Whether another line of the same image is the same stripe, as far as its width tells."""
+        v = np.array([self.rows.mean(), self.rows.max()])
+        return bool(np.all(np.abs(self.column_at(v) - other.column_at(v)) < self.width_px))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExtraLine:
+    """A line beside the two boundaries of a lane, as both cameras see it.
+
+    Attributes:
+        left: The line in the left image.
+        right: The same in the right image.
+        height_std_m: How far it may lie over or below the plane of the boundaries [m]: roads fall to their
+            sides.
+    """
+
+    left: ImageLine
+    right: ImageLine
+    height_std_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LanePattern:
+    """The lane lines of both cameras, matched and sampled (paper section 2.2, figure 3b).
+
+    The two boundaries of a lane, which are the paper's whole pattern, make the plane; L - 2 further lines
+    run in parallel to them.
+
+    Attributes:
+        left: Left and right lane boundary in the left camera.
+        right: The same two lines seen by the right camera.
+        vanishing_point: (2,) column and row where the boundaries meet [px].
+        rows: (N,) sampled image rows [px].
+        columns: (2, L, N) columns [px] of camera (left, right), line (boundaries first), row.
+        further: The other lines, L - 2.
+    """
+
+    left: tuple[ImageLine, ImageLine]
+    right: tuple[ImageLine, ImageLine]
+    vanishing_point: Array
+    rows: Array
+    columns: Array
+    further: tuple[ExtraLine, ...] = ()
+
+    @property
+    def lines(self) -> tuple[tuple[ImageLine, ...], tuple[ImageLine, ...]]:
+        """All L lines in the left and in the right camera."""
+        return (
+            (*self.left, *(line.left for line in self.further)),
+            (*self.right, *(line.right for line in self.further)),
+        )
+
+    @property
+    def boundaries(self) -> LanePattern:
+        """The pattern of the two boundaries alone."""
+        return replace(self, columns=self.columns[:, :2], further=()) if self.further else self
+
+    @property
+    def height_stds_m(self) -> Array:
+        """(L,) how far each line may lie beside the plane [m]; zeros for the boundaries, which make it."""
+        return np.array([0.0, 0.0, *(line.height_std_m for line in self.further)])
+
+    def joined(self, further: tuple[ExtraLine, ...]) -> LanePattern:
+        """Return the boundaries together with other lines."""
+        columns = [
+            [line.column_at(self.rows) for line in (*pair, *others)]
+            for pair, others in (
+                (self.left, [line.left for line in further]),
+                (self.right, [line.right for line in further]),
+            )
+        ]
+        return replace(self, columns=np.array(columns), further=further)
+
+
+def row_towards(vanishing_point: Array, fraction: float, rig: StereoRig) -> float:
+    """Return the row [px], not above the image, at a fraction of the vanishing point's height."""
+    bottom = rig.height - 1.0
+    return max(0.0, bottom - fraction * (bottom - float(vanishing_point[1])))

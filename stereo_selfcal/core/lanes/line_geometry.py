@@ -1,0 +1,104 @@
+"""Where a line that both cameras see lies: its height over a plane, how well that is known, its place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..camera.rig import StereoRig
+from ..geometry.homography import apply_homography, road_from_image
+from ..geometry.pose import Extrinsics
+from ..tolerances import MAX_LINE_HEIGHT_M
+from ..types import Array
+from .lane_pair import ImageLine, LanePattern
+
+_DEPTH_SIGMAS = 3.0  # a line counts when it is surely there
+_N_ROWS = 8  # of a line, which has two parameters
+_LEAST_DISPARITY_PX = 1.0  # nothing is measured there
+
+
+@dataclass(frozen=True, slots=True)
+class BelowPlane:
+    """How deep a line lies below a plane, and the standard deviation [m]."""
+
+    depth_m: float = 0.0
+    std_m: float = 0.0
+
+    @property
+    def limit_m(self) -> float:
+        """How deep it may seem to lie, and lie in the plane."""
+        return max(MAX_LINE_HEIGHT_M, _DEPTH_SIGMAS * self.std_m)
+
+    @property
+    def surely_below(self) -> bool:
+        """Whether it is none of the plane."""
+        return self.depth_m > self.limit_m
+
+
+def place_of_line(left: ImageLine, right: ImageLine, plane: Array, rig: StereoRig) -> tuple[float, float]:
+    """Return the height of a line over a plane and its place to the left of the camera [m].
+
+    Args:
+        left: The line in the left image.
+        right: The same in the right image.
+        plane: (3,) of the road (`core.geometry.plane`).
+        rig: Intrinsics and baseline.
+    """
+    _, ray, disparity = _rows_of(left, right, rig)
+    metres, weights = _metres(disparity, plane, rig)
+    height = float(np.average((disparity - ray @ plane) * metres, weights=weights))
+    far = np.maximum(disparity, _LEAST_DISPARITY_PX)
+    return height, float(np.average(ray[:, 1] * rig.fx * rig.baseline_m / far, weights=weights))
+
+
+def height_std_m(
+    left: ImageLine, right: ImageLine, plane: Array, rig: StereoRig, plane_covariance: Array | None = None
+) -> float:
+    """Return the standard deviation of the height of a line over a plane [m].
+
+    Args:
+        left: The line in the left image.
+        right: The same in the right image.
+        plane: (3,) of the road.
+        rig: Intrinsics and baseline.
+        plane_covariance: (3, 3) of the plane; None where it is that of the line alone that is asked for.
+    """
+    v, ray, disparity = _rows_of(left, right, rig)
+    metres, weights = _metres(disparity, plane, rig)
+    by_row = weights / weights.sum() * metres
+    variance = 0.0
+    for line in (left, right):
+        by_line = np.array([by_row.sum(), by_row @ (v - line.v_mid)])
+        variance += float(by_line @ line.covariance @ by_line)
+    if plane_covariance is not None:
+        by_plane = by_row @ ray
+        variance += float(by_plane @ plane_covariance @ by_plane)
+    return float(np.sqrt(variance))
+
+
+def _rows_of(left: ImageLine, right: ImageLine, rig: StereoRig) -> tuple[Array, Array, Array]:
+    """Return rows (N,), rays (1, y, z) from the middle of the baseline (N, 3), disparities (N,) [px]."""
+    v = np.linspace(max(left.rows.min(), right.rows.min()), min(left.rows.max(), right.rows.max()), _N_ROWS)
+    columns = left.column_at(v), right.column_at(v)
+    u = (columns[0] + columns[1]) / 2.0
+    ray = np.column_stack([np.ones(len(v)), -(u - rig.cx) / rig.fx, -(v - rig.cy) / rig.fy])
+    return v, ray, columns[0] - columns[1]
+
+
+def _metres(disparity: Array, plane: Array, rig: StereoRig) -> tuple[Array, Array]:
+    """Return how high a pixel of disparity is (N,) [m], and weights (N,): rows weigh as their pixels do."""
+    height_m = rig.fx * rig.baseline_m / np.linalg.norm(plane)
+    metres: Array = height_m / np.maximum(disparity, _LEAST_DISPARITY_PX)
+    return metres, metres**-2.0
+
+
+def lane_in_road(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics) -> Array:
+    """Return lane yaw [rad] and the positions of all L lines at x = 0 [m], from the left image."""
+    to_road = road_from_image(rig, extrinsics, "left")
+    columns = pattern.columns[0][:, [0, -1]]
+    ends = np.stack([columns, np.broadcast_to(pattern.rows[[0, -1]], columns.shape)], axis=-1)
+    far, near = np.moveaxis(apply_homography(to_road, ends), 1, 0)
+    tangent = float(np.mean(((far[:, 1] - near[:, 1]) / (far[:, 0] - near[:, 0]))[:2]))
+    # The lane runs at minus the camera's yaw.
+    return np.concatenate([[-np.arctan(tangent)], near[:, 1] - tangent * near[:, 0]])

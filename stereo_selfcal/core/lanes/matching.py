@@ -1,0 +1,275 @@
+"""Which lines of the two images are the same two lane boundaries, and the pattern they make.
+
+All lines of one direction on the road meet in one image point, and as that point is infinitely
+far away, it has no disparity: the left and right lane boundary in both rectified images are four
+lines through ONE point. Poles, shadows across the road and lines of another direction miss it; what
+runs parallel (a kerb) goes through it too and is told apart by what lies across it.
+The disparity of a road point grows in proportion to the rows below that point, by the
+baseline over the height: this bounds what can be a line on the road at all.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from ..camera.rig import StereoRig
+from ..config import CalibratorConfig
+from ..types import Array, Image
+from .lane_pair import ImageLine, LanePattern, row_towards
+
+# Four lines that miss their common point by this (RMS along the row) count half. Lines are fitted
+# to about a tenth of a pixel, and to a few tenths when extrapolated beyond their last dash.
+HALF_CREDIT_PX = 0.3
+
+# Pairs of boundaries that get the closer fit: a lane line, the kerb beside it and the line of the
+# next lane, on either side, make nine; more than five have never been near each other in score.
+_MAX_PAIRS = 5
+
+# Both cameras see one stripe: in the same rows, as wide, and as bright up to their gains, which
+# an automatic exposure keeps within 0.8 ... 1.25 of each other.
+_MIN_ROW_OVERLAP = 0.5  # of the shorter line: one stray block in the sky makes a line twice as long
+_MAX_WIDTH_RATIO = 2.0
+_MAX_CONTRAST_RATIO = 2.5
+# Least correlation r of the cross-sections of one line in both images, as Fisher's z = atanh(r), whose
+# scatter does not depend on r. This is r = 0.7, half of the variance in common; over real frames the same
+# line has 0.75 ... 1, a line and the kerb next to it -0.2 ... 0.6.
+MIN_LIKENESS = 0.867
+# Places of the cross-section, in stripe widths from the left edge of the stripe.
+_SECTION_WIDTHS = np.linspace(-3.0, 4.0, 29)
+_SECTION_ROW_STEP = 3
+
+# Roll tilts the road under a line at slope du/dv, which adds up to tan(15 deg) * slope to the growth
+# of its disparity; the bounds on the height are widened by this factor for it.
+_GROWTH_SLACK = 1.6
+
+# Widths of painted stripes on the road: 10 cm (narrow lane lines) to 50 cm (stop of a bus lane),
+# with a margin for the blur of distant ones.
+_STRIPE_WIDTH_M = (0.05, 0.6)
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A fitted line and the votes that found it."""
+
+    line: ImageLine
+    votes: float
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """One lane boundary as seen by both cameras, and how alike they see it."""
+
+    left: Candidate
+    right: Candidate
+    similarity: float
+
+    @property
+    def votes(self) -> float:
+        """Votes of both lines, weighted by how alike the cameras see them."""
+        return self.similarity * (self.left.votes + self.right.votes)
+
+
+Candidates = tuple[list[Candidate], list[Candidate]]  # left boundaries, right boundaries
+Matches = tuple[list[Match], list[Match]]
+
+
+@dataclass(frozen=True, slots=True)
+class MatchedLines:
+    """Two lane boundaries as seen by both cameras, and the point they share.
+
+    Attributes:
+        left: Left and right lane boundary in the left camera.
+        right: The same two in the right camera.
+        votes: Votes of the four lines, weighted by how alike the cameras see each boundary.
+        vanishing_point: (2,) column, row [px].
+        concurrency_px: Root mean square distance along the row of the four lines from it [px].
+    """
+
+    left: tuple[ImageLine, ImageLine]
+    right: tuple[ImageLine, ImageLine]
+    votes: float
+    vanishing_point: Array
+    concurrency_px: float
+
+    @classmethod
+    def of(cls, lines: Sequence[ImageLine], votes: float) -> MatchedLines:
+        """Build from left and right boundary in the left camera, then in the right camera."""
+        point, distance = common_point(lines)
+        return cls((lines[0], lines[1]), (lines[2], lines[3]), votes, point, distance)
+
+    @classmethod
+    def of_matches(cls, first: Match, second: Match) -> MatchedLines:
+        """Build from a left and a right boundary."""
+        lines = [first.left.line, second.left.line, first.right.line, second.right.line]
+        return cls.of(lines, first.votes + second.votes)
+
+    @property
+    def score(self) -> float:
+        """What the choice among several goes by: many votes, little distance from one point."""
+        return self.votes / (1.0 + (self.concurrency_px / HALF_CREDIT_PX) ** 2)
+
+
+def match_lines(
+    left: Candidates,
+    right: Candidates,
+    images: tuple[Image, Image],
+    rig: StereoRig,
+    config: CalibratorConfig,
+) -> Matches:
+    """Return the lines that both cameras see alike.
+
+    Args:
+        left: Candidates of the left camera: left boundaries, right boundaries.
+        right: Candidates of the right camera.
+        images: Both images, (H, W) uint8.
+        rig: Intrinsics and baseline.
+        config: Its search box bounds the growth of the disparity.
+
+    Returns:
+        Left and right boundaries.
+    """
+    sides = []
+    for of_left, of_right in zip(left, right, strict=True):
+        possible = [
+            (a, b) for a, b in product(of_left, of_right) if may_lie_on_road(a.line, b.line, rig, config)
+        ]
+        matches = [Match(a, b, similarity(images, a.line, b.line)) for a, b in possible]
+        sides.append([match for match in matches if looks_alike(match.similarity)])
+    return sides[0], sides[1]
+
+
+def pair_lines(matches: Matches, rig: StereoRig, config: CalibratorConfig) -> list[MatchedLines]:
+    """Pair left and right boundaries to lanes.
+
+    Returns:
+        The most promising pairs, best first, for a closer fit.
+    """
+    found = [
+        MatchedLines.of_matches(first, second)
+        for first, second in product(*matches)
+        if _roll_possible(first, second, rig, config)
+    ]
+    # Only an order: these fits still take in what lies above the road.
+    found.sort(key=lambda lines: -lines.score)
+    return found[:_MAX_PAIRS]
+
+
+def _roll_possible(first: Match, second: Match, rig: StereoRig, config: CalibratorConfig) -> bool:
+    """Whether the plane through two boundaries is tilted to the side by no more than the greatest roll."""
+    # d = a + A u + B v on a plane, so along a line of slope m the disparity grows by A m + B a row.
+    slopes = np.array([first.left.line.slope, second.left.line.slope])
+    growths = slopes - np.array([first.right.line.slope, second.right.line.slope])
+    across, down = np.linalg.solve(np.column_stack([slopes, np.ones(2)]), growths)
+    roll = np.arctan2(across * rig.fx, down * rig.fy)
+    return bool(abs(roll) <= config.search.roll_max_rad)
+
+
+def may_lie_on_road(left: ImageLine, right: ImageLine, rig: StereoRig, config: CalibratorConfig) -> bool:
+    """Whether the disparity between two lines is that of a stripe on a road under the rig."""
+    # d(v) = growth * (v - v_infinity); on a level road growth = baseline / height * fx / fy.
+    growth = left.slope - right.slope
+    scale = rig.baseline_m * rig.fx / rig.fy
+    if not (
+        scale / config.search.height_max_m / _GROWTH_SLACK
+        <= growth
+        <= scale / config.search.height_min_m * _GROWTH_SLACK
+    ):
+        return False
+    row = np.array(left.v_mid)
+    disparity = float(left.column_at(row) - right.column_at(row))
+    if disparity <= 0.0:
+        return False
+    if _overlap(left.rows, right.rows) < _MIN_ROW_OVERLAP:
+        return False
+    # Widths grow with the rows below the horizon, and the two may be measured in different ones.
+    horizon = float(left.v_mid) - disparity / growth
+    widths = [line.width_px / max(line.v_mid - horizon, 1.0) for line in (left, right)]
+    if max(widths) > _MAX_WIDTH_RATIO * min(widths):
+        return False
+    if max(left.contrast, right.contrast) > _MAX_CONTRAST_RATIO * min(left.contrast, right.contrast):
+        return False
+    width_m = left.width_px * rig.baseline_m / disparity
+    return _STRIPE_WIDTH_M[0] <= width_m <= _STRIPE_WIDTH_M[1]
+
+
+def similarity(images: tuple[Image, Image], left: ImageLine, right: ImageLine) -> float:
+    """Compare what lies across a line in both images: paint, asphalt, gutter, kerb.
+
+    The grey values at fixed distances on the road from the line, a few stripe widths to either
+    side, are averaged over the rows both cameras see; this cross-section is the same for the
+    same line, and another one for the line next to it.
+
+    Returns:
+        Correlation coefficient of the two cross-sections, -1 ... 1.
+    """
+    rows = np.arange(
+        max(left.rows.min(), right.rows.min()), min(left.rows.max(), right.rows.max()), _SECTION_ROW_STEP
+    )
+    # Where the disparity is zero is the horizon: distances on the road grow from there.
+    growth = left.slope - right.slope
+    middle = np.array(float(np.median(rows))) if len(rows) else np.array(left.v_mid)
+    horizon = float(middle) - float(left.column_at(middle) - right.column_at(middle)) / growth
+    rows = rows[rows > horizon + _SECTION_ROW_STEP]
+    width_per_row = left.width_px / max(left.v_mid - horizon, 1.0)
+    offsets = (rows[:, None] - horizon) * width_per_row * _SECTION_WIDTHS
+    sections = []
+    valid = np.ones(offsets.shape, dtype=bool)
+    for image, line in zip(images, (left, right), strict=True):
+        columns = np.rint(line.column_at(rows)[:, None] + offsets).astype(np.intp)
+        valid &= (columns >= 0) & (columns < image.shape[1])
+        values = image[rows.astype(np.intp)[:, None], np.clip(columns, 0, image.shape[1] - 1)]
+        sections.append(values.astype(np.float64))
+    count = np.maximum(valid.sum(axis=0), 1)
+    a, b = (
+        (section * valid).sum(axis=0)[valid.any(axis=0)] / count[valid.any(axis=0)] for section in sections
+    )
+    if not len(a):
+        return 0.0
+    a, b = a - a.mean(), b - b.mean()
+    norm = float(np.sqrt((a @ a) * (b @ b)))
+    return float(a @ b) / norm if norm > 0.0 else 0.0
+
+
+def looks_alike(correlation: float) -> bool:
+    """Whether the cross-sections of two lines correlate as those of one line do."""
+    return correlation >= math.tanh(MIN_LIKENESS)
+
+
+def _overlap(a: Array, b: Array) -> float:
+    """Return the rows common to two measured lines over those of the shorter one."""
+    common = min(a.max(), b.max()) - max(a.min(), b.min())
+    return float(common / min(np.ptp(a), np.ptp(b)))
+
+
+def common_point(lines: Sequence[ImageLine]) -> tuple[Array, float]:
+    """Return the point nearest to all lines (column, row), and their RMS distance along the row [px]."""
+    # u - slope v = u_mid - slope v_mid for every line, least squares.
+    slopes = np.array([line.slope for line in lines])
+    offsets = np.array([line.u_mid - line.slope * line.v_mid for line in lines])
+    design = np.column_stack([np.ones_like(slopes), -slopes])
+    point, *_ = np.linalg.lstsq(design, offsets, rcond=None)
+    distance = float(np.sqrt(np.mean((design @ point - offsets) ** 2)))
+    return point, distance
+
+
+def sample_pattern(matched: MatchedLines, rig: StereoRig, config: CalibratorConfig) -> LanePattern:
+    """Sample the lines row by row (paper section 2.2, figure 3b).
+
+    The first row is where ``horizon_fraction`` of the height between the bottom of the image and the
+    vanishing point is reached, then every ``sample_step_px`` down to the bottom.
+    """
+    first = first_sampled_row(matched.vanishing_point, rig, config)
+    rows: npt.NDArray[np.float64] = np.arange(first, rig.height, config.extraction.sample_step_px)
+    columns = np.array([[line.column_at(rows) for line in lines] for lines in (matched.left, matched.right)])
+    return LanePattern(matched.left, matched.right, matched.vanishing_point, rows, columns)
+
+
+def first_sampled_row(vanishing_point: Array, rig: StereoRig, config: CalibratorConfig) -> float:
+    """Return the first sampled row [px]; heights count from the bottom of the image (figure 3b)."""
+    return row_towards(vanishing_point, config.extraction.horizon_fraction, rig)

@@ -1,0 +1,216 @@
+"""The strip of road before the camera as a list of samples, in cells of a few square metres.
+
+Everything is laid out in the image a camera in the middle of the baseline would have: there a point of
+disparity d is seen at the column u, by the left camera at u + d / 2 and by the right one at u - d / 2. The
+disparity of a plane is ``plane @ (1, y, z)`` with the rays y = -(u - cx) / fx, z = -(v - cy) / fy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..camera.rig import StereoRig
+from ..geometry.plane import plane_from_pose
+from ..geometry.pose import Extrinsics, road_from_camera_rotation
+from ..types import Array, Floats, Indices, Mask
+
+# Half a lane of the widest motorways (3.75 m) and the stripe beside it, as the issue found useful.
+HALF_WIDTH_M = 2.5
+FAR_M = 30.0
+
+# Cells: a metre to the side (five of them tell a crown from a slope), and along the road as long as keeps
+# the change of disparity within a cell below this part of it, at 7 m a metre.
+CELL_WIDTH_M = 1.0
+CELL_RATIO = 1.15
+# Samples closer on the road than this bring nothing new: the grains of asphalt are 5 to 16 mm.
+SPACING_M = 0.025
+# At this disparity a tenth of a pixel is a fortieth of the camera's height, 35 mm: as much as what is to be
+# told by it. Farther away nothing is learned.
+_LEAST_DISPARITY_PX = 4.0
+_MARGIN_PX = 8  # reach of interpolation and blur
+_LEAST_SAMPLES = 6  # of a row in a cell: fewer than that have no mean to be removed
+_ALIGN = 256  # samples are shaped (N / 256, 256): OpenCV's images have at most 32 767 columns
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Corridor:
+    """Samples, sorted by cell; the samples of one row in one cell are a segment.
+
+    Attributes:
+        u: (N,) columns [px], padded to whole lines of 256.
+        v: (N,) rows [px].
+        starts: (S,) first sample of each segment.
+        lengths: (S,) samples of each segment.
+        segment_rays: (S, 3) of the middle of each segment: 1, y, z.
+        cell_starts: (C,) first segment of each cell.
+        cell_lengths: (C,) segments of each cell.
+        cell_rays: (C, 3) of the middle of each cell.
+        cell_xy: (C, 2) position of the cells on the road [m].
+        cell_area: (C,) [m^2].
+    """
+
+    u: Floats
+    v: Floats
+    starts: Indices
+    lengths: Indices
+    segment_rays: Array
+    cell_starts: Indices
+    cell_lengths: Indices
+    cell_rays: Array
+    cell_xy: Array
+    cell_area: Array
+
+    def segment_sums(self, values: Floats) -> Array:
+        """Sum samples (..., N) over segments, shape (..., S)."""
+        samples = values[..., : self.n_samples]
+        sums: Array = np.add.reduceat(samples, self.starts, axis=-1).astype(np.float64)
+        return sums
+
+    def cell_sums(self, values: Array) -> Array:
+        """Sum segments (S, ...) over cells, shape (C, ...)."""
+        sums: Array = np.add.reduceat(values, self.cell_starts, axis=0)
+        return sums
+
+    def sums_over_cells(self, values: Floats) -> Array:
+        """Sum samples (..., N) over cells, shape (..., C)."""
+        samples = values[..., : self.n_samples]
+        sums: Array = np.add.reduceat(samples, self.starts[self.cell_starts], axis=-1).astype(np.float64)
+        return sums
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples without the padding."""
+        return int(self.starts[-1] + self.lengths[-1])
+
+    def to_samples(self, per_segment: Array) -> Floats:
+        """Repeat values (..., S) of each segment for its samples, shape (..., N)."""
+        repeated = np.zeros((*per_segment.shape[:-1], len(self.u)), np.float32)
+        repeated[..., : self.n_samples] = np.repeat(per_segment.astype(np.float32), self.lengths, axis=-1)
+        return repeated
+
+    def to_segments(self, per_cell: Array) -> Array:
+        """Repeat a value of each cell for its segments, shape (S,)."""
+        return np.repeat(per_cell, self.cell_lengths)
+
+
+def lay_out(
+    rig: StereoRig,
+    pose: Extrinsics,
+    lane_yaw_rad: float = 0.0,
+    limits_m: tuple[float, float] = (-HALF_WIDTH_M, HALF_WIDTH_M),
+    far_m: float = FAR_M,
+    thinning: int = 1,
+) -> Corridor | None:
+    """Lay out the samples of the road before the camera.
+
+    Args:
+        rig: Intrinsics and baseline.
+        pose: Where the road is, good to a fraction of the lane width.
+        lane_yaw_rad: Heading of the camera against the lane.
+        limits_m: Right and left limit of the corridor beside the camera's path [m], left positive.
+        far_m: Where it ends.
+        thinning: Factor on the distance between samples, in both directions.
+
+    Returns:
+        The samples, or None where the image shows too little of the corridor.
+    """
+    plane = plane_from_pose(pose, rig)
+    rows = np.arange(_MARGIN_PX // 2, rig.height - _MARGIN_PX // 2)
+    z = -(rows - rig.cy) / rig.fy
+    middle = float(np.clip(rig.cx + rig.fx * np.tan(lane_yaw_rad), 0, rig.width))
+    disparity = plane[0] - plane[1] * (middle - rig.cx) / rig.fx + plane[2] * z
+    ahead = rig.fx * rig.baseline_m / np.maximum(disparity, _LEAST_DISPARITY_PX)
+    visible = (disparity > _LEAST_DISPARITY_PX) & (ahead < far_m)
+    if not visible.any():
+        return None
+    rows, ahead, disparity = (a[visible] for a in (rows, ahead, disparity))
+    spaced = _spaced(ahead, SPACING_M * thinning, thinning)
+    rows, ahead, disparity = (a[spaced] for a in (rows, ahead, disparity))
+    n_cells = max(1, round((limits_m[1] - limits_m[0]) / CELL_WIDTH_M))
+    lateral = np.linspace(limits_m[1], limits_m[0], n_cells + 1)  # from left to right, as columns
+    columns = middle - rig.fx * lateral / ahead[:, None]
+    reach = disparity[:, None] / 2.0 + _MARGIN_PX
+    columns = np.clip(columns, reach, rig.width - 1 - reach)
+    steps = np.maximum(1, (SPACING_M * thinning * rig.fx / ahead).astype(np.intp))
+    steps = np.maximum(steps, thinning)
+    first = np.ceil(columns[:, :-1]).astype(np.intp)
+    lengths = (np.ceil(columns[:, 1:]).astype(np.intp) - first) // steps[:, None]
+    band = np.floor(np.log(far_m / ahead) / np.log(CELL_RATIO)).astype(np.intp)
+    cell = band[:, None] * n_cells + np.arange(n_cells)
+    row = np.broadcast_to(rows[:, None], cell.shape)
+    step = np.broadcast_to(steps[:, None], cell.shape)
+    keep = lengths >= _LEAST_SAMPLES
+    if not keep.any():
+        return None
+    first, lengths, cell, row, step = (a[keep] for a in (first, lengths, cell, row, step))
+    order = np.lexsort((row, cell))
+    first, lengths, cell, row, step = (a[order] for a in (first, lengths, cell, row, step))
+    return _assemble(rig, plane, pose, first, lengths, cell, row, step)
+
+
+def _spaced(ahead: Array, spacing_m: float, thinning: int) -> Mask:
+    """Choose rows, from the nearest on, that lie at least a spacing apart on the road."""
+    chosen = np.zeros(len(ahead), dtype=bool)
+    # The distance between rows grows towards the horizon; whole rows are skipped, so that the rest is even.
+    gaps = np.abs(np.diff(ahead, append=ahead[-1]))
+    skip = np.maximum(thinning, (spacing_m / np.maximum(gaps, 1e-9)).astype(np.intp))
+    skip[-1] = skip[-2] if len(skip) > 1 else 1
+    steps = np.minimum(skip, 8 * thinning).tolist()
+    kept, i = [], len(steps) - 1
+    while i >= 0:
+        kept.append(i)
+        i -= steps[i]
+    chosen[kept] = True
+    return chosen
+
+
+def _assemble(
+    rig: StereoRig,
+    plane: Array,
+    pose: Extrinsics,
+    first: Indices,
+    lengths: Indices,
+    cell: Indices,
+    row: Indices,
+    step: Indices,
+) -> Corridor:
+    """Write out the samples of the segments, and what is known of segments and cells."""
+    starts = np.concatenate([[0], np.cumsum(lengths)[:-1]])
+    total = int(lengths.sum())
+    padded = -(-total // _ALIGN) * _ALIGN
+    # Whole numbers far below 2^24: exact in single precision.
+    u, v = np.empty(padded, np.float32), np.empty(padded, np.float32)
+    u[:total] = np.arange(total, dtype=np.float32)
+    u[:total] *= np.repeat(step.astype(np.float32), lengths)
+    u[:total] += np.repeat((first - starts * step).astype(np.float32), lengths)
+    v[:total] = np.repeat(row.astype(np.float32), lengths)
+    u[total:], v[total:] = u[total - 1], v[total - 1]
+    middle = first + (lengths - 1) * step / 2.0
+    rays = np.column_stack([np.ones(len(row)), -(middle - rig.cx) / rig.fx, -(row - rig.cy) / rig.fy])
+    cell_starts = np.concatenate([[0], np.nonzero(np.diff(cell))[0] + 1])
+    cell_lengths = np.diff(np.append(cell_starts, len(cell)))
+    # On the road: rays as long as the depth, turned.
+    depth = rig.fx * rig.baseline_m / (rays @ plane)
+    turn = road_from_camera_rotation(pose.pitch_rad, pose.roll_rad)[:2]
+    xy = (rays * depth[:, None]) @ turn.T
+    weights = lengths * step * depth**3  # a pixel's area on the road grows with the cube of its distance
+    total_weight = np.add.reduceat(weights, cell_starts)
+    cell_xy = np.add.reduceat(xy * weights[:, None], cell_starts) / total_weight[:, None]
+    cell_rays = np.add.reduceat(rays * weights[:, None], cell_starts) / total_weight[:, None]
+    spread = np.maximum.reduceat(xy[:, 0], cell_starts) - np.minimum.reduceat(xy[:, 0], cell_starts)
+    width = np.add.reduceat(lengths * step * depth / rig.fx, cell_starts) / cell_lengths
+    gap = spread / np.maximum(cell_lengths - 1, 1)
+    return Corridor(
+        u=u,
+        v=v,
+        starts=starts,
+        lengths=lengths,
+        segment_rays=rays,
+        cell_starts=cell_starts,
+        cell_lengths=cell_lengths,
+        cell_rays=cell_rays,
+        cell_xy=cell_xy,
+        cell_area=(spread + gap) * width,
+    )

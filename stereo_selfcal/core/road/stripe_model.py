@@ -1,0 +1,103 @@
+"""The road as a few numbers, and the edges of its stripes in both images.
+
+Parameters: height, pitch, roll, yaw of the lane, its curvature, middles of the L stripes (at x = 0, left
+positive), their L widths, their L heights over the plane [m, rad]. Bent stripes are arcs about one centre,
+abreast of x = 0.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..camera.rig import StereoRig
+from ..geometry.homography import SIDES, camera_centre_m
+from ..geometry.pose import road_from_camera_rotation
+from ..types import Array
+
+# Where a road line is evaluated to be drawn in the image [m ahead].
+_NEAR_M, _FAR_M = 5.0, 50.0
+_LEAST_FALL = 1e-3  # of a ray that is said to meet the road: 1000 camera heights away
+# Of the search for the column of a bent line in a row: each leaves an eighth of what was left before where
+# the lane has turned by 30 deg, far less before.
+_BEND_ITERATIONS = 4
+
+N_POSE = 5  # parameters before those of the stripes
+
+
+def predict_edges(parameters: Array, rig: StereoRig) -> Array:
+    """Return the edges of straight stripes (their tangents at x = 0) in the images as lines u = a + m v.
+
+    Args:
+        parameters: (B, 5 + 3 L) roads.
+        rig: Intrinsics and baseline.
+
+    Returns:
+        (B, 2 cameras, L stripes, 2 edges, 2): a [px] and m; the left edge first.
+    """
+    height, pitch, roll, yaw = parameters[:, :4].T
+    below = height[:, None] - np.split(parameters[:, N_POSE:], 3, axis=1)[2]  # the camera over each stripe
+    cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
+    zero = np.zeros_like(cp)
+    # Rows: body axes x, y, z from road axes, the transpose of R_y(pitch) R_x(roll).
+    body_from_road = np.array([[cp, zero, -sp], [sp * sr, cr, cp * sr], [sp * cr, -sr, cp * cr]])
+    start = _edge_positions(parameters)
+    pixels = []
+    for ahead in (_NEAR_M, _FAR_M):
+        y = start - (np.tan(yaw) * ahead)[:, None, None]
+        points = np.stack(np.broadcast_arrays(ahead, y, -below[..., None]))
+        x_body, y_body, z_body = np.einsum("ijb,jbse->ibse", body_from_road, points)
+        offsets = np.array([camera_centre_m(rig, side)[1] for side in SIDES])[:, None, None]
+        u = rig.cx - rig.fx * (y_body[:, None] - offsets) / x_body[:, None]
+        v = np.broadcast_to((rig.cy - rig.fy * z_body / x_body)[:, None], u.shape)
+        pixels.append((u, v))
+    (u0, v0), (u1, v1) = pixels
+    slope = (u1 - u0) / (v1 - v0)
+    return np.stack([u0 - slope * v0, slope], axis=-1)
+
+
+def bent_columns(parameters: Array, rows: Array, rig: StereoRig) -> Array:
+    """Return the columns of the edges of bent stripes.
+
+    Args:
+        parameters: (5 + 3 L,) one road.
+        rows: (...) rows [px], all below the horizon.
+        rig: Intrinsics and baseline.
+
+    Returns:
+        (2 cameras, L stripes, 2 edges, ...) columns [px].
+    """
+    height, pitch, roll, yaw, curvature = parameters[:N_POSE]
+    over = np.split(parameters[N_POSE:], 3)[2][:, None, None]
+    line = predict_edges(parameters[None], rig)[0]
+    flat = rows.ravel()
+    columns = line[..., :1] + line[..., 1:] * flat
+    start = _edge_positions(parameters[None])[0][..., None]
+    rotation = road_from_camera_rotation(float(pitch), float(roll))
+    for camera, side in enumerate(SIDES):
+        centre = rotation @ camera_centre_m(rig, side) + np.array([0.0, 0.0, height])
+        for _ in range(_BEND_ITERATIONS):
+            y_body = -(columns[camera] - rig.cx) / rig.fx
+            z_body = -(flat - rig.cy) / rig.fy
+            ahead, left, up = (row[0] + row[1] * y_body + row[2] * z_body for row in rotation)
+            depth = (over - centre[2]) / np.minimum(up, -_LEAST_FALL)
+            x, y = centre[0] + depth * ahead, centre[1] + depth * left
+            beside = _lateral_position(x, y, yaw, curvature) - start * np.cos(yaw)
+            columns[camera] += beside * rig.fx / depth
+    bent: Array = columns.reshape(*columns.shape[:3], *rows.shape)
+    return bent
+
+
+def _lateral_position(x: Array, y: Array, yaw: float, curvature: float) -> Array:
+    """Return the distance of road points from the lane's arc through the origin, > 0: left of it [m]."""
+    along, aside = np.cos(yaw) * x - np.sin(yaw) * y, np.sin(yaw) * x + np.cos(yaw) * y
+    # R - sqrt(along^2 + (R - aside)^2), written such that a straight lane is no exception.
+    root = np.sqrt((curvature * along) ** 2 + (1.0 - curvature * aside) ** 2)
+    position: Array = (2.0 * aside - curvature * (along**2 + aside**2)) / (1.0 + root)
+    return position
+
+
+def _edge_positions(parameters: Array) -> Array:
+    """Return the lateral positions of the left and right edges at x = 0 [m], (B, L, 2)."""
+    middles, widths, _ = np.split(parameters[:, N_POSE:], 3, axis=1)
+    positions: Array = middles[..., None] + widths[..., None] / 2.0 * np.array([1.0, -1.0])
+    return positions

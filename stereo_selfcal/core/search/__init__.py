@@ -1,0 +1,1 @@
+"""Which lines are tried, in which order, and what becomes of each."""

@@ -1,0 +1,176 @@
+"""Files that are whole or not there at all, whenever the power goes or the process is killed."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import re
+import secrets
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from ..core.errors import OutputError
+
+_TEMPORARY = re.compile(r"\.stereo_selfcal\.[0-9a-f]{16}\.tmp")
+_REJECTED = ".rejected"
+# Far more than bad files ever come together; only to end the search for a free name.
+_MOST_REJECTED = 1000
+# A new temporary file can be taken for a leftover only before it is locked, a matter of microseconds.
+_LOCK_ATTEMPTS = 5
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+def write_atomically(path: Path | str, content: bytes) -> None:
+    """Replace a file in one step: whoever reads it, at whatever moment, finds the old or the new one.
+
+    Once this returns the new content survives a power cut. What a killed writer left beside the file
+    is removed.
+
+    Args:
+        path: The file; its folder must exist. A link is followed.
+        content: The new content.
+
+    Raises:
+        OutputError: It cannot be written; the old file is untouched and nothing is left beside it.
+    """
+    try:
+        target = Path(os.path.realpath(path))
+        # A rename would put a file in the place of a device such as /dev/null.
+        if os.path.lexists(target) and not target.is_file():
+            raise OutputError(f"{path} cannot be written: it is not a file; give the name of a file")
+        remove_leftovers(target)
+        _replace(target, content)
+    except (OSError, ValueError) as error:  # ValueError: a NUL character in the name
+        remedy = "choose a writable folder that exists"
+        if getattr(error, "errno", None) in _FULL:
+            remedy = "make room, or choose another folder"
+        raise OutputError(f"{path} cannot be written: {_detail(error)}; {remedy}") from error
+
+
+def remove_leftovers(file: Path | str) -> None:
+    """Remove what writers that were killed have left in the folder of a file.
+
+    Only files that bear a temporary name of this package, and that no living process writes: a writer
+    holds a lock on its file, which ends with it. What cannot be removed stays, as it does no harm.
+    """
+    with suppress(OSError, ValueError):
+        target = Path(os.path.realpath(file))
+        for path in target.parent.iterdir():
+            if _TEMPORARY.fullmatch(path.name):
+                with suppress(OSError):
+                    _remove_leftover(path)
+
+
+def set_aside(path: Path | str) -> Path:
+    """Rename a file that is not to be overwritten; content and times stay as they are.
+
+    Args:
+        path: The file. A link is followed, and goes on leading to the old place.
+
+    Returns:
+        Where the file is now: ``<name>.rejected``, or the first of ``<name>.rejected-2``, ``-3``, ...
+        that is free.
+
+    Raises:
+        OutputError: It is no file, or cannot be renamed; it is where it was.
+    """
+    try:
+        target = Path(os.path.realpath(path))
+        if not stat.S_ISREG(target.lstat().st_mode):
+            raise OutputError(f"{path} cannot be kept aside: it is not a file; give the name of a file")
+        aside = _reserve(target)
+        try:
+            target.replace(aside)
+        except BaseException:
+            with suppress(OSError):
+                aside.unlink()
+            raise
+    except (OSError, ValueError) as error:
+        raise OutputError(
+            f"{path} cannot be kept aside: {_detail(error)}; move it away, or choose another name"
+        ) from error
+    _sync_folder(target.parent)
+    return aside
+
+
+def _replace(target: Path, content: bytes) -> None:
+    with _temporary_file(target) as (temporary, descriptor):
+        view = memoryview(content)
+        while view:
+            view = view[os.write(descriptor, view) :]
+        os.fsync(descriptor)  # before the rename, or a power cut could leave the new name without content
+        temporary.replace(target)
+    _sync_folder(target.parent)
+
+
+@contextmanager
+def _temporary_file(target: Path) -> Iterator[tuple[Path, int]]:
+    """Open a new locked file in the same folder, as a rename is atomic only within one file system.
+
+    The lock is held until the end, by which the file has been renamed: a leftover is never locked.
+    It is removed where anything fails.
+    """
+    for _ in range(_LOCK_ATTEMPTS):
+        temporary = target.with_name(f".stereo_selfcal.{secrets.token_hex(8)}.tmp")
+        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        try:
+            if _own(descriptor):
+                yield temporary, descriptor
+                return
+        except BaseException:
+            with suppress(OSError):
+                temporary.unlink()
+            raise
+        finally:
+            os.close(descriptor)
+    raise OSError(errno.EBUSY, "its temporary files are taken away by another process")
+
+
+def _own(descriptor: int) -> bool:
+    """Lock a new file; whether it is still there and nobody else has locked it as a leftover."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # a file system without locks; there, nobody removes leftovers either
+        return True
+    return os.fstat(descriptor).st_nlink > 0
+
+
+def _remove_leftover(path: Path) -> None:
+    if not stat.S_ISREG(path.lstat().st_mode):
+        return
+    # For writing, as NFS locks exclusively only what is open so.
+    descriptor = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        path.unlink()
+    finally:
+        os.close(descriptor)
+
+
+def _reserve(target: Path) -> Path:
+    """Make an empty file under the first free name, to be renamed over: nothing else is overwritten."""
+    for number in range(1, _MOST_REJECTED + 1):
+        aside = target.with_name(f"{target.name}{_REJECTED}{f'-{number}' if number > 1 else ''}")
+        with suppress(FileExistsError):
+            os.close(os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
+            return aside
+    raise OSError(errno.EEXIST, f"there are {_MOST_REJECTED} such files already")
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make a rename itself survive a power cut, where the file system and its rights allow."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def _detail(error: Exception) -> str:
+    return (getattr(error, "strerror", None) or str(error)).lower()

@@ -1,0 +1,188 @@
+"""The calibration in the formats of other tools: pure text, and files beside the result file.
+
+All hold the same transform, with all its digits: ``p_road = R_y(pitch) R_x(roll) p_camera + [0, 0, height]``
+is the roll, pitch, yaw about fixed axes of URDF, tf2 and Autoware, with the road as parent and the camera
+body (x forward, y left, z up) as child.
+"""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+from xml.sax.saxutils import quoteattr
+
+import yaml
+
+from ..core.camera.rig import StereoRig
+from ..core.errors import ConfigError, OutputError
+from ..core.geometry.homography import SIDES, image_from_road
+from ..core.geometry.pose import Extrinsics
+from .atomic_file import write_atomically
+
+_AXES = "x forward, y left, z up; metres, radians; roll, pitch, yaw about fixed axes"
+_HOMOGRAPHY = """\
+# s (u, v, 1) = image_from_road (x, y, 1): the point x metres ahead of the cameras and y metres left of the
+# middle between them, on the road, is seen in column u and row v of the rectified image (the centre of its
+# first pixel is 0, 0). s is the depth of the point in front of the camera [m]; where s < 0 it is not seen.
+"""
+
+
+def urdf(extrinsics: Extrinsics, rig: StereoRig, parent_frame: str, child_frame: str) -> str:
+    """Return a URDF with the joint from the road to the camera body.
+
+    The links are those of the description that includes it.
+
+    Args:
+        extrinsics: The calibration.
+        rig: The rig (not needed here; all exports are called alike).
+        parent_frame: Frame of the road.
+        child_frame: Frame of the camera body.
+    """
+    joint = quoteattr(f"{parent_frame}_to_{child_frame}")
+    xyz = f"0.0 0.0 {extrinsics.height_m!r}"
+    rpy = f"{extrinsics.roll_rad!r} {extrinsics.pitch_rad!r} 0.0"
+    return f"""\
+<?xml version="1.0" encoding="utf-8"?>
+<!-- Camera body in the road frame: {_AXES}. -->
+<robot name="stereo_selfcal">
+  <joint name={joint} type="fixed">
+    <parent link={quoteattr(parent_frame)}/>
+    <child link={quoteattr(child_frame)}/>
+    <origin xyz="{xyz}" rpy="{rpy}"/>
+  </joint>
+</robot>
+"""
+
+
+def static_transform_publisher(
+    extrinsics: Extrinsics, rig: StereoRig, parent_frame: str, child_frame: str
+) -> str:
+    """Return a shell script of one command, which publishes the transform on ``/tf_static``.
+
+    Args:
+        extrinsics: The calibration.
+        rig: The rig (not needed here; all exports are called alike).
+        parent_frame: Frame of the road.
+        child_frame: Frame of the camera body.
+    """
+    options = {
+        "x": 0.0, "y": 0.0, "z": extrinsics.height_m,
+        "roll": extrinsics.roll_rad, "pitch": extrinsics.pitch_rad, "yaw": 0.0,
+    }  # fmt: skip
+    words = ["ros2", "run", "tf2_ros", "static_transform_publisher"]
+    for name, value in options.items():
+        words += [f"--{name}", repr(value)]
+    words += ["--frame-id", parent_frame, "--child-frame-id", child_frame]
+    return f"#!/bin/sh\n# Camera body in the road frame: {_AXES}.\n{shlex.join(words)}\n"
+
+
+def autoware(extrinsics: Extrinsics, rig: StereoRig, parent_frame: str, child_frame: str) -> str:
+    """Return a YAML file as the sensor kits of Autoware have it: ``parent: {child: {x, y, z, ...}}``.
+
+    Args:
+        extrinsics: The calibration.
+        rig: The rig (not needed here; all exports are called alike).
+        parent_frame: Frame of the road.
+        child_frame: Frame of the camera body.
+    """
+    pose = {
+        "x": 0.0, "y": 0.0, "z": extrinsics.height_m,
+        "roll": extrinsics.roll_rad, "pitch": extrinsics.pitch_rad, "yaw": 0.0,
+    }  # fmt: skip
+    text: str = yaml.safe_dump({parent_frame: {child_frame: pose}}, sort_keys=False, allow_unicode=True)
+    return f"# Camera body in the road frame: {_AXES}.\n{text}"
+
+
+def homographies(extrinsics: Extrinsics, rig: StereoRig, parent_frame: str, child_frame: str) -> str:
+    """Return a YAML file with the ground homography of each camera, (3, 3) row by row.
+
+    Args:
+        extrinsics: The calibration.
+        rig: The rig.
+        parent_frame: Frame of the road.
+        child_frame: Frame of the camera body.
+    """
+    document: dict[str, object] = {
+        "road_frame": parent_frame,
+        "camera_frame": child_frame,
+        "image_width": rig.width,
+        "image_height": rig.height,
+    }
+    for side in SIDES:
+        rows = [[float(value) for value in row] for row in image_from_road(rig, extrinsics, side)]
+        document[side] = {"image_from_road": rows}
+    text: str = yaml.safe_dump(
+        document, sort_keys=False, allow_unicode=True, default_flow_style=None, width=math.inf
+    )
+    return _HOMOGRAPHY + text
+
+
+class Export(NamedTuple):
+    """One format: the ending of its file's name, and the function that returns its text."""
+
+    suffix: str
+    text: Callable[[Extrinsics, StereoRig, str, str], str]
+
+
+EXPORTS: Mapping[str, Export] = {
+    "urdf": Export(".urdf.xml", urdf),
+    "static_transform_publisher": Export(".static_transform_publisher.sh", static_transform_publisher),
+    "autoware": Export(".autoware.yaml", autoware),
+    "homographies": Export(".homographies.yaml", homographies),
+}
+
+
+def parse_exports(text: str) -> tuple[str, ...]:
+    """Return the names in a comma separated list, each once; none for an empty text.
+
+    Raises:
+        ConfigError: A name is not one of :data:`EXPORTS`.
+    """
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    for name in names:
+        if name not in EXPORTS:
+            raise ConfigError(f"there is no export {name!r}: they are {', '.join(EXPORTS)}")
+    return names
+
+
+def export_paths(result_path: Path, names: Sequence[str]) -> list[Path]:
+    """Return the files that :func:`write_exports` writes, in the order of the names."""
+    return [result_path.with_name(result_path.stem + EXPORTS[name].suffix) for name in names]
+
+
+def write_exports(
+    result_path: Path,
+    names: Sequence[str],
+    extrinsics: Extrinsics,
+    rig: StereoRig,
+    road_frame: str,
+    camera_frame: str,
+) -> list[Path]:
+    """Write exports beside a result file, each whole or not at all.
+
+    Args:
+        result_path: The result file; ``out.yaml`` gets ``out.urdf.xml`` and so on beside it.
+        names: Names of the exports (:data:`EXPORTS`).
+        extrinsics: The calibration.
+        rig: The rig it holds for.
+        road_frame: Frame of the road.
+        camera_frame: Frame of the camera body.
+
+    Returns:
+        The files, in the order of the names.
+
+    Raises:
+        OutputError: A frame has a name that not every format can hold, or a file cannot be written;
+            those before it are.
+    """
+    for frame in (road_frame, camera_frame):
+        if not frame.isprintable():
+            raise OutputError(f"frame {frame!r} cannot be exported: give it a name of printable characters")
+    texts = [EXPORTS[name].text(extrinsics, rig, road_frame, camera_frame) for name in names]
+    paths = export_paths(result_path, names)
+    for path, text in zip(paths, texts, strict=True):
+        write_atomically(path, text.encode("utf-8"))
+    return paths

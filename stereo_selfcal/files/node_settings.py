@@ -1,0 +1,156 @@
+"""Parameters of the node that are not settings of the calibrator; importing this needs no ROS.
+
+The node declares them, and :func:`stereo_selfcal.files.parameter_file.load_calibrator_config` knows by them
+what a parameter file may hold besides the calibrator's settings: one list for both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from ..core.config import CalibratorConfig
+
+NODE_NAME = "stereo_selfcal"
+RIG_PREFIX = "rig."
+RESULT_PREFIX = "extrinsics."
+
+# Parameters that come with every node or with the result file, and that are nobody's setting here.
+FOREIGN_PREFIXES = (RESULT_PREFIX, "provenance.", "qos_overrides.", "diagnostic_updater.")
+FOREIGN_NAMES = ("use_sim_time", "start_type_description_service")
+
+# What a rectified camera of the next decades can have; only to catch a typing error.
+_GREATEST_PIXELS = 100_000
+_GREATEST_BASELINE_M = 100.0
+_GREATEST_QUEUE = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class NodeSetting:
+    """One parameter of the node.
+
+    Attributes:
+        name: Dotted name.
+        default: Value when nothing is given; its type is the parameter's.
+        description: One line for people.
+        unit: Unit, "" for words, counts and fractions.
+        low: Smallest allowed number, None for words and switches.
+        high: Largest allowed number.
+        choices: Allowed words, empty when any will do.
+        fixed: Whether it can only be given at the start.
+    """
+
+    name: str
+    default: bool | int | float | str
+    description: str
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+    fixed: bool = False
+
+
+NODE_SETTINGS = (
+    NodeSetting(
+        "approximate_sync",
+        False,
+        "Whether the stamps of a left and a right image may differ; false: equal only",
+    ),
+    NodeSetting(
+        "approximate_sync_tolerance_seconds",
+        0.01,
+        "Greatest difference of the stamps of a pair, inclusive, when approximate_sync is true",
+        "s",
+        0.0,
+        1.0,
+    ),
+    NodeSetting(
+        "queue_size",
+        5,
+        "Images of each side that wait for their partner, and pairs that wait for the calibrator",
+        "",
+        1,
+        _GREATEST_QUEUE,
+    ),
+    NodeSetting(
+        "image_transport",
+        "raw",
+        "raw: sensor_msgs/Image; compressed: sensor_msgs/CompressedImage on <topic>/compressed",
+        choices=("raw", "compressed"),
+        fixed=True,
+    ),
+    NodeSetting(
+        "rectified",
+        True,
+        "true: image_rect of both cameras is read; false: image_raw, which is undistorted and rectified here",
+        fixed=True,
+    ),
+    NodeSetting(
+        "output_path",
+        "~/.ros/stereo_selfcal.yaml",
+        "File the result is written to (~ is the home folder); empty: it is not written",
+    ),
+    NodeSetting("timeout_s", 10.0, "How long ~/calibrate waits for usable frames", "s", 0.1, 3600.0),
+    NodeSetting("frames", 1, "Accepted frames that one call of ~/calibrate fuses", "", 1, 10_000),
+    NodeSetting(
+        "monitor_period_s",
+        2.0,
+        "Time between two frames that the watch over the calibration looks at; 0: no watch",
+        "s",
+        0.0,
+        3600.0,
+    ),
+    NodeSetting(
+        "on_drift",
+        "warn",
+        "What follows from a camera that was moved; warn: the state tells; recalibrate: the mean of the "
+        "watch's frames takes over, also where nothing is calibrated yet",
+        choices=("warn", "recalibrate"),
+    ),
+    NodeSetting("road_frame", "road", "Frame of the road, in ~/pose and ~/markers"),
+    NodeSetting(
+        "camera_frame", "stereo_camera", "Frame of the camera body: x forward, y left, z up, mid-baseline"
+    ),
+    NodeSetting(
+        "exports",
+        "",
+        "Formats written beside output_path, comma separated: urdf, static_transform_publisher, autoware, "
+        "homographies",
+    ),
+    NodeSetting(
+        "publish_tf",
+        False,
+        "Whether /tf_static gets camera_frame as a child of road_frame; needs tf2_ros",
+        fixed=True,
+    ),
+    NodeSetting("rig.width", 0, "Image width; 0: from CameraInfo", "px", 0, _GREATEST_PIXELS),
+    NodeSetting("rig.height", 0, "Image height; 0: from CameraInfo", "px", 0, _GREATEST_PIXELS),
+    NodeSetting(
+        "rig.fx", 0.0, "Horizontal focal length; 0: from CameraInfo", "px", 0.0, float(_GREATEST_PIXELS)
+    ),
+    NodeSetting(
+        "rig.fy", 0.0, "Vertical focal length; 0: from CameraInfo", "px", 0.0, float(_GREATEST_PIXELS)
+    ),
+    NodeSetting(
+        "rig.cx", 0.0, "Column of the principal point; 0: from CameraInfo", "px", 0.0, float(_GREATEST_PIXELS)
+    ),
+    NodeSetting(
+        "rig.cy", 0.0, "Row of the principal point; 0: from CameraInfo", "px", 0.0, float(_GREATEST_PIXELS)
+    ),
+    NodeSetting(
+        "rig.baseline_m", 0.0, "Distance of the cameras; 0: from CameraInfo", "m", 0.0, _GREATEST_BASELINE_M
+    ),
+)
+
+
+def all_settings() -> Iterator[NodeSetting]:
+    """Yield every parameter the node declares for its user: its own, then the calibrator's."""
+    yield from NODE_SETTINGS
+    for name, default, setting in CalibratorConfig().settings():
+        yield NodeSetting(name, default, setting.description, setting.unit, setting.low, setting.high)
+
+
+def is_calibrator_setting(name: str) -> bool:
+    """Whether a name in a parameter file is meant for the calibrator, be it known to it or not."""
+    own = {setting.name for setting in NODE_SETTINGS}
+    return not (name in own or name in FOREIGN_NAMES or name.startswith(FOREIGN_PREFIXES))

@@ -1,0 +1,277 @@
+"""The result as a ROS 2 parameter file: written whole or not at all, every value checked when it is read."""
+
+from __future__ import annotations
+
+import math
+import os
+import stat
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import yaml
+
+from .. import __version__
+from ..core.camera.rig import StereoRig
+from ..core.errors import ConfigError, OutputError
+from ..core.results import CalibrationResult
+from .atomic_file import remove_leftovers, set_aside, write_atomically
+from .node_settings import NODE_NAME, RESULT_PREFIX
+from .parameter_file import ANY_NODE, PARAMETERS, UnreadableFileError, node_parameters
+from .saved_result import RESULT_NAMES, SCHEMA, SavedResult
+
+__all__ = [
+    "NODE_NAME",
+    "RESULT_NAMES",
+    "Restored",
+    "SavedResult",
+    "check_fits",
+    "format_result",
+    "load_result",
+    "restore",
+    "result_parameters",
+    "set_aside",
+    "write_atomically",
+    "write_result",
+]
+
+# A result file has 1 kB, most of it names of topics.
+_MOST_BYTES = 65_536
+# Of a text that says where images came from; no name of a file or topic is longer, and it keeps the
+# file below _MOST_BYTES however it has to be escaped.
+_LONGEST_SOURCE = 1000
+
+# Rectified images of the same cameras have the same numbers to the last bit, as the file holds all of
+# them. Calibration tools print P with about six digits, so a hundredth of a pixel is a real difference.
+_SAME_PX = 0.01
+# Six digits of P[3] and of P[0] make the baseline uncertain by 2e-5 of it. The height is proportional to
+# it: 1e-4 is 0.14 mm of 1.4 m, below the 0.25 mm that one frame is sure of at best.
+_SAME_BASELINE = 1e-4
+
+_EQUATION = (
+    "# p_road = R_z(0) R_y(pitch) R_x(roll) p_camera + [0, 0, height]"
+    "   (REP-103: x forward, y left, z up; metres, radians)\n"
+)
+
+
+class _Quoted(str):
+    """Text that is quoted in YAML: rcl reads a bare 1e5 as a number, where YAML 1.1 sees a word."""
+
+    __slots__ = ()
+
+
+class _InOneLine(list):  # type: ignore[type-arg]
+    """List that is written in one line."""
+
+    __slots__ = ()
+
+
+class _Dumper(yaml.SafeDumper):  # type: ignore[misc]
+    """Dumper of :class:`_Quoted` and :class:`_InOneLine`."""
+
+
+_Dumper.add_representer(
+    _Quoted, lambda dumper, text: dumper.represent_scalar("tag:yaml.org,2002:str", str(text), style='"')
+)
+_Dumper.add_representer(
+    _InOneLine,
+    lambda dumper, items: dumper.represent_sequence("tag:yaml.org,2002:seq", items, flow_style=True),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Restored:
+    """What was found at the start.
+
+    Attributes:
+        saved: The calibration, None when there is none that can be used.
+        problem: One sentence: why what is there cannot be used, and where it is now. Empty when all is
+            well or no file is there.
+        kept_aside: Where a file that cannot be used was moved to, None when none was moved.
+    """
+
+    saved: SavedResult | None = None
+    problem: str = ""
+    kept_aside: Path | None = None
+
+
+def result_parameters(result: CalibrationResult) -> dict[str, float]:
+    """Return the parameters of an accepted result, ``extrinsics.height_m`` and so on, in their order.
+
+    Raises:
+        OutputError: The result is a rejection, or holds NaN or infinity.
+    """
+    extrinsics, std = result.extrinsics, result.std
+    if extrinsics is None or std is None:
+        raise OutputError(f"there is no calibration to publish or write: {result.message}")
+    values = (
+        extrinsics.height_m, extrinsics.pitch_rad, extrinsics.roll_rad,
+        std.height_m, std.pitch_rad, std.roll_rad,
+    )  # fmt: skip
+    parameters = {
+        RESULT_PREFIX + name: float(value) for name, value in zip(RESULT_NAMES, values, strict=True)
+    }
+    for name, value in parameters.items():
+        if not math.isfinite(value):
+            raise OutputError(
+                f"{name} is {value}: a result that is not finite is neither published nor written"
+            )
+    return parameters
+
+
+def format_result(result: CalibrationResult, rig: StereoRig, source: str, seed: int) -> str:
+    """Return the text of a result file: same input, same bytes.
+
+    Args:
+        result: An accepted result.
+        rig: The rig it holds for.
+        source: Where the images came from: a bag, topics.
+        seed: Seed of the calibrator.
+
+    Raises:
+        OutputError: The result is a rejection, or holds what :func:`load_result` would refuse.
+    """
+    extrinsics = {
+        name.removeprefix(RESULT_PREFIX): value for name, value in result_parameters(result).items()
+    }
+    assert result.covariance is not None  # it has standard deviations
+    provenance = {
+        "schema": SCHEMA,
+        "stamp": float(result.stamp_s),
+        # A file name may hold bytes that are no UTF-8; they must not keep the result from being saved.
+        "source": _Quoted(source[:_LONGEST_SOURCE].encode("utf-8", "backslashreplace").decode("utf-8")),
+        "frames": int(result.n_frames),
+        "seed": int(seed),
+        "version": _Quoted(__version__),
+        "rig": rig.to_mapping(),
+        "covariance": _InOneLine(float(value) for value in result.covariance.ravel()),
+    }
+    parameters = {"extrinsics": extrinsics, "provenance": provenance}
+    try:
+        SavedResult.from_parameters(parameters)
+    except ConfigError as error:
+        raise OutputError(f"a result that cannot be right is not written: {error}") from error
+    document = {ANY_NODE: {PARAMETERS: parameters}}
+    body: str = yaml.dump(document, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=math.inf)
+    return _EQUATION + body
+
+
+def write_result(
+    path: Path | str,
+    result: CalibrationResult,
+    rig: StereoRig,
+    *,
+    source: str,
+    seed: int,
+    keep_others: bool = False,
+) -> None:
+    """Write an accepted result as a ROS 2 parameter file, whole or not at all.
+
+    Args:
+        path: The file; its folder must exist. A link is followed.
+        result: An accepted result.
+        rig: The rig it holds for.
+        source: Where the images came from: a bag, topics.
+        seed: Seed of the calibrator.
+        keep_others: Whether a file that is there and is no result file is kept aside
+            (:func:`.atomic_file.set_aside`) instead of being replaced.
+
+    Raises:
+        OutputError: There is nothing to write, or the file cannot be written, or what is there cannot
+            be kept aside; what was there before is untouched.
+    """
+    content = format_result(result, rig, source, seed).encode("utf-8")
+    if keep_others and Path(os.path.realpath(path)).is_file():
+        try:
+            load_result(path)
+        except ConfigError:
+            set_aside(path)
+    write_atomically(path, content)
+
+
+def load_result(path: Path | str) -> SavedResult:
+    """Read a result file and check every value in it.
+
+    Raises:
+        UnreadableFileError: The file cannot be read.
+        ConfigError: It is no result file that can be used: one sentence with the file, the field, its
+            value and the remedy.
+    """
+    if _is_no_file(path):  # opening a pipe would wait for a writer
+        raise UnreadableFileError(
+            f"{path} cannot be read: it is not a file; give the name of a result file of {NODE_NAME}"
+        )
+    parameters = node_parameters(path, _MOST_BYTES)
+    try:
+        return SavedResult.from_parameters(parameters)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+
+
+def check_fits(calibrated: StereoRig, rig: StereoRig) -> None:
+    """Make sure that a calibration holds for the cameras that are there now.
+
+    Another size, focal length, principal point or baseline is another pair of rectified images: other
+    cameras, or the same ones calibrated anew, which may have turned the images by as much as is measured.
+
+    Args:
+        calibrated: The rig it was made with.
+        rig: The rig that is there now.
+
+    Raises:
+        ConfigError: It does not: one sentence with the values of both and the remedy.
+    """
+    now = asdict(rig)
+    for name, then in asdict(calibrated).items():
+        greatest = 0.0 if name in ("width", "height") else _SAME_PX
+        if name == "baseline_m":
+            greatest = _SAME_BASELINE * then
+        if not abs(now[name] - then) <= greatest:
+            raise ConfigError(
+                f"the calibration is of other cameras: rig.{name} was {then:.10g}, now it is "
+                f"{now[name]:.10g} (they may differ by {greatest:.2g}); calibrate anew"
+            )
+
+
+def restore(path: Path | str) -> Restored:
+    """Find the calibration of the last run, for the start of a node.
+
+    A file that is corrupt, of something else or of a newer version is renamed
+    (:func:`.atomic_file.set_aside`) and so kept from being replaced. One that cannot be read or moved is
+    left where it is. Leftovers of a killed writer are removed. Whether the calibration holds for the
+    cameras is for :func:`check_fits`, once they are known.
+
+    Args:
+        path: The result file; there may be none.
+    """
+    remove_leftovers(path)
+    if _is_missing(path):
+        return Restored()
+    try:
+        return Restored(load_result(path))
+    except UnreadableFileError as error:
+        return Restored(problem=f"{error}; it stays where it is")
+    except ConfigError as error:
+        problem = str(error)
+    try:
+        aside = set_aside(path)
+    except OutputError as error:
+        return Restored(problem=f"{problem}; it stays where it is: {error}")
+    return Restored(problem=f"{problem}; kept aside as {aside}", kept_aside=aside)
+
+
+def _is_missing(path: Path | str) -> bool:
+    try:
+        Path(path).stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return True
+    except (OSError, ValueError):  # told when it is read
+        return False
+    return False
+
+
+def _is_no_file(path: Path | str) -> bool:
+    """Whether it is a folder, a pipe, a device."""
+    try:
+        return not stat.S_ISREG(Path(path).stat().st_mode)
+    except (OSError, ValueError):  # told when it is read
+        return False

@@ -1,0 +1,224 @@
+"""What a result file holds, and the check of every field of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from typing import Any
+
+import numpy as np
+
+from ..core.camera.rig import StereoRig
+from ..core.config import CalibratorConfig
+from ..core.errors import ConfigError, RigError, shown
+from ..core.geometry.pose import Extrinsics
+from ..core.results import CalibrationResult, describe
+from ..core.types import Array
+from .node_settings import NODE_NAME
+
+SCHEMA = 1
+RESULT_NAMES = ("height_m", "pitch_rad", "roll_rad", "height_std_m", "pitch_std_rad", "roll_std_rad")
+
+_REMEDY = "calibrate anew"
+# builtin_interfaces/Time counts seconds in 32 bits.
+_GREATEST_STAMP_S = 2.0**31 - 1
+# Frames, seed and schema: what a whole number of 32 bits holds, the seed's own range.
+_GREATEST_WHOLE = 2**31 - 1
+# Of a variance over the square of its standard deviation, and of a correlation over 1: rounding is far
+# below, an edited number far above.
+_ROUNDING = 1e-6
+# Earlier stamps are times of a simulation or of a recording without a clock: September 2001.
+_FIRST_CLOCK_S = 1e9
+
+_SETTINGS = {name: setting for name, _, setting in CalibratorConfig().settings()}
+# No calibration lies outside the widest box that the search can be given.
+_HEIGHT = _SETTINGS["search.height_min_m"]
+_HEIGHT_RANGE = (_HEIGHT.low, _HEIGHT.high)
+_ANGLE_RANGE = (-_SETTINGS["search.pitch_max_rad"].high, _SETTINGS["search.pitch_max_rad"].high)
+# A standard deviation as great as the box says nothing at all.
+_RANGES = {
+    "height_m": (*_HEIGHT_RANGE, "m"),
+    "pitch_rad": (*_ANGLE_RANGE, "rad"),
+    "roll_rad": (*_ANGLE_RANGE, "rad"),
+    "height_std_m": (0.0, _HEIGHT_RANGE[1], "m"),
+    "pitch_std_rad": (0.0, _ANGLE_RANGE[1], "rad"),
+    "roll_std_rad": (0.0, _ANGLE_RANGE[1], "rad"),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SavedResult:
+    """What a result file holds.
+
+    Attributes:
+        extrinsics: The calibration.
+        std: Standard deviations of the same quantities.
+        rig: The rig it holds for.
+        provenance: stamp [s], source, frames, seed, version, schema, and whatever else is there.
+        covariance: (3, 3) of (height_m, pitch_rad, roll_rad); of the standard deviations alone where
+            the file has no other.
+    """
+
+    extrinsics: Extrinsics
+    std: Extrinsics
+    rig: StereoRig
+    provenance: dict[str, Any]
+    covariance: Array
+
+    @classmethod
+    def from_parameters(cls, parameters: Mapping[str, Any]) -> SavedResult:
+        """Build from the parameters of a result file, and check every one.
+
+        Args:
+            parameters: ``extrinsics`` and ``provenance``, each a mapping; what else is there is passed
+                over.
+
+        Raises:
+            ConfigError: A field is missing or cannot be right: one sentence with the field, its value
+                and the remedy.
+        """
+        extrinsics, provenance = _sections(parameters)
+        values = [_result_value(extrinsics, name) for name in RESULT_NAMES]
+        std = Extrinsics(*values[3:])
+        _number(provenance, "stamp", -_GREATEST_STAMP_S, _GREATEST_STAMP_S, "s")
+        for name, low in (("frames", 1), ("seed", 0)):
+            _whole(provenance, name, low, _GREATEST_WHOLE)
+        for name in ("source", "version"):
+            if not isinstance(_field(provenance, name, "provenance"), str):
+                raise _wrong(f"provenance.{name}", provenance[name], "text is needed")
+        return cls(
+            Extrinsics(*values[:3]),
+            std,
+            _rig(provenance.pop("rig", None)),
+            provenance,
+            _covariance(provenance.pop("covariance", None), std),
+        )
+
+    @property
+    def stamp_s(self) -> float:
+        """Stamp of the (last) frame [s]."""
+        return float(self.provenance["stamp"])
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the (last) frame [ns], to the digits a stamp in seconds has: some 200 ns of today's."""
+        return round(self.stamp_s * 1e9)
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames behind the calibration."""
+        return int(self.provenance["frames"])
+
+    def as_result(self) -> CalibrationResult:
+        """Return the calibration as the calibrator would: to be published, to be compared with."""
+        frames = "1 frame" if self.n_frames == 1 else f"{self.n_frames} frames"
+        when = f"at {self.stamp_s:.3f} s"
+        if self.stamp_s >= _FIRST_CLOCK_S:
+            when = f"on {datetime.fromtimestamp(self.stamp_s, timezone.utc):%Y-%m-%d %H:%M:%S} UTC"
+        return CalibrationResult(
+            f"calibrated {when} from {frames}: {describe(self.extrinsics, self.std)}",
+            extrinsics=self.extrinsics,
+            covariance=self.covariance.copy(),
+            stamp_s=self.stamp_s,
+            n_frames=self.n_frames,
+        )
+
+
+def _sections(parameters: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return extrinsics and provenance, once it is known that this version can read them."""
+    sections = [parameters.get(name) for name in ("extrinsics", "provenance")]
+    if not all(isinstance(section, Mapping) for section in sections):
+        raise ConfigError(
+            f"no result file of {NODE_NAME}: it needs 'extrinsics:' and 'provenance:' with values in them; "
+            f"{_REMEDY}"
+        )
+    extrinsics, provenance = ({str(name): value for name, value in s.items()} for s in sections if s)
+    schema = _whole(provenance, "schema", 1, _GREATEST_WHOLE)
+    if schema > SCHEMA:
+        version = provenance.get("version")
+        by = f" ({shown(version)})" if isinstance(version, str) else ""
+        raise ConfigError(
+            f"written by a newer version{by} of {NODE_NAME}: its schema is {schema}, this version reads "
+            f"{SCHEMA}; update {NODE_NAME}, or {_REMEDY}"
+        )
+    return extrinsics, provenance
+
+
+def _result_value(extrinsics: Mapping[str, Any], name: str) -> float:
+    low, high, unit = _RANGES[name]
+    value = _number(extrinsics, name, low, high, unit, "extrinsics")
+    if "_std_" in name and value == 0.0:
+        raise _wrong(f"extrinsics.{name}", value, "it must be greater than 0")
+    return value
+
+
+def _rig(values: Any) -> StereoRig:
+    if not isinstance(values, Mapping):
+        raise _wrong("provenance.rig", values, "the values of the rig are needed")
+    try:
+        return StereoRig.from_mapping(values)
+    except (RigError, OverflowError) as error:
+        raise ConfigError(f"provenance.{error}; {_REMEDY}") from error
+
+
+def _covariance(values: Any, std: Extrinsics) -> Array:
+    """Return the covariance of the file, or that of the standard deviations."""
+    deviations = std.as_array()
+    if values is None:
+        return np.diag(deviations**2)
+    name = "provenance.covariance"
+    if not isinstance(values, list) or len(values) != deviations.size**2:
+        raise _wrong(name, values, f"a list of {deviations.size**2} numbers is needed")
+    numbers = [_number({name: value}, name, -math.inf, math.inf, "", "") for value in values]
+    covariance: Array = np.array(numbers).reshape(deviations.size, deviations.size)
+    with np.errstate(all="ignore"):  # what overflows is found below
+        correlation = covariance / np.outer(deviations, deviations)
+    if not np.all(np.isfinite(correlation)) or np.any(np.abs(np.diag(correlation) - 1.0) > _ROUNDING):
+        raise _wrong(name, values, "it contradicts the standard deviations in extrinsics")
+    if np.any(np.abs(correlation - correlation.T) > _ROUNDING) or (
+        float(np.linalg.eigvalsh(correlation)[0]) < -_ROUNDING
+    ):
+        raise _wrong(name, values, "no quantities vary together like this")
+    return covariance
+
+
+def _field(section: Mapping[str, Any], name: str, prefix: str) -> Any:
+    if name not in section:
+        raise ConfigError(
+            f"{prefix}.{name} is missing: the file is no result of {NODE_NAME}, or not all of it; {_REMEDY}"
+        )
+    return section[name]
+
+
+def _number(
+    section: Mapping[str, Any], name: str, low: float, high: float, unit: str, prefix: str = "provenance"
+) -> float:
+    """Return a finite number within its range."""
+    given = _field(section, name, prefix)
+    full_name = f"{prefix}.{name}" if prefix else name
+    try:
+        # Text, as YAML 1.1 takes the 1e-5 for a word that rcl takes for a number.
+        value = math.nan if isinstance(given, bool) else float(given)
+    except (TypeError, ValueError, OverflowError):
+        value = math.nan
+    if not math.isfinite(value):
+        raise _wrong(full_name, given, "a finite number is needed")
+    if not low <= value <= high:
+        raise _wrong(full_name, given, f"it must lie in {low:g} ... {high:g} {unit}".rstrip())
+    return value
+
+
+def _whole(section: Mapping[str, Any], name: str, low: int, high: int) -> int:
+    """Return a whole number of the provenance within its range."""
+    value = _field(section, name, "provenance")
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise _wrong(f"provenance.{name}", value, "a whole number is needed")
+    if not low <= value <= high:
+        raise _wrong(f"provenance.{name}", value, f"it must lie in {low} ... {high}")
+    return value
+
+
+def _wrong(name: str, value: Any, what: str) -> ConfigError:
+    return ConfigError(f"{name} is {shown(value)}: {what}; {_REMEDY}")

@@ -1,0 +1,1 @@
+"""Pictures for people, and the canvas they are drawn on."""

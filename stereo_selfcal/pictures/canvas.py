@@ -1,0 +1,143 @@
+"""What pictures are drawn on: lines, dots and text of a size that suits any camera; imports no ROS.
+
+Colours are BGR. They are those of Okabe and Ito ("Color Universal Design", 2008), which people
+with any kind of colour vision can tell apart.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from dataclasses import dataclass
+from itertools import pairwise
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from ..core.types import Array, Image
+
+Colour = tuple[int, int, int]
+
+ORANGE: Colour = (0, 159, 230)
+SKY_BLUE: Colour = (233, 180, 86)
+GREEN: Colour = (115, 158, 0)
+YELLOW: Colour = (66, 228, 240)
+VERMILION: Colour = (0, 94, 213)
+PURPLE: Colour = (167, 121, 204)
+WHITE: Colour = (255, 255, 255)
+DARK: Colour = (40, 40, 40)
+
+# A smaller image is enlarged to this width, so that sub-pixel differences and text can be seen.
+MIN_WIDTH_PX = 960
+# Text of this relative size is legible on a canvas of MIN_WIDTH_PX.
+TEXT_SCALE = 0.55
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+LINE_CHARACTERS = 95  # of a line of text across the picture
+
+_SHIFT = 4  # OpenCV takes coordinates in 1/16 px
+
+
+@dataclass(frozen=True, slots=True)
+class Canvas:
+    """A picture ``scale`` times as large as the camera image it shows."""
+
+    pixels: Image
+    scale: float
+
+    @property
+    def thickness(self) -> int:
+        """Line thickness [px] that looks the same in pictures of any size."""
+        return max(1, round(float(self.pixels.shape[1]) / MIN_WIDTH_PX))
+
+    def position(self, points: npt.ArrayLike) -> npt.NDArray[np.int32]:
+        """Return image points (..., 2) [px] in this picture, in OpenCV's fixed-point numbers."""
+        xy = (np.asarray(points, dtype=np.float64) + 0.5) * self.scale - 0.5  # pixel centres are integers
+        return np.round(xy * (1 << _SHIFT)).astype(np.int32)
+
+    @property
+    def line_height(self) -> float:
+        """Distance of two lines of text [px]."""
+        return 44 * TEXT_SCALE * float(self.pixels.shape[1]) / MIN_WIDTH_PX
+
+    def pixel(self, point: npt.ArrayLike) -> tuple[float, float]:
+        """Return where an image point (2,) [px] lies in this picture [px]."""
+        x, y = self.position(point) / (1 << _SHIFT)
+        return float(x), float(y)
+
+    def polyline(self, points: Array, colour: Colour, thickness: int | None = None) -> None:
+        """Draw a polyline through image points (N, 2) [px], leaving out those far outside."""
+        limit = 4.0 * max(self.pixels.shape[:2]) / self.scale
+        for start, end in pairwise(points):
+            if np.isfinite([start, end]).all() and np.abs([start, end]).max() < limit:
+                (a, b), size = self.position([start, end]).tolist(), thickness or self.thickness
+                cv2.line(self.pixels, a, b, colour, size, cv2.LINE_AA, _SHIFT)
+
+    def dot(self, point: Array, radius_px: float, colour: Colour, thickness: int = -1) -> None:
+        """Draw a dot, or with a positive thickness a ring."""
+        radius = round(radius_px * self.thickness * (1 << _SHIFT))
+        cv2.circle(self.pixels, self.position(point).tolist(), radius, colour, thickness, cv2.LINE_AA, _SHIFT)
+
+    def specks(self, points: Array, colour: Colour) -> None:
+        """Paint specks at image points (N, 2) [px]: for thousands of them, quicker than dots."""
+        height, width = self.pixels.shape[:2]
+        for offset in np.ndindex(3 * self.thickness, 3 * self.thickness):
+            columns, rows = (self.position(points) >> _SHIFT).T + np.array(offset)[:, None]
+            inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+            self.pixels[rows[inside], columns[inside]] = colour
+
+    def text(self, text: str, x: float, y: float, colour: Colour = WHITE, size: float = 1.0) -> int:
+        """Write on a dark plate, the lower left corner at (x, y) of this picture; return the width [px]."""
+        scale = size * TEXT_SCALE * self.pixels.shape[1] / MIN_WIDTH_PX
+        # The fonts of OpenCV 4 and 5 differ in width; what would run out of the picture is made smaller.
+        wanted = cv2.getTextSize(text, FONT, scale, self.thickness)[0][0]
+        scale *= min(1.0, max(self.pixels.shape[1] - x, 1) / max(wanted, 1))
+        (width, height), below = cv2.getTextSize(text, FONT, scale, self.thickness)
+        left, baseline, margin = round(x), round(y), 2 * self.thickness
+        rows = slice(max(baseline - height - margin, 0), max(baseline + below, 0))
+        columns = slice(max(left - margin, 0), max(left + width + margin, 0))
+        self.pixels[rows, columns] = DARK
+        cv2.putText(self.pixels, text, (left, baseline), FONT, scale, colour, self.thickness, cv2.LINE_AA)
+        return int(width)
+
+
+@dataclass(frozen=True, slots=True)
+class StripContent:
+    """What a picture says in words.
+
+    Attributes:
+        title: A few words.
+        colour: Colour of the bar beside them.
+        lines: What is to be said further; long lines are wrapped.
+    """
+
+    title: str
+    colour: Colour
+    lines: tuple[str, ...] = ()
+
+
+def dark_strip(width: int, height: float) -> Canvas:
+    """Return an empty dark canvas for text."""
+    return Canvas(np.full((round(height), width, 3), DARK, dtype=np.uint8), 1.0)
+
+
+def verdict_strip(verdict: StripContent, width: int, height: int = 0) -> Image:
+    """Return a strip with the verdict in words, (H, width, 3) uint8.
+
+    Args:
+        verdict: What it says.
+        width: Width [px].
+        height: Least height [px].
+    """
+    step = dark_strip(width, 1).line_height
+    lines = [part for line in verdict.lines for part in textwrap.wrap(to_ascii(line), LINE_CHARACTERS)]
+    strip = dark_strip(width, max((len(lines) + 1.9) * step, height))
+    strip.pixels[:, : round(0.4 * step)] = verdict.colour
+    strip.text(to_ascii(verdict.title), 0.9 * step, 1.15 * step, size=1.3)
+    for number, line in enumerate(lines):
+        strip.text(line, 0.9 * step, (2.3 + number) * step)
+    return strip.pixels
+
+
+def to_ascii(text: str) -> str:
+    """Return what OpenCV's fonts can write: they know nothing but ASCII."""
+    return text.encode("ascii", "replace").decode()

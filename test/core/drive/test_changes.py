@@ -1,0 +1,139 @@
+"""A mount that was moved, told from a car that moves on its suspension."""
+
+import math
+
+import numpy as np
+import pytest
+from drive_making import MOTION, POSE, make_drive
+
+from stereo_selfcal.core.drive.changes import BLOCK_S, find_changes
+from stereo_selfcal.core.tolerances import LEAST_SHIFT
+
+BUMP = np.array([0.0, math.radians(0.8), 0.0])
+
+
+def changes_of(*args, **kwargs):
+    return find_changes(*make_drive(*args, **kwargs))
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("correlation_s", [0.5, 5.0])
+def test_nothing_is_found_where_nothing_was_moved(seed, correlation_s):
+    course = changes_of(seed=seed, correlation_s=correlation_s)
+    assert course.judged
+    assert course.changes == ()
+    assert len(course.segments) == 1
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_bump_is_found_when_it_was(seed):
+    course = changes_of(seed=seed, steps=((1500.0, BUMP),))
+    (change,) = course.changes
+    assert change.at_s == pytest.approx(1600.0, abs=5.0)
+    assert change.shift[1] == pytest.approx(BUMP[1], abs=math.radians(0.1))
+    assert change.sigmas[1] > 5.5
+    before, after = course.segments
+    assert before.end == after.first == change.index
+    for segment, truth in ((before, POSE), (after, POSE + BUMP)):
+        error = segment.mean - truth
+        assert np.all(np.abs(error) < 4 * np.sqrt(np.diag(segment.standard_error)))
+
+
+@pytest.mark.parametrize("index", range(3))
+def test_every_parameter_is_watched(index):
+    step = np.zeros(3)
+    step[index] = -8 * LEAST_SHIFT[index]
+    (change,) = changes_of(seed=index, steps=((2000.0, step),)).changes
+    assert change.at_s == pytest.approx(2100.0, abs=5.0)
+
+
+def test_a_shift_below_what_a_load_does_is_none():
+    stamps, poses, covariances = make_drive()
+    # So little motion that either would stand out of it.
+    calm = POSE + np.random.default_rng(0).normal(size=poses.shape) * MOTION / 50
+    for factor, n_changes in ((0.8, 0), (1.2, 1)):
+        moved = calm.copy()
+        moved[stamps >= 1900.0] += factor * LEAST_SHIFT
+        assert len(find_changes(stamps, moved, covariances * 1e-4).changes) == n_changes
+
+
+def test_what_comes_back_is_motion_and_what_stays_is_the_mount():
+    away = ((1500.0, BUMP), (1580.0, -BUMP))
+    assert changes_of(seed=1, steps=away).changes == ()
+    longer = ((1500.0, BUMP), (1900.0, -BUMP))
+    first, second = changes_of(seed=1, steps=longer).changes
+    assert (first.at_s, second.at_s) == (pytest.approx(1600.0, abs=5.0), pytest.approx(2000.0, abs=5.0))
+
+
+def test_a_slow_drift_is_not_cut_into_stairs():
+    stamps, poses, covariances = make_drive(seed=2)
+    drift = (stamps - stamps[0])[:, None] / 3600.0 * [0.01, math.radians(0.4), 0.0]
+    assert find_changes(stamps, poses + drift, covariances).changes == ()
+
+
+def test_braking_is_motion():
+    stamps, poses, covariances = make_drive(seed=3, rate_hz=2.0)
+    poses = poses.copy()
+    for start_s in range(250, 3500, 200):
+        poses[(stamps > start_s) & (stamps < start_s + 10)] += [-0.02, math.radians(1.0), 0.0]
+    assert find_changes(stamps, poses, covariances).changes == ()
+
+
+def test_four_minutes_are_needed():
+    too_short = changes_of(duration_s=23 * BLOCK_S, rate_hz=10.0, steps=((120.0, 5 * BUMP),))
+    assert not too_short.judged
+    assert too_short.changes == ()
+    assert len(too_short.segments) == 1
+    long_enough = changes_of(duration_s=24 * BLOCK_S, rate_hz=10.0, steps=((120.0, 5 * BUMP),))
+    assert long_enough.judged
+    assert [change.at_s for change in long_enough.changes] == [pytest.approx(220.0, abs=5.0)]
+
+
+def test_a_change_in_a_gap_is_known_no_better_than_the_gap_is_long():
+    stamps, poses, covariances = make_drive(seed=4, steps=((1500.0, 2 * BUMP),))
+    seen = (stamps < 1500.0) | (stamps > 1700.0)
+    (change,) = find_changes(stamps[seen], poses[seen], covariances[seen]).changes
+    assert change.at_s == pytest.approx(1600.0, abs=5.0)
+    assert change.within_s >= 100.0
+
+
+def test_of_one_frame_there_is_a_segment_and_no_error():
+    stamps, poses, covariances = make_drive(duration_s=2.0)
+    course = find_changes(stamps[:1], poses[:1], covariances[:1])
+    (segment,) = course.segments
+    assert (segment.first, segment.end, segment.standard_error) == (0, 1, None)
+    np.testing.assert_allclose(segment.mean, poses[0])
+    np.testing.assert_array_equal(segment.spread, 0)
+
+
+def test_frames_without_any_noise_are_no_change():
+    stamps, poses, covariances = make_drive()
+    course = find_changes(stamps, np.broadcast_to(POSE, poses.shape), covariances)
+    assert course.changes == ()
+    assert np.all(np.isfinite(course.segments[0].standard_error))
+
+
+def test_standard_error_counts_that_motion_lasts():
+    means, errors = [], []
+    for seed in range(40):
+        (segment,) = changes_of(duration_s=600.0, seed=seed, correlation_s=10.0, outliers=0.0).segments
+        means.append(segment.mean)
+        errors.append(np.sqrt(np.diag(segment.standard_error)))
+    actual = np.std(means, axis=0)
+    reported = np.sqrt(np.mean(np.square(errors), axis=0))
+    # Of independent frames it would be a third of it.
+    assert np.all(reported > 0.6 * actual)
+    assert np.all(reported < 1.7 * actual)
+
+
+def test_spread_is_that_of_the_frames():
+    (segment,) = changes_of(seed=5, outliers=0.0).segments
+    expected = np.hypot(MOTION, [0.008, math.radians(0.06), math.radians(0.15)])
+    np.testing.assert_allclose(segment.spread, expected, rtol=0.1)
+
+
+@pytest.mark.parametrize("n", [0, 5])
+def test_arrays_must_fit(n):
+    stamps, poses, covariances = make_drive(duration_s=20.0)
+    with pytest.raises(ValueError, match="poses"):
+        find_changes(stamps[:n], poses[: 2 * n], covariances)

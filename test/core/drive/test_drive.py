@@ -1,0 +1,99 @@
+"""The estimate of a drive: that of all frames, or of those since the mount was moved."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drive_making import POSE, make_drive
+
+from stereo_selfcal.core.camera.rig import StereoRig
+from stereo_selfcal.core.drive.drive import clock, estimate_drive, fuse_frames
+from stereo_selfcal.core.geometry.pose import Extrinsics
+from stereo_selfcal.core.rejection import Rejection, RejectReason
+from stereo_selfcal.core.results import CalibrationResult, rejected
+
+RIG = StereoRig(640, 480, 516.6, 516.6, 319.5, 239.5, 0.1481)
+BUMP = np.array([-0.02, math.radians(0.8), 0.0])
+
+
+def results_of(stamps, poses, covariances):
+    return [
+        CalibrationResult(
+            message="",
+            extrinsics=Extrinsics.from_array(pose),
+            covariance=covariance,
+            lane_yaw_rad=0.01,
+            stages={"refined": Extrinsics.from_array(pose)},
+            stamp_s=float(stamp),
+            n_frames=1,
+        )
+        for stamp, pose, covariance in zip(stamps, poses, covariances, strict=True)
+    ]
+
+
+def test_without_a_move_it_is_all_frames_with_the_motion_in_weights_and_error():
+    results = results_of(*make_drive(outliers=0.0))
+    # Frames that see themselves as ten times better are as wrong as the others when the car moves.
+    for index in range(0, len(results), 50):
+        results[index] = replace(results[index], covariance=results[index].covariance / 100)
+    fused = fuse_frames(results, RIG)
+    drive = estimate_drive(results, RIG, fused)
+    assert drive.judged
+    assert drive.changes == ()
+    (segment,) = drive.segments
+    assert segment.estimate is drive.estimate
+    assert drive.estimate.n_frames == len(results)
+    error, std = segment.standard_error.as_array(), drive.estimate.std.as_array()
+    assert np.all(error < std)
+    assert abs(drive.estimate.extrinsics.pitch_rad - POSE[1]) < abs(fused.extrinsics.pitch_rad - POSE[1])
+    np.testing.assert_allclose(drive.estimate.extrinsics.as_array(), POSE, atol=5e-4)
+    assert segment.spread.pitch_rad > 5 * segment.standard_error.pitch_rad
+    assert f"{drive.estimate.std.height_m * 1e3:.1f} mm" in drive.estimate.message
+
+
+def test_a_short_drive_is_the_fused_estimate_as_it_is():
+    results = results_of(*make_drive(duration_s=4.0, rate_hz=5.0))
+    fused = fuse_frames(results, RIG)
+    drive = estimate_drive(results, RIG, fused)
+    assert drive.estimate is fused
+    assert not drive.judged
+    assert drive.segments[0].standard_error is None
+
+
+def test_after_a_move_it_is_where_the_camera_is_now():
+    results = results_of(*make_drive(steps=((1800.0, BUMP),), outliers=0.01))
+    drive = estimate_drive(results, RIG, fuse_frames(results, RIG))
+    (change,) = drive.changes
+    assert change.at_s == pytest.approx(1900.0, abs=5.0)
+    for segment, truth in zip(drive.segments, (POSE, POSE + BUMP), strict=True):
+        error = segment.estimate.extrinsics.as_array() - truth
+        assert np.all(np.abs(error) < 3 * segment.estimate.std.as_array())
+    assert drive.estimate.extrinsics == drive.segments[-1].estimate.extrinsics == change.after
+    assert change.before == drive.segments[0].estimate.extrinsics
+    assert np.all(np.abs(change.shift.as_array() - BUMP) < [0.003, 0.002, 0.003])
+    assert "the camera was moved at 1" in drive.estimate.message
+    assert drive.estimate.n_frames <= len(results) // 2
+
+
+def test_the_order_of_the_frames_does_not_matter():
+    results = results_of(*make_drive(duration_s=600.0, steps=((300.0, 2 * BUMP),)))
+    fused = fuse_frames(results, RIG)
+    there, back = (estimate_drive(each, RIG, fused) for each in (results, results[::-1]))
+    assert len(there.changes) == 1
+    assert there.changes[0].at_s == back.changes[0].at_s
+    assert there.estimate.message == back.estimate.message
+
+
+def test_without_an_accepted_frame_it_is_the_refusal():
+    refusal = rejected(Rejection(RejectReason.NO_LINES_FOUND, "rows", 0, 40, "px", "find lines"))
+    drive = estimate_drive([], RIG, refusal)
+    assert drive.estimate is refusal
+    assert (drive.segments, drive.changes, drive.judged) == ((), (), False)
+
+
+@pytest.mark.parametrize(
+    ("stamp_s", "text"), [(123.45, "123.5 s"), (1_700_000_000.0, "22:13:20 UTC"), (0.0, "0.0 s")]
+)
+def test_times_are_those_of_a_clock_where_there_is_one(stamp_s, text):
+    assert clock(stamp_s) == text

@@ -1,0 +1,299 @@
+"""What else the images say where two lines stand alone: horizon, profile, what lies beside the stripes."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stereo_selfcal import Calibrator, CalibratorConfig, Extrinsics, RejectReason
+from stereo_selfcal.core.estimators.stripe_fit import refine
+from stereo_selfcal.core.evidence.cross_checks import OTHER_SLOPE
+from stereo_selfcal.core.evidence.horizon import horizon_offset
+from stereo_selfcal.core.evidence.kerb_face import measure_edge_steps
+from stereo_selfcal.core.evidence.nuisances import seen_slope_covariance, unseen_slope_covariance
+from stereo_selfcal.core.evidence.profile import measure_profile
+from stereo_selfcal.core.evidence.stripe_border import measure_borders
+from stereo_selfcal.core.geometry.plane import plane_from_pose
+from stereo_selfcal.core.lanes.closed_form import solve_plane
+from stereo_selfcal.core.lanes.extra_lines import height_between
+from stereo_selfcal.core.lanes.hypotheses import find_hypotheses
+from stereo_selfcal.core.lanes.line_geometry import place_of_line
+from stereo_selfcal.core.lanes.stripe_points import find_stripe_points
+from stereo_selfcal.synth.ingredients import Car, Paint, Shadow
+from stereo_selfcal.synth.road_shape import RoadShape
+from stereo_selfcal.synth.world import LaneLine
+from stereo_selfcal.synth.worlds import named_world, render_world
+
+LINES_ALONE = CalibratorConfig.from_mapping({"texture.check": 0})
+
+
+def bare(name, **changes):
+    """Return a named world without texture, its images, and what the calibrator makes of the lines."""
+    world = named_world(name)
+    world = replace(world, scene=replace(world.scene, texture_amplitude=0.0, **changes))
+    images = render_world(world, np.random.default_rng(5))
+    return world, images, Calibrator(world.scene.rig, LINES_ALONE).add(*images)
+
+
+def of_right_camera(world, **changes):
+    return {"right": replace(world.scene.right, **changes)}
+
+
+@pytest.mark.parametrize("turned_deg", [0.0, -0.3, 1.2])
+@pytest.mark.parametrize("lower_px", [0.0, 1.0, -3.0])
+def test_horizon_shows_turn_and_offset(turned_deg, lower_px):
+    camera = of_right_camera(named_world("plain"), turned_rad=math.radians(turned_deg), lower_px=lower_px)
+    world, images, _ = bare("plain", **camera)
+    found = horizon_offset(images, world.scene.rig, world.truth)
+    # The turn of a camera, right side down, lifts what is to its right in the picture.
+    assert found.roll_rad == pytest.approx(-math.radians(turned_deg), abs=2e-4)
+    assert found.offset_px == pytest.approx(lower_px, abs=0.1)
+    # What stands before a horizon may pass for a turn by 0.04 deg; here there is nothing.
+    assert found.std_px < 0.1 and found.roll_std_rad == pytest.approx(math.radians(0.04), rel=0.05)
+
+
+def test_horizon_is_found_with_a_wrong_roll():
+    world, images, _ = bare("plain")
+    pose = world.truth
+    wrong = Extrinsics(pose.height_m, pose.pitch_rad, pose.roll_rad + math.radians(3.0))
+    found = horizon_offset(images, world.scene.rig, wrong)
+    assert abs(found.offset_px) < 0.1 and abs(found.roll_rad) < 2e-4
+
+
+@pytest.mark.parametrize("turned_deg", [0.0, 0.5])
+def test_a_bare_horizon_that_is_slanted_shows_the_turn_as_well(turned_deg):
+    """Along a slanted edge, rows and disparities are one: what is far away has next to no disparity."""
+    camera = named_world("plain").scene.right
+    soft = replace(camera, photometry=replace(camera.photometry, psf_sigma_px=1.5))
+    pose = replace(named_world("plain").truth, roll_rad=math.radians(2.6))
+    turned = replace(soft, turned_rad=math.radians(turned_deg))
+    world, images, _ = bare("plain", pose=pose, left=soft, right=turned)
+    found = horizon_offset(images, world.scene.rig, pose)
+    assert found is not None
+    assert found.roll_rad == pytest.approx(-math.radians(turned_deg), abs=math.radians(0.05))
+
+
+@pytest.mark.parametrize("turned_deg", [0.0, 0.35])
+def test_horizon_shows_a_turn_through_noise_that_drowns_its_cells(turned_deg):
+    """A right camera turned by 0.34 deg passed (58 mm, 0.8 deg off) with noise of 17 grey values."""
+    camera = named_world("plain").scene.right
+    noisy = replace(camera, photometry=replace(camera.photometry, noise_fraction=0.10))
+    turned = replace(noisy, turned_rad=math.radians(turned_deg))
+    world, images, _ = bare("plain", sky_grey=130.0, left=noisy, right=turned)
+    found = horizon_offset(images, world.scene.rig, world.truth)
+    assert found is not None
+    assert found.roll_rad == pytest.approx(-math.radians(turned_deg), abs=math.radians(0.1))
+    assert abs(found.roll_rad + math.radians(turned_deg)) < 4.0 * found.roll_std_rad
+
+
+def test_horizon_outside_of_the_image_says_nothing():
+    world, images, _ = bare("plain")
+    up = Extrinsics(1.4, math.radians(24.5), 0.0)
+    assert horizon_offset(images, world.scene.rig, up) is None
+    blank = np.full_like(images[0], 90)
+    assert horizon_offset((blank, blank), world.scene.rig, world.truth) is None
+
+
+def test_a_turned_camera_is_refused_without_any_texture():
+    """Two lines cannot tell: without the horizon the estimate would be off by a tenth of the height."""
+    _, _, plain = bare("plain")
+    assert plain.accepted
+    camera = of_right_camera(named_world("plain"), turned_rad=math.radians(0.5))
+    world, _, result = bare("plain", **camera)
+    assert result.reason in (RejectReason.IMAGES_NOT_RECTIFIED, RejectReason.LINES_INCONSISTENT)
+    error_m = result.stages["refined"].height_m - world.truth.height_m if "refined" in result.stages else 1.0
+    assert abs(error_m) > 0.05
+
+
+@pytest.mark.parametrize("change", [0.02, -0.02])
+def test_profile_says_what_a_slope_ahead_does_to_the_estimate(change):
+    shape = RoadShape(grade_change=change, grade_begins_m=9.0, grade_length_m=20.0)
+    world, images, result = bare("plain", shape=shape)
+    calibrator = Calibrator(world.scene.rig, LINES_ALONE)
+    pattern = calibrator.extract(*images)
+    fit = refine(images, pattern, world.scene.rig, result.stages["genetic"])
+    truth = world.scene.truth()
+    profile, wide_profile = (
+        measure_profile(fit.residuals, world.scene.rig, fit.extrinsics, wide=wide) for wide in (False, True)
+    )
+    found = np.array([fit.extrinsics.height_m, fit.extrinsics.pitch_rad]) + wide_profile.change
+    before = abs(fit.extrinsics.pitch_rad - truth.pitch_rad)
+    assert before > math.radians(0.1)
+    # Rows whose edges are 5 px off and more are not seen: of a crest, these are the farther ones.
+    assert abs(found[1] - truth.pitch_rad) < 0.5 * before
+    assert abs(found[0] - truth.height_m) < 0.5 * abs(fit.extrinsics.height_m - truth.height_m)
+    # Of edges that are within reach it says less, and knows how much.
+    allowed = seen_slope_covariance(profile) + unseen_slope_covariance(profile)
+    assert before < 2.0 * np.sqrt(allowed[1, 1])
+    if result.accepted:  # what is accepted knows how uncertain it is
+        assert result.std.pitch_rad > 0.5 * before
+
+
+@pytest.mark.parametrize("change", [0.026, -0.026])
+def test_lines_that_end_where_a_slope_may_begin_leave_it_open(change):
+    """Lines that were seen to 9 m only gave a result that was 36 mm and 0.25 deg off with 0.1 mm."""
+    low = Extrinsics(0.95, math.radians(-2.4), math.radians(1.0))
+    shape = RoadShape(grade_change=change, grade_begins_m=8.8, grade_length_m=20.0)
+    dashes = tuple(Paint(LaneLine(at_m, 0.12, 7.0, 30.0, 3.0)) for at_m in (-1.75, 1.75))
+    world, _, result = bare("plain", pose=low, paints=dashes, shape=shape)
+    if result.accepted:
+        error = result.extrinsics.as_array() - world.scene.truth().as_array()
+        assert np.all(np.abs(error) < 4.0 * result.std.as_array())
+    _, _, flat = bare("plain", pose=low, paints=dashes)
+    assert flat.accepted and OTHER_SLOPE in flat.notes
+    _, _, high = bare("plain")
+    assert high.accepted and OTHER_SLOPE not in high.notes
+
+
+def test_profile_of_a_flat_road_is_flat_also_behind_a_car():
+    world, images, result = bare("plain", cars=(Car(14.0, 0.0),))
+    assert result.accepted
+    pattern = Calibrator(world.scene.rig, LINES_ALONE).extract(*images)
+    fit = refine(images, pattern, world.scene.rig, result.extrinsics)
+    profile = measure_profile(fit.residuals, world.scene.rig, fit.extrinsics)
+    assert np.all(np.abs(profile.change) < 5.0 * profile.std)
+    assert np.all(profile.std < [0.01, math.radians(0.05)])
+
+
+def test_a_kerb_shows_its_face_and_paint_nothing():
+    def rims(name):
+        world, images, result = bare(name)
+        pattern = Calibrator(world.scene.rig, LINES_ALONE).extract(*images)
+        start = result.stages["genetic"]
+        return measure_borders(
+            images, pattern, refine(images, pattern, world.scene.rig, start), world.scene.rig
+        )
+
+    for name in ("plain", "double_line", "worn_paint", "grass", "kerb", "shadows_across"):
+        assert max(abs(rim.step) for rim in rims(name)) < 0.05, name
+    assert max(abs(rim.step) for rim in rims("kerb_for_line")) > 0.1
+
+
+def test_a_kerb_under_a_high_camera_shows_a_narrow_face():
+    """From high above and near by, it is narrower than the strip that is looked at beside a stripe."""
+
+    def rims(name):
+        world = named_world(name)
+        pose = replace(world.scene.pose, height_m=2.2)
+        world, images, result = bare(name, pose=pose, lateral_offset_m=-0.4)
+        pattern = Calibrator(world.scene.rig, LINES_ALONE).extract(*images)
+        fit = refine(images, pattern, world.scene.rig, result.stages["genetic"])
+        return measure_borders(images, pattern, fit, world.scene.rig)
+
+    faces = {name: [rim.face for rim in rims(name)] for name in ("plain", "worn_paint", "kerb_for_line")}
+    assert np.nanmax(np.abs(faces["plain"])) < 0.03
+    assert np.nanmax(np.abs(faces["worn_paint"])) < 0.06
+    assert np.nanmax(np.abs(faces["kerb_for_line"])) > 0.15
+
+
+def test_a_kerb_for_a_line_is_refused_without_any_texture():
+    _, _, result = bare("kerb_for_line")
+    assert result.reason is RejectReason.LINE_NOT_PAINTED
+    assert "kerb" in result.message
+
+
+@pytest.mark.parametrize("fall", [0.0, 0.03])
+def test_a_line_between_two_others_tells_a_crown(fall):
+    """A crown in the middle of the lane, with a line on it: the outer lines have a plane of their own."""
+    middle = Paint(replace(named_world("plain").scene.paints[0].line, offset_m=0.1))
+    shape = RoadShape(crown_at_m=0.1, fall_right=fall, fall_left=fall)
+    world, images, _ = bare("plain", paints=(*named_world("plain").scene.paints, middle), shape=shape)
+    rig, config = world.scene.rig, CalibratorConfig()
+    points = tuple(find_stripe_points(image, config.extraction) for image in images)
+    found = find_hypotheses(points, images, rig, config)
+
+    def width_m(pattern):
+        plane = plane_from_pose(solve_plane(pattern, rig).extrinsics, rig)
+        pairs = zip(pattern.left, pattern.right, strict=True)
+        return np.ptp([place_of_line(*pair, plane, rig)[1] for pair in pairs])
+
+    outer = max(found.patterns, key=width_m)
+    assert width_m(outer) == pytest.approx(3.5, abs=0.2)
+    plane = plane_from_pose(solve_plane(outer, rig).extrinsics, rig)
+    height_m, std_m = height_between(outer, plane, found.matches, points, rig, config)
+    # Both outer lines lie as much lower as the road falls to them, the crown is rounded off.
+    assert height_m == pytest.approx(1.75 * fall, abs=0.012)
+    assert std_m < 0.01
+
+
+def edge_steps(images, pattern, rig, start):
+    fit = refine(images, pattern, rig, start)
+    return measure_edge_steps(fit.residuals, fit.widths_m, rig)
+
+
+def test_a_face_that_passes_for_a_part_of_a_stripe_shows_its_height():
+    """As bright as the top of the kerb, it makes the stripe wider, in one camera more than in the other."""
+    scene = named_world("kerb_for_line").scene
+    for height_m in (0.08, 0.12):
+        kerb = replace(scene.kerbs[0], height_m=height_m, face_grey=scene.kerbs[0].top_grey)
+        world, images, result = bare("kerb_for_line", kerbs=(kerb,))
+        pattern = Calibrator(world.scene.rig, LINES_ALONE).extract(*images)
+        faces = edge_steps(images, pattern, world.scene.rig, result.stages["genetic"])
+        of_paint, of_kerb = faces if scene.kerbs[0].face_m < 0.0 else faces[::-1]
+        assert of_paint.surely_lower_than(0.03)
+        assert of_kerb.height_m == pytest.approx(height_m, rel=0.3)
+        assert of_kerb.height_m > 4.0 * of_kerb.std_m
+        assert result.reason is RejectReason.LINE_NOT_PAINTED
+
+
+def test_both_edges_of_paint_lie_in_the_road_also_in_a_shadow():
+    for name in ("plain", "worn_paint", "double_line", "shadows_across"):
+        world, images, result = bare(name)
+        pattern = Calibrator(world.scene.rig, LINES_ALONE).extract(*images)
+        faces = edge_steps(images, pattern, world.scene.rig, result.stages["genetic"])
+        for face in faces:
+            assert abs(face.height_m) < max(0.01, 3.0 * face.std_m), name
+
+
+def in_noise_and_soft_focus(name, seed, **changes):
+    """Return what the calibrator makes of a bare world that a lens out of focus and a noisy sensor see."""
+    world = named_world(name)
+    photometry = replace(world.scene.left.photometry, psf_sigma_px=1.1, noise_fraction=0.05)
+    cameras = {side: replace(getattr(world.scene, side), photometry=photometry) for side in ("left", "right")}
+    scene = replace(world.scene, texture_amplitude=0.0, **cameras, **changes)
+    images = render_world(replace(world, scene=scene), np.random.default_rng(seed))
+    return Calibrator(scene.rig, LINES_ALONE).add(*images)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_faint_face_is_doubted_through_noise_and_soft_focus(seed):
+    """Of 3 grey levels beside a stripe of 128, with a noise of 13: all pixels of the strip have to count."""
+    kerb = replace(named_world("kerb_for_line").scene.kerbs[0], face_grey=93.0)
+    doubted = in_noise_and_soft_focus("kerb_for_line", seed, kerbs=(kerb,))
+    assert "what lies beside a line may be, or hide, the face of a kerb" in doubted.notes
+    assert math.degrees(doubted.std.roll_rad) > 0.4
+    paint = in_noise_and_soft_focus("plain", seed)
+    assert paint.accepted and not any("kerb" in note for note in paint.notes)
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_the_soft_edge_of_a_shadow_across_a_line_is_no_face(side):
+    """Light that grows towards the lane does so on the paint, too; what it may hide is a doubt."""
+    edge_m = side * 1.70
+    shadow = Shadow("along", *sorted((edge_m, side * 20.0)), 0.5, 0.8)
+    world, images, result = bare("plain", shadows=(shadow,))
+    assert result.accepted
+    assert "what lies beside a line may be, or hide, the face of a kerb" in result.notes
+    pattern = Calibrator(world.scene.rig, LINES_ALONE).extract(*images)
+    fit = refine(images, pattern, world.scene.rig, result.stages["genetic"])
+    rim = measure_borders(images, pattern, fit, world.scene.rig)[0 if side > 0 else 1]
+    assert rim.step == 0.0 and rim.doubtful
+    # A face in the shade is as dark, but the stripe above it is as bright in both halves.
+    kerb = replace(named_world("kerb_for_line").scene.kerbs[0], face_grey=60.0)
+    _, _, refused = bare("kerb_for_line", kerbs=(kerb,))
+    assert refused.reason is RejectReason.LINE_NOT_PAINTED
+
+
+def test_a_few_cells_in_noise_do_not_tell_a_turn():
+    """In noise of 51 grey values six of twelve cells agreed by chance on a turn by 0.16 deg."""
+    camera = named_world("plain").scene.right
+    noisy = replace(camera, photometry=replace(camera.photometry, noise_fraction=0.20))
+    world = named_world("plain")
+    scene = replace(world.scene, texture_amplitude=0.0, sky_grey=150.0, left=noisy, right=noisy)
+    for seed in range(20):
+        images = render_world(replace(world, scene=scene), np.random.default_rng(seed))
+        assert horizon_offset(images, scene.rig, world.truth) is None
+    clear = replace(scene, sky_grey=200.0)
+    images = render_world(replace(world, scene=clear), np.random.default_rng(0))
+    assert abs(horizon_offset(images, scene.rig, world.truth).roll_rad) < math.radians(0.1)

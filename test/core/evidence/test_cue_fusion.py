@@ -1,0 +1,343 @@
+"""Lines and asphalt together: heights of lines over a road, the road's shape as uncertainty, the mean."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from independent_camera import ideal_pattern
+
+from stereo_selfcal import Extrinsics
+from stereo_selfcal.core.estimators.stripe_fit import StripeFit
+from stereo_selfcal.core.estimators.texture_alignment import TextureFit, TextureQuality
+from stereo_selfcal.core.evidence.cue_fusion import combine, same_road, surely_right
+from stereo_selfcal.core.evidence.lane_heights import (
+    _heights_along,
+    heights_over,
+    heights_over_asphalt,
+    lies_on,
+    surely_same,
+)
+from stereo_selfcal.core.evidence.nuisances import (
+    kerb_covariance,
+    paint_angle_covariance,
+    rectification_covariance,
+    road_shape_covariance,
+    seen_slope_covariance,
+    slope_ahead_unknown,
+    stage_disagreement_covariance,
+    unseen_slope_covariance,
+)
+from stereo_selfcal.core.evidence.profile import Profile, profile_of_asphalt
+from stereo_selfcal.core.geometry.homography import apply_homography, road_from_image
+from stereo_selfcal.core.geometry.plane import plane_from_pose, pose_from_plane
+from stereo_selfcal.core.road.surface import RoadUnevenness, kernels
+from stereo_selfcal.core.tolerances import AGREEMENT, MAX_LINE_HEIGHT_M, WRONG
+from stereo_selfcal.synth.scenes import PAPER_RIG
+
+POSE = Extrinsics(1.4, 0.05, 0.02)
+PATTERN = ideal_pattern(PAPER_RIG, POSE)
+PLANE = RoadUnevenness(0.0, 1e-3, 0.0, 1e-3, 0.0, 0.0, 0.0)
+
+
+def moved(**changes):
+    return replace(POSE, **{name: getattr(POSE, name) + value for name, value in changes.items()})
+
+
+@pytest.mark.parametrize("lift_m", [-0.1, 0.0, 0.02])
+def test_a_camera_lower_over_the_lines_has_them_higher(lift_m):
+    heights = heights_over(PATTERN, PAPER_RIG, moved(height_m=-lift_m), POSE)
+    np.testing.assert_allclose(heights, lift_m, rtol=0.05, atol=1e-9)
+
+
+def test_a_road_rolled_against_the_lines_has_one_above_and_one_below():
+    """By the roll times the distance of each."""
+    left, right = heights_over(PATTERN, PAPER_RIG, moved(roll_rad=0.01), POSE)
+    assert left == pytest.approx(-right, rel=0.3)
+    assert abs(left) == pytest.approx(0.01 * 1.75, rel=0.2)
+
+
+def test_lines_lie_on_a_road_within_half_a_kerb():
+    assert lies_on(PATTERN, PAPER_RIG, moved(height_m=-0.9 * MAX_LINE_HEIGHT_M), POSE)
+    assert not lies_on(PATTERN, PAPER_RIG, moved(height_m=-1.1 * MAX_LINE_HEIGHT_M), POSE)
+
+
+@pytest.mark.parametrize("place", range(3))
+def test_same_road_within_what_the_asphalt_can_tell(place):
+    other = POSE.as_array()
+    other[place] += 0.99 * AGREEMENT[place]
+    assert same_road(POSE, Extrinsics.from_array(other))
+    other[place] += 0.02 * AGREEMENT[place]
+    assert not same_road(POSE, Extrinsics.from_array(other))
+
+
+def test_shape_of_the_road_is_uncertainty_of_the_lines():
+    """None for a plane; in proportion to the roughness; a bent profile is uncertainty of height and roll."""
+    of_plane = road_shape_covariance(PATTERN, PAPER_RIG, POSE, PLANE)
+    np.testing.assert_allclose(of_plane, 0.0, atol=1e-15)
+    rough, rougher = (
+        road_shape_covariance(PATTERN, PAPER_RIG, POSE, replace(PLANE, roughness=value))
+        for value in (1e-6, 4e-6)
+    )
+    np.testing.assert_allclose(rougher, 4 * rough, rtol=1e-9)
+    assert np.all(np.linalg.eigvalsh(rough) > 0)
+    crowned = road_shape_covariance(PATTERN, PAPER_RIG, POSE, replace(PLANE, profile=1.0))
+    assert crowned[2, 2] > 0 and crowned[1, 1] < 1e-3 * crowned[2, 2]
+
+
+def test_shape_of_many_roads_scatters_the_lines_as_claimed():
+    """Roads drawn with the claimed covariance of heights, fitted as planes: the same scatter."""
+    shape = replace(PLANE, mismatch_px=0.1)
+    claimed = road_shape_covariance(PATTERN, PAPER_RIG, POSE, shape)
+    rng = np.random.default_rng(0)
+    rays, disparity = [], []
+    for i, lines in enumerate(PATTERN.left):
+        u = PATTERN.columns[:, i].mean(axis=0)
+        rows = PATTERN.rows
+        seen = (rows >= lines.rows.min()) & (rows <= lines.rows.max())
+        ray = np.column_stack(
+            [np.ones(len(rows)), -(u - PAPER_RIG.cx) / PAPER_RIG.fx, -(rows - PAPER_RIG.cy) / PAPER_RIG.fy]
+        )[seen]
+        rays.append(ray)
+        disparity.append(ray @ plane_from_pose(POSE, PAPER_RIG))
+    ray, disparity = np.concatenate(rays), np.concatenate(disparity)
+    ray, disparity = ray[disparity > 1], disparity[disparity > 1]
+    poses = [
+        pose_from_plane(
+            np.linalg.lstsq(ray, disparity + rng.normal(0, 0.1, len(ray)), rcond=None)[0], PAPER_RIG
+        )
+        for _ in range(600)
+    ]
+    scatter = np.cov([pose.as_array() for pose in poses], rowvar=False)
+    np.testing.assert_allclose(np.sqrt(np.diag(scatter)), np.sqrt(np.diag(claimed)), rtol=0.15)
+
+
+def test_mean_lies_nearer_to_the_surer_and_is_surer_than_both():
+    nothing = np.empty(0)
+    quality = TextureQuality(50.0, 0.9, 0.9, 0.9, 0.1, (1e-3, 1e-4, 1e-4))
+    texture_fit = TextureFit(POSE, np.eye(3), quality, PLANE, nothing, nothing, nothing, nothing)
+    sure, unsure = np.diag([1e-3, 1e-4, 1e-3]) ** 2, np.diag([1e-2, 1e-3, 1e-2]) ** 2
+    lines = moved(height_m=0.02)
+    mean, covariance = combine(lines, sure, replace(texture_fit, extrinsics=POSE, covariance=unsure))
+    assert mean.height_m == pytest.approx(lines.height_m - 0.02 / 101, abs=1e-9)
+    assert np.all(np.diag(covariance) < np.diag(sure))
+    mean, _ = combine(lines, unsure, replace(texture_fit, extrinsics=POSE, covariance=sure))
+    assert mean.height_m == pytest.approx(POSE.height_m + 0.02 / 101, abs=1e-9)
+
+
+def test_rectification_is_a_fraction_of_a_pixel_everywhere():
+    """A tenth of a pixel everywhere pitches the road by a tenth over its disparity straight down."""
+    std = np.sqrt(np.diag(rectification_covariance(PAPER_RIG, POSE)))
+    down = PAPER_RIG.fx * PAPER_RIG.baseline_m / POSE.height_m
+    assert std[1] == pytest.approx(0.1 / down, rel=0.1)
+    assert 0.0 < std[0] < 0.02 and 0.0 < std[2] < 0.01
+
+
+def test_a_road_that_may_be_a_plane_makes_the_lines_no_worse():
+    """A hundred times: what the asphalt does not surely show is not taken for the road's shape."""
+    rough = replace(PLANE, roughness=1e-6)
+    for evidence, uneven in ((math.log(99.0), False), (math.log(101.0), True)):
+        covariance = road_shape_covariance(PATTERN, PAPER_RIG, POSE, replace(rough, evidence=evidence))
+        assert bool(covariance.any()) == uneven
+
+
+def asphalt(height_beside_m, height_beyond_m):
+    """Return a road whose cells between the lines (at 1.75 m) and beyond lie this high over its plane."""
+    places = np.array([(x, y) for x in np.arange(6.0, 25.0, 2.0) for y in (-2.3, -1.2, 0.0, 1.2, 2.3)])
+    heights = np.where(np.abs(places[:, 1]) < 1.75, height_beside_m, height_beyond_m)
+    quality = TextureQuality(50.0, 0.9, 0.9, 0.9, 0.1, (1e-3, 1e-4, 1e-4))
+    shape = replace(PLANE, roughness=1e-4, profile=1.0)
+    sure = np.full(len(places), 1e-3**2)
+    return TextureFit(POSE, np.eye(3), quality, shape, places, heights, np.ones(len(places)), sure)
+
+
+def test_a_line_in_a_hollow_of_the_asphalt_lies_in_it():
+    lower = moved(height_m=0.03)
+    np.testing.assert_allclose(heights_over(PATTERN, PAPER_RIG, lower, POSE), -0.03, rtol=0.05)
+    heights, _ = heights_over_asphalt(PATTERN, PAPER_RIG, lower, asphalt(-0.03, 0.03))
+    np.testing.assert_allclose(heights, 0.0, atol=0.012)  # the nearest cell is half a metre away
+
+
+def test_a_kerb_is_higher_than_the_lane_however_high_the_pavement_is():
+    higher = moved(height_m=-0.06)
+    heights, _ = heights_over_asphalt(PATTERN, PAPER_RIG, higher, asphalt(0.0, 0.06))
+    np.testing.assert_allclose(heights, 0.06, rtol=0.1)
+
+
+def test_heights_over_the_asphalt_scatter_by_their_standard_deviations():
+    """Roads drawn as they are said to be, with lines that lie in them: 200 heights of each line."""
+    flat = asphalt(0.0, 0.0)
+    between = np.abs(flat.cells_xy_m[:, 1]) < 1.75
+    (_, left_weights, left), (_, right_weights, right) = _heights_along(PATTERN, PAPER_RIG, POSE, POSE)
+    n, weights = len(left), [left_weights, right_weights]
+    at = np.concatenate([left, right, flat.cells_xy_m[between]])
+    kernel, profile = kernels(at)
+    of_road = flat.shape.roughness * kernel + flat.shape.profile**2 * profile
+    rng = np.random.default_rng(0)
+    roads = rng.multivariate_normal(np.zeros(len(at)), of_road, size=200, method="eigh")
+    # Heights are those over the plane that was fitted to the cells, by generalised least squares.
+    planes = np.column_stack([np.ones(len(at)), at])
+    information = np.linalg.inv(of_road[2 * n :, 2 * n :] + 1e-6 * np.eye(np.count_nonzero(between)))
+    fit = np.linalg.solve(planes[2 * n :].T @ information @ planes[2 * n :], planes[2 * n :].T @ information)
+    relative = []
+    for road in roads:
+        measured = road[2 * n :] + rng.normal(0.0, 1e-3, np.count_nonzero(between))
+        plane = fit @ measured
+        heights = np.full(len(between), np.nan)
+        heights[between] = measured - planes[2 * n :] @ plane
+        seen, std = heights_over_asphalt(PATTERN, PAPER_RIG, POSE, replace(flat, cells_height_m=heights))
+        # The lines are in the plane of the pose; the road under them is as much higher as it is there.
+        under = (road - planes @ plane)[: 2 * n].reshape(2, n)
+        relative.append((seen + np.average(under, axis=1, weights=np.array(weights))) / std)
+    assert 0.8 < np.sqrt(np.mean(np.square(relative))) < 1.25
+
+
+def beneath(roughness):
+    """Return asphalt under the car, a metre to either side, level and known to a millimetre."""
+    fit = asphalt(0.0, 0.0)
+    own = np.where(np.abs(fit.cells_xy_m[:, 1]) < 1.5, fit.cells_height_m, np.nan)
+    shape = replace(fit.shape, roughness=roughness, profile=0.0)
+    return replace(fit, cells_height_m=own, shape=shape)
+
+
+@pytest.mark.parametrize(
+    ("change", "same"),
+    [
+        ({}, True),
+        ({"height_m": 0.045}, True),
+        ({"height_m": 0.06}, False),
+        # A kerb is that high beside the camera; what is ahead has the lever of its distance.
+        ({"roll_rad": 0.045 / 1.75}, True),
+        ({"roll_rad": 0.06 / 1.75}, False),
+        ({"pitch_rad": -0.06 / 6.0}, False),
+    ],
+)
+def test_asphalt_excludes_a_kerb_that_is_two_deviations_off(change, same):
+    """The lowest one is 60 mm high; half a metre beside the cells a smooth road is known to a few mm."""
+    other = beneath(roughness=2.7e-6)
+    assert surely_same(moved(**change), other, PAPER_RIG) == same
+    unseen = replace(other, quality=replace(other.quality, cell_share=0.1))
+    assert not surely_same(moved(**change), unseen, PAPER_RIG)
+
+
+def test_asphalt_as_rough_as_a_kerb_is_high_excludes_none():
+    """Heights half a metre apart differ by 60 mm there: 0.06^2 / 0.5^1.5."""
+    assert not surely_same(POSE, beneath(roughness=1e-2), PAPER_RIG)
+
+
+def test_a_doubtful_boundary_may_be_the_lowest_kerb_at_even_odds():
+    """One end of the plane is lifted by half of 60 mm: of lines 3.5 m apart, the camera is in the middle."""
+    one = kerb_covariance(PATTERN, PAPER_RIG, POSE, [1])
+    std = np.sqrt(np.diag(one))
+    np.testing.assert_allclose(std[[0, 2]], [0.015, 0.030 / 3.5], rtol=0.1)
+    assert std[1] < 1e-3
+    both = kerb_covariance(PATTERN, PAPER_RIG, POSE, [0, 1])
+    np.testing.assert_allclose(np.diag(both), 2.0 * np.diag(one), rtol=0.1, atol=1e-7)
+    assert not kerb_covariance(PATTERN, PAPER_RIG, POSE, []).any()
+
+
+def test_lines_painted_not_quite_parallel_leave_a_valley():
+    """One standard deviation along it, lines that are parallel meet at 5 mrad; a plane's lines are."""
+    covariance = paint_angle_covariance(PATTERN, PAPER_RIG, POSE, PLANE)
+    assert np.linalg.matrix_rank(covariance, tol=1e-9 * covariance.max()) == 1
+    std = np.sqrt(np.diag(covariance))
+    along = std * np.sign(covariance[1])
+    to_road = road_from_image(PAPER_RIG, Extrinsics.from_array(POSE.as_array() + along), "left")
+    directions = []
+    for line in PATTERN.left:
+        rows = np.array([line.rows.min(), line.rows.max()])
+        far, near = apply_homography(to_road, np.column_stack([line.column_at(rows), rows]))
+        directions.append(math.atan2(far[1] - near[1], far[0] - near[0]))
+    assert abs(directions[0] - directions[1]) == pytest.approx(0.005, rel=0.05)
+    even = paint_angle_covariance(PATTERN, PAPER_RIG, POSE, replace(PLANE, evidence=0.0))
+    assert not even.any()
+
+
+@pytest.mark.parametrize("place", range(3))
+def test_surely_right_is_wrong_once_in_hundreds(place):
+    std = np.full(3, 1e-6)
+    std[place] = 0.99 * WRONG[place] / 3
+    assert surely_right(np.diag(std**2))
+    std[place] = 1.01 * WRONG[place] / 3
+    assert not surely_right(np.diag(std**2))
+
+
+FLAT = Profile(np.empty(0), np.empty(0), np.empty(0), np.zeros(2), np.zeros((2, 2)))
+
+
+def refined_to(pose):
+    none = np.empty(0)
+    return StripeFit(pose, np.eye(3) * 1e-6, 0.0, 0.0, none, none, none, np.full(2, 0.5), 2.0, 1.0, 50, None)
+
+
+def test_stages_that_contradict_each_other_are_as_uncertain_as_they_differ():
+    of_lines = np.eye(3) * 3e-6  # with that of the refinement: 2 mm and mrad
+    difference = np.array([0.0, 0.0, 0.007])
+    off = refined_to(Extrinsics.from_array(POSE.as_array() + difference))
+    np.testing.assert_allclose(
+        stage_disagreement_covariance(POSE, of_lines, off), np.outer(difference, difference), atol=1e-15
+    )
+    near = refined_to(Extrinsics.from_array(POSE.as_array() + 0.7 * difference))
+    assert not stage_disagreement_covariance(POSE, of_lines, near).any()
+    assert not stage_disagreement_covariance(POSE, of_lines, None).any()
+
+
+def test_a_road_seen_to_bend_is_as_uncertain_as_it_may_go_on():
+    change, covariance = np.array([0.02, 0.003]), np.diag([0.03, 0.004]) ** 2
+
+    def found(height_m, seen_share=1.0):
+        at = np.array([15.0]), np.array([height_m]), np.array([0.002])
+        return seen_slope_covariance(None, Profile(*at, change, covariance, seen_share))
+
+    np.testing.assert_allclose(found(0.0081)[:2, :2], np.outer(change, change) + covariance)
+    # Of a bend, stripes show half or more: one step of least squares sees no farther.
+    np.testing.assert_allclose(found(0.0081, 0.5)[:2, :2], 4.0 * np.outer(change, change) + covariance)
+    assert not found(0.0081)[2].any()
+    assert not found(0.0079).any()
+
+
+def test_a_road_not_seen_ahead_is_as_uncertain_as_it_may_go_on():
+    change = np.array([0.002, 0.0003])
+
+    def found(height_m, std_m, std_rad):
+        covariance = np.diag([std_m, std_rad]) ** 2
+        profile = Profile(np.array([15.0]), np.array([height_m]), np.array([0.002]), change, covariance)
+        return unseen_slope_covariance(profile)
+
+    # The change and four deviations are 30 mm and 0.25 deg, which near and far have to agree within.
+    expected = np.outer(change, change) + np.diag([0.0076, 0.001]) ** 2
+    np.testing.assert_allclose(found(0.0, 0.0076, 0.001)[:2, :2], expected)
+    assert found(0.0, 0.0069, math.radians(0.059)).any()
+    assert not found(0.0, 0.0069, math.radians(0.058)).any()
+    assert not found(0.0081, 0.0076, 0.001).any()  # surely bent, and said so elsewhere
+    assert not unseen_slope_covariance(None).any()
+
+
+def cells(to_m, kink=0.0):
+    """Return asphalt seen from 3 m on, a cell known to 5 mm at 10 m, with another slope from 8 m on."""
+    x = np.geomspace(3.0, to_m, 40)
+    heights = kink * np.maximum(x - 8.0, 0.0)
+    fit = asphalt(0.0, 0.0)
+    xy, ones = np.column_stack([x, np.zeros(40)]), np.ones(40)
+    return replace(
+        fit, cells_xy_m=xy, cells_height_m=heights, cells_weight=ones, cells_variance=(5e-5 * x**2) ** 2
+    )
+
+
+def test_asphalt_says_how_far_it_is_seen():
+    """Asphalt seen to 9 m gave a result 54 mm and 0.3 deg off with 8 mm, on a slope from 9.5 m on."""
+    near, far, bent = (profile_of_asphalt(each) for each in (cells(8.0), cells(25.0), cells(25.0, 0.02)))
+    assert not near.bent and not near.sees_ahead
+    assert not far.bent and far.sees_ahead
+    assert bent.bent
+    # A road that rises from 8 m on pitches the camera down against it, and it lies higher over its plane.
+    assert bent.change[1] > np.radians(0.3) and bent.change[0] > 0.03
+    alone = unseen_slope_covariance(near)
+    assert np.sqrt(alone[0, 0]) > 0.015
+    assert slope_ahead_unknown(near) and slope_ahead_unknown(bent, None) and not slope_ahead_unknown(None)
+    assert not slope_ahead_unknown(near, far)
+    # What the stripes show of the road ahead, the asphalt need not.
+    assert not unseen_slope_covariance(far, near).any()
+    np.testing.assert_array_equal(unseen_slope_covariance(None, near), alone)
+    nothing = replace(cells(8.0), cells_height_m=np.full(40, np.nan))
+    assert not profile_of_asphalt(nothing).sees_ahead

@@ -1,0 +1,425 @@
+"""Every gate from both sides of its limit, with value, threshold, reason and remedy."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stereo_selfcal import CalibratorConfig, Extrinsics, RejectReason
+from stereo_selfcal.core.estimators.line_covariance import Bends, LineFit
+from stereo_selfcal.core.estimators.stripe_fit import StripeFit
+from stereo_selfcal.core.estimators.texture_alignment import TextureFit, TextureQuality
+from stereo_selfcal.core.evidence.frame_evidence import Evidence
+from stereo_selfcal.core.evidence.gates import GATES, evaluate_gates
+from stereo_selfcal.core.evidence.kerb_face import EdgeStep
+from stereo_selfcal.core.evidence.profile import Profile
+from stereo_selfcal.core.evidence.row_offset import VerticalOffset
+from stereo_selfcal.core.evidence.stripe_border import StripeBorder
+from stereo_selfcal.core.lanes.line_geometry import BelowPlane
+from stereo_selfcal.core.road.surface import RoadUnevenness
+
+CONFIG = CalibratorConfig()
+NOTHING = np.empty(0)
+POSE = Extrinsics(1.5, 0.02, -0.01)
+STRAIGHT = Bends(0.0, 1e-6, 0.0, 1e-6)
+LINES = LineFit(np.eye(3) * 1e-8, 0.0, 2.0)
+FLAT = Profile(NOTHING, NOTHING, NOTHING, np.zeros(2), np.diag([1e-3, 1e-4]) ** 2)
+PLACES, WIDTHS = np.array([1.7, -1.8]), np.array([0.15, 0.12])
+REFINED = StripeFit(
+    POSE, np.eye(3) * 1e-8, 0.0, 0.0, PLACES, WIDTHS, np.zeros(2), np.full(2, 0.5), 2.0, 1.0, 50, None
+)
+ASPHALT = TextureFit(
+    POSE,
+    np.eye(3) * 1e-8,
+    TextureQuality(50.0, 0.9, 0.9, 0.9, 0.1, (1e-3, 1e-4, 1e-4)),
+    RoadUnevenness(0.0, 1e-3, 0.0, 1e-3, 0.0, 0.0, 0.0),
+    NOTHING,
+    NOTHING,
+    NOTHING,
+    NOTHING,
+)
+GOOD = Evidence(
+    config=CONFIG,
+    genetic=POSE,
+    fitness=9000.0,
+    misfit_px=0.01,
+    below=BelowPlane(),
+    bends=STRAIGHT,
+    lines=LINES,
+    refined=REFINED,
+    profile=FLAT,
+    wide_profile=FLAT,
+    clipped=0.01,
+    witness=3.0,
+    texture=ASPHALT,
+    heights_m=np.zeros(2),
+    own_m=(np.zeros(2), np.full(2, 0.005)),
+    vertical=VerticalOffset(0.1, 0.02, 0.0, 0.0, 40),
+    rims=(
+        StripeBorder(0.01, 0.002, lower=EdgeStep(0.002, 0.003)),
+        StripeBorder(-0.02, 0.002, lower=EdgeStep(0.004, 0.02)),
+    ),
+    fitted=True,
+    between_m=(0.005, 0.002),
+    std=np.array([0.003, 1e-4, 1e-3]),
+)
+MM, DEG = 1e3, math.degrees(1.0)
+
+
+def refusal(**changes):
+    """Return the refusal of evidence that is good but for the changes."""
+    return evaluate_gates(replace(GOOD, **changes))[1]
+
+
+def assert_refuses(rejection, reason, value, threshold, *words):
+    assert rejection.reason is reason
+    assert rejection.value == pytest.approx(value)
+    assert rejection.threshold == pytest.approx(threshold)
+    assert rejection.remedy
+    message = rejection.message
+    for word in (f"{rejection.value:.4g}", f"limit {rejection.threshold:.4g}", rejection.remedy, *words):
+        assert word in message, message
+    assert "\n" not in message
+
+
+def moved(axis, by):
+    pose = POSE.as_array()
+    pose[axis] += by
+    return Extrinsics.from_array(pose)
+
+
+def test_good_evidence_passes_every_gate_once():
+    readings, rejection = evaluate_gates(GOOD)
+    assert rejection is None
+    assert [reading.name for reading in readings] == [gate.name for gate in GATES]
+    assert all(reading.passed and math.isfinite(reading.value) for reading in readings)
+
+
+def test_names_are_unique_and_every_gate_has_a_remedy():
+    assert len({gate.name for gate in GATES}) == len(GATES)
+    assert all(gate.remedy for gate in GATES)
+
+
+def test_gates_without_evidence_are_not_read_and_those_of_before_not_again():
+    early = replace(GOOD, bends=None, lines=None, refined=None, clipped=None, texture=None, heights_m=None)
+    early = replace(early, vertical=None, below=None, witness=None, own_m=None)
+    first, _ = evaluate_gates(
+        replace(early, rims=(), fitted=None, between_m=None, std=None, wide_profile=None)
+    )
+    assert [reading.name for reading in first] == ["plausible", "fitness"]
+    # The fitness is bad by now, and was good when it was read.
+    both, rejection = evaluate_gates(replace(GOOD, fitness=0.0), already=first)
+    assert rejection is None
+    assert both[:2] == first and len(both) == len(GATES)
+
+
+def test_asphalt_alone_is_plausible_rectified_and_not_turned():
+    alone = Evidence(CONFIG, texture=ASPHALT, vertical=GOOD.vertical)
+    assert [reading.name for reading in evaluate_gates(alone)[0]] == ["plausible", "rectified", "not turned"]
+    outside = replace(ASPHALT, extrinsics=moved(0, 2.5))
+    assert evaluate_gates(replace(alone, texture=outside))[1].reason is RejectReason.SEARCH_SPACE_EDGE
+
+
+def test_the_first_closed_gate_ends_it():
+    readings, rejection = evaluate_gates(replace(GOOD, bends=Bends(0.01, 1e-6, 0.0, 1e-6), clipped=1.0))
+    assert rejection.reason is RejectReason.LINES_NOT_STRAIGHT
+    assert [reading.passed for reading in readings] == [True, True, False]
+
+
+BOX = CONFIG.search
+EDGES = [
+    (0, BOX.height_min_m, 3.7, "height", 1.0),
+    (0, BOX.height_max_m, -3.7, "height", 1.0),
+    (1, -BOX.pitch_max_rad, math.radians(40), "pitch", DEG),
+    (1, BOX.pitch_max_rad, -math.radians(40), "pitch", DEG),
+    (2, -BOX.roll_max_rad, math.radians(30), "roll", DEG),
+    (2, BOX.roll_max_rad, -math.radians(30), "roll", DEG),
+]
+
+
+@pytest.mark.parametrize(("axis", "edge", "inwards", "name", "readable"), EDGES)
+def test_edge_of_the_search_space(axis, edge, inwards, name, readable):
+    """A thousandth of the box counts as its edge."""
+
+    def at(part):
+        pose = np.array([1.4, 0.05, 0.01])
+        pose[axis] = edge + part * inwards
+        early = Evidence(CONFIG, Extrinsics.from_array(pose), 9000.0, 0.01)
+        return pose[axis], evaluate_gates(early)[1]
+
+    value, rejection = at(0.0009)
+    words = f"best {name}", "widen search.*"
+    assert_refuses(rejection, RejectReason.SEARCH_SPACE_EDGE, value * readable, edge * readable, *words)
+    assert at(0.0011)[1] is None
+
+
+def test_fitness_is_compared_with_that_of_the_greatest_misfit():
+    config = CalibratorConfig.from_mapping({"fitness.max_misfit_px": 2.0})
+    threshold = 1 / (4.0 + 1e-4)
+    assert refusal(config=config, fitness=threshold) is None
+    rejection = refusal(config=config, fitness=0.999 * threshold, misfit_px=2.001)
+    words = "miss every road plane by 2.00 px", "limit 2 px", "may not be parallel"
+    assert_refuses(rejection, RejectReason.FITNESS_TOO_LOW, 0.999 * threshold, threshold, *words)
+
+
+@pytest.mark.parametrize(("sign", "side"), [(1, "left"), (-1, "right")])
+def test_bend_tighter_than_a_thousand_metres(sign, side):
+    assert refusal(bends=replace(STRAIGHT, lateral_per_m=sign / 1001)) is None
+    rejection = refusal(bends=replace(STRAIGHT, lateral_per_m=sign / 999))
+    words = f"bend to the {side}, radius: 999 m", "limit 1000 m", "on a straight road"
+    assert_refuses(rejection, RejectReason.LINES_NOT_STRAIGHT, 999, 1000, *words)
+
+
+def test_bend_that_noise_may_have_made_is_let_pass():
+    """Four standard deviations: 1 / 500 with 1 / 1990 passes, with 1 / 2010 it does not."""
+    assert refusal(bends=Bends(1 / 500, 1 / 1990, 0.0, 1e-6)) is None
+    assert refusal(bends=Bends(1 / 500, 1 / 2010, 0.0, 1e-6)) is not None
+
+
+@pytest.mark.parametrize(("sign", "kind"), [(1, "dip"), (-1, "crest")])
+def test_crest_and_dip(sign, kind):
+    assert refusal(bends=replace(STRAIGHT, vertical_per_m=sign / 1801)) is None
+    rejection = refusal(bends=replace(STRAIGHT, vertical_per_m=sign / 1799))
+    words = f"over a {kind}, radius", "where the slope does not change"
+    assert_refuses(rejection, RejectReason.ROAD_NOT_FLAT, 1799, 1800, *words)
+
+
+def test_undetermined_pose():
+    assert_refuses(refusal(lines=None), RejectReason.LINES_NOT_MATCHED, 1, 2, "undetermined")
+
+
+def test_cameras_that_contradict_each_other():
+    """Seven standard deviations of two numbers: a chi2 of 98."""
+    assert refusal(lines=replace(LINES, chi2=97.0)) is None
+    rejection = refusal(lines=replace(LINES, chi2=99.0))
+    words = "contradict each other", "images are rectified"
+    assert_refuses(rejection, RejectReason.LINES_INCONSISTENT, 49.5**0.5, 7, *words)
+
+
+@pytest.mark.parametrize(
+    ("axis", "limit", "scale"),
+    [(0, 0.030, MM), (1, math.radians(0.25), DEG), (2, math.radians(0.8), DEG)],
+)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_refinement_stays_near_the_lines(axis, limit, scale, sign):
+    without = {"texture": None, "heights_m": None, "vertical": None}
+    near, far = (replace(REFINED, extrinsics=moved(axis, sign * part * limit)) for part in (0.99, 1.01))
+    assert refusal(refined=near, **without) is None
+    rejection = refusal(refined=far, **without)
+    assert_refuses(
+        rejection, RejectReason.STAGES_DISAGREE, 1.01 * limit * scale, limit * scale, "grey values"
+    )
+    # In noise the lines are less sure, and so is what they ask of the refinement.
+    noisy = replace(LINES, covariance=np.eye(3) * (0.11 * limit) ** 2)
+    assert refusal(refined=far, lines=noisy, **without) is None
+
+
+def test_lines_of_one_road_are_as_wide_and_as_far_apart_as_lines_are():
+    """With the cameras exchanged, the next line may be taken for the same one, on a road far too small."""
+    assert refusal(refined=replace(REFINED, widths_m=np.array([0.051, 0.2]))) is None
+    rejection = refusal(refined=replace(REFINED, widths_m=np.array([0.2, 0.049])))
+    assert_refuses(rejection, RejectReason.LINES_NOT_MATCHED, 0.049, 0.05, "narrow", "swapped")
+    assert refusal(refined=replace(REFINED, positions_m=np.array([0.26, -1.0]))) is None
+    rejection = refusal(refined=replace(REFINED, positions_m=np.array([0.24, -1.0])))
+    assert_refuses(rejection, RejectReason.LINES_NOT_MATCHED, 1.24, 1.25, "near to each other", "swapped")
+
+
+def test_blur():
+    """A fit that ends at its greatest blur, 3 px, has not found it."""
+    assert refusal(refined=replace(REFINED, blur_px=np.array([0.5, 2.9]))) is None
+    rejection = refusal(refined=replace(REFINED, blur_px=np.array([2.95, 0.5])))
+    assert_refuses(rejection, RejectReason.IMAGE_BLURRED, 2.95, 2.91, "blur", "focus")
+
+
+def test_exposure():
+    assert refusal(clipped=0.5) is None
+    assert_refuses(refusal(clipped=0.51), RejectReason.IMAGE_EXPOSURE, 0.51, 0.5, "black or white")
+
+
+def test_witness():
+    assert refusal(witness=1.0) is None
+    assert refusal(witness=None) is None  # not required
+    assert_refuses(
+        refusal(witness=0.99), RejectReason.ROAD_WITHOUT_TEXTURE, 0.99, 1.0, "asphalt", "lines alone"
+    )
+
+
+@pytest.mark.parametrize("changes", [{"sigmas": 4.0}, {"cell_share": 0.2}, {"noise_std": (0.02, 1e-4, 1e-4)}])
+def test_half_the_texture_is_a_witness_of_half(changes):
+    assert ASPHALT.sufficiency >= 1.0
+    poor = replace(ASPHALT, quality=replace(ASPHALT.quality, **changes))
+    assert poor.sufficiency == pytest.approx(0.5)
+    assert not poor.enough_texture
+
+
+def test_an_uneven_road_is_no_witness_either():
+    uneven = replace(ASPHALT, covariance=np.diag([0.06, 1e-4, 1e-4]) ** 2)
+    assert uneven.sufficiency == pytest.approx(0.5)
+    assert uneven.enough_texture and not uneven.even_enough
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_rectification(sign):
+    def offset(offset_px, std_px=0.02):
+        return refusal(vertical=VerticalOffset(sign * offset_px, std_px, 0.0, 0.0, 40))
+
+    assert offset(0.49) is None
+    words = "vertical offset", "the same row"
+    assert_refuses(offset(0.51), RejectReason.IMAGES_NOT_RECTIFIED, 0.51, 0.5, *words)
+    assert offset(0.8, std_px=0.3) is None  # may be chance
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_turned_camera(sign):
+    def turned(degrees, std=0.01):
+        std_rad = math.radians(std)
+        return refusal(vertical=VerticalOffset(0.0, 0.02, sign * math.radians(degrees), std_rad, 40))
+
+    assert turned(0.099) is None
+    assert_refuses(turned(0.101), RejectReason.IMAGES_NOT_RECTIFIED, 0.101, 0.1, "turn of one camera")
+    assert turned(0.2, std=0.08) is None
+
+
+def test_a_line_below_the_plane_of_the_lines():
+    assert refusal(below=BelowPlane(0.0299)) is None
+    assert refusal(below=BelowPlane(0.0449, 0.015)) is None
+    assert refusal(below=BelowPlane(0.0451, 0.015)) is not None
+    rejection = refusal(below=BelowPlane(0.0301))
+    assert_refuses(rejection, RejectReason.LINE_BELOW_ROAD, 30.1, 30.0, "below the plane", "kerb or a rail")
+
+
+@pytest.mark.parametrize(
+    ("axis", "limit", "scale"),
+    [(0, 0.060, MM), (1, math.radians(0.5), DEG), (2, math.radians(1.2), DEG)],
+)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_lines_and_asphalt_agree_within_the_tolerance(axis, limit, scale, sign):
+    near, far = (replace(ASPHALT, extrinsics=moved(axis, sign * part * limit)) for part in (0.99, 1.01))
+    assert refusal(texture=near) is None
+    rejection = refusal(texture=far)
+    assert_refuses(rejection, RejectReason.TEXTURE_DISAGREES, 1.01 * limit * scale, limit * scale, "kerb")
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_lines_lie_in_the_asphalt(sign):
+    """Either line counts, above or below, wherever its lever leads the pose."""
+    assert refusal(heights_m=np.array([0.0, sign * 0.0299])) is None
+    rejection = refusal(heights_m=np.array([sign * 0.0301, 0.0]))
+    words = "height of a line over the asphalt", "kerb"
+    assert_refuses(rejection, RejectReason.TEXTURE_DISAGREES, 30.1, 30.0, *words)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("std_m", "limit_m"), [(0.005, 0.03), (0.02, 0.06)])
+def test_lines_lie_in_the_asphalt_between_them(sign, std_m, limit_m):
+    """Half of the lowest kerb, or three standard deviations."""
+    stds_m = np.full(2, std_m)
+    assert refusal(own_m=(np.array([0.0, sign * 0.99 * limit_m]), stds_m)) is None
+    rejection = refusal(own_m=(np.array([sign * 1.01 * limit_m, 0.0]), stds_m))
+    words = "without what is beyond", "kerb"
+    assert_refuses(rejection, RejectReason.TEXTURE_DISAGREES, 1010.0 * limit_m, 1e3 * limit_m, *words)
+
+
+@pytest.mark.parametrize(
+    ("change", "what", "value", "threshold"),
+    [((0.031, 0.0), "height", 31.0, 30.0), ((0.0, math.radians(-0.26)), "pitch", 0.26, 0.25)],
+)
+def test_near_and_far_parts_of_the_road_are_one_plane(change, what, value, threshold):
+    def with_profile(change, std=(1e-3, 1e-4)):
+        return replace(FLAT, change=np.array(change), covariance=np.diag(std) ** 2)
+
+    rejection = refusal(wide_profile=with_profile(change))
+    assert_refuses(rejection, RejectReason.ROAD_NOT_FLAT, value, threshold, what)
+    assert refusal(wide_profile=with_profile(0.95 * np.array(change))) is None
+    # What noise may have done does not count.
+    assert refusal(wide_profile=with_profile(change, (0.0078, math.radians(0.066)))) is None
+
+
+def test_between_a_stripe_and_its_lane_there_is_nothing():
+    known = EdgeStep(0.0, 0.02)
+    assert_refuses(
+        refusal(rims=(StripeBorder(0.0, 0.001), StripeBorder(-0.07, 0.001, lower=known))),
+        RejectReason.LINE_NOT_PAINTED,
+        0.07,
+        0.06,
+        "kerb",
+    )
+    assert refusal(rims=(StripeBorder(0.0, 0.001), StripeBorder(0.055, 0.001, lower=known))) is None
+    assert refusal(rims=(StripeBorder(0.07, 0.018, lower=known),)) is None
+    rejection = refusal(rims=(StripeBorder(0.0, 0.001, 0.07, 0.001),))
+    assert_refuses(rejection, RejectReason.LINE_NOT_PAINTED, 0.07, 0.06, "within a stripe")
+    assert refusal(rims=(StripeBorder(0.0, 0.001, 0.07, 0.018),)) is None
+
+
+def test_the_strip_beside_a_stripe_is_bare_where_its_edges_show_nothing():
+    """Neither says then that it is paint: the upper half of a rail, 143 mm and 4.8 deg off."""
+    rejection = refusal(rims=(StripeBorder(-0.011, 0.001), StripeBorder(0.0, 0.001)))
+    assert_refuses(rejection, RejectReason.LINE_NOT_PAINTED, 0.011, 0.01, "between a stripe and the lane")
+    assert refusal(rims=(StripeBorder(-0.009, 0.001), StripeBorder(0.0, 0.001))) is None
+    assert refusal(rims=(StripeBorder(-0.011, 0.003), StripeBorder(0.0, 0.001))) is None
+
+
+def test_a_narrow_face_beside_a_stripe_has_a_limit_of_its_own():
+    def of_face(face, std=0.001):
+        return refusal(rims=(StripeBorder(0.0, 0.001, 0.0, 0.001, face, std), StripeBorder(0.0, 0.001)))
+
+    assert_refuses(of_face(0.11), RejectReason.LINE_NOT_PAINTED, 0.11, 0.1, "between a stripe and the lane")
+    assert of_face(0.09) is None
+    assert of_face(0.11, 0.028) is None
+
+
+def test_a_shadow_may_end_within_a_stripe_that_is_level():
+    """One edge may be lower than the other by half the lowest kerb, less two deviations to be sure."""
+    shaded = StripeBorder(0.0, 0.002, tone=0.3, tone_std=0.002)
+    assert refusal(rims=(replace(shaded, lower=EdgeStep(0.019, 0.005)),)) is None
+    for unsure in (EdgeStep(0.021, 0.005), EdgeStep(0.0, 0.016), EdgeStep()):
+        rejection = refusal(rims=(replace(shaded, lower=unsure),))
+        assert_refuses(rejection, RejectReason.LINE_NOT_PAINTED, 0.3, 0.06, "within a stripe")
+
+
+def test_no_shadow_ends_where_the_asphalt_is_alike_on_both_sides():
+    def of_level(own_tone, std=0.002):
+        level = EdgeStep(0.0, 0.002)
+        return refusal(
+            rims=(StripeBorder(0.0, 0.002, tone=0.5, tone_std=std, own_tone=own_tone, lower=level),)
+        )
+
+    assert_refuses(of_level(-0.21), RejectReason.LINE_NOT_PAINTED, 0.21, 0.2, "within a stripe")
+    assert of_level(0.19) is None
+    assert of_level(-0.21, 0.055) is None
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("std_m", "limit_m"), [(0.001, 0.03), (0.01, 0.04)])
+def test_both_edges_of_a_stripe_lie_in_the_road(sign, std_m, limit_m):
+    good, bad = (
+        StripeBorder(0.0, 0.002, lower=EdgeStep(sign * part * limit_m, std_m)) for part in (0.99, 1.01)
+    )
+    assert refusal(rims=(good,)) is None
+    rejection = refusal(rims=(StripeBorder(0.0, 0.002), bad))
+    assert_refuses(rejection, RejectReason.LINE_NOT_PAINTED, 1010 * limit_m, 1e3 * limit_m, "kerb")
+
+
+def test_lines_alone_show_both_edges():
+    assert_refuses(refusal(fitted=False), RejectReason.LINE_NOT_PAINTED, 0, 2, "both edges")
+
+
+@pytest.mark.parametrize("height_m", [0.031, -0.031])
+def test_lines_between_the_boundaries_lie_in_their_plane(height_m):
+    rejection = refusal(between_m=(height_m, 0.001))
+    assert_refuses(rejection, RejectReason.LINES_NOT_COPLANAR, 31.0, 30.0, "mm")
+    assert refusal(between_m=(0.95 * height_m, 0.001)) is None
+    assert refusal(between_m=(height_m, 0.008)) is None
+
+
+@pytest.mark.parametrize(
+    ("axis", "limit", "scale", "unit"),
+    [(0, 0.120, MM, "mm"), (1, 1.0 / DEG, DEG, "deg"), (2, 2.4 / DEG, DEG, "deg")],
+)
+def test_what_lines_alone_leave_open_is_no_estimate(axis, limit, scale, unit):
+    std = np.array([0.003, 1e-4, 1e-3])
+    assert refusal(std=np.where(np.arange(3) == axis, 0.99 * limit, std)) is None
+    rejection = refusal(std=np.where(np.arange(3) == axis, 1.01 * limit, std))
+    assert rejection.reason is RejectReason.ESTIMATE_UNCERTAIN
+    assert (rejection.value, rejection.unit) == (pytest.approx(1.01 * limit * scale), unit)

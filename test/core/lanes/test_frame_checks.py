@@ -1,0 +1,149 @@
+"""Every reason to refuse a frame before there is an estimate, from both sides of its limit."""
+
+import math
+
+import numpy as np
+import pytest
+from independent_camera import ideal_pattern
+
+from stereo_selfcal import CalibratorConfig, Extrinsics, RejectReason, StereoRig
+from stereo_selfcal.core.lanes import frame_checks
+from stereo_selfcal.core.lanes.matching import Candidate, MatchedLines
+from stereo_selfcal.synth.scenes import PAPER_RIG
+
+CONFIG = CalibratorConfig()
+GREY = np.zeros((480, 640), np.uint8)
+
+
+def assert_refuses(rejection, reason, value, threshold, *words):
+    assert rejection.reason is reason
+    assert rejection.value == pytest.approx(value)
+    assert rejection.threshold == pytest.approx(threshold)
+    assert rejection.remedy
+    message = rejection.message
+    for word in (f"{rejection.value:.4g}", f"limit {rejection.threshold:.4g}", rejection.remedy, *words):
+        assert word in message, message
+    assert "\n" not in message
+
+
+def test_a_pair_of_grey_images_of_the_rigs_size_is_taken():
+    assert frame_checks.check_images(GREY, GREY, PAPER_RIG) is None
+    read_only = GREY.copy()
+    read_only.flags.writeable = False
+    assert frame_checks.check_images(read_only, np.zeros((960, 1280), np.uint8)[::2, ::2], PAPER_RIG) is None
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+class TestOneImage:
+    def check(self, side, image):
+        pair = {"left": GREY, "right": GREY, side: image}
+        return frame_checks.check_images(pair["left"], pair["right"], PAPER_RIG)
+
+    @pytest.mark.parametrize("image", [None, np.empty((0, 640), np.uint8), np.empty((480, 0), np.uint8)])
+    def test_empty(self, side, image):
+        reason = RejectReason.IMAGE_EMPTY
+        assert_refuses(self.check(side, image), reason, 0, 1, f"pixels of the {side} image: 0 px", "driver")
+
+    @pytest.mark.parametrize(
+        ("image", "what", "value", "limit"),
+        [
+            (np.zeros((480, 640, 3), np.uint8), "uint8 of shape (480, 640, 3)", 3, 2),
+            (np.zeros(480, np.uint8), "uint8 of shape (480,)", 1, 2),
+            (np.uint8(3), "<class 'numpy.uint8'>", 0, 2),
+            (np.zeros((480, 640), np.float64), "float64 of shape (480, 640)", 64, 8),
+            (np.zeros((480, 640), np.uint16), "uint16 of shape (480, 640)", 16, 8),
+            (np.zeros((480, 640), bool), "bool of shape (480, 640)", 8, 8),
+            (np.zeros((480, 640), object), "object of shape (480, 640)", 64, 8),
+            ([[1, 2], [3, 4]], "<class 'list'>", 0, 2),
+            ([[1], [2, 3]], "<class 'list'>", 0, 2),
+            ([], "<class 'list'>", 0, 2),
+            ("image.png", "<class 'str'>", 0, 2),
+            (b"", "<class 'bytes'>", 0, 2),
+            (object(), "<class 'object'>", 0, 2),
+        ],
+        ids=lambda value: type(value).__name__,
+    )
+    def test_of_another_type(self, side, image, what, value, limit):
+        rejection = self.check(side, image)
+        words = f"the {side} image is {what}, not 2-D uint8", "convert it to 8-bit grey"
+        assert_refuses(rejection, RejectReason.IMAGE_TYPE, value, limit, *words)
+
+
+@pytest.mark.parametrize("size", [(480, 641), (481, 640), (640, 480)])
+def test_images_of_two_sizes(size):
+    other = np.zeros(size, np.uint8)
+    difference = max(abs(size[0] - 480), abs(size[1] - 640))
+    words = "left image is 640 x 480", f"right image is {size[1]} x {size[0]}", "set both cameras to one size"
+    rejection = frame_checks.check_images(GREY, other, PAPER_RIG)
+    assert_refuses(rejection, RejectReason.IMAGE_SIZES_DIFFER, difference, 0, *words)
+
+
+def test_images_of_another_size_than_the_rigs():
+    small = np.zeros((240, 320), np.uint8)
+    words = "images are 320 x 240, the rig is 640 x 480", "CameraInfo"
+    rejection = frame_checks.check_images(small, small, PAPER_RIG)
+    assert_refuses(rejection, RejectReason.RIG_SIZE_MISMATCH, 320, 0, *words)
+
+
+@pytest.mark.parametrize(("side_px", "refused"), [(63, True), (64, False)])
+def test_least_size(side_px, refused):
+    image = np.zeros((side_px, 200), np.uint8)
+    rejection = frame_checks.check_images(image, image, StereoRig(200, side_px, 100, 100, 99.5, 30, 0.1))
+    assert (rejection is not None) is refused
+    if rejection:
+        assert_refuses(rejection, RejectReason.IMAGE_EMPTY, 63, 64, "use larger images")
+
+
+def lines(n_rows):
+    """Return one line, as a candidate, that is seen in so many rows."""
+    line = ideal_pattern(PAPER_RIG, Extrinsics(1.4, 0.05, 0.0)).left[0]
+    object.__setattr__(line, "n_rows", n_rows)
+    return [Candidate(line, 10.0)]
+
+
+@pytest.mark.parametrize("camera", [0, 1])
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("n_rows", [None, 39, 40])
+def test_every_camera_sees_a_line_of_forty_rows_on_either_side(camera, side, n_rows):
+    candidates = [[lines(100), lines(100)], [lines(100), lines(100)]]
+    candidates[camera][side] = [] if n_rows is None else lines(n_rows)
+    rejection = frame_checks.check_lines_found(candidates, CONFIG)
+    if n_rows == 40:
+        assert rejection is None
+        return
+    words = (
+        f"longest {('left', 'right')[side]} lane boundary in the {('left', 'right')[camera]} image",
+        "lens clean",
+    )
+    assert_refuses(rejection, RejectReason.NO_LINES_FOUND, n_rows or 0, 40, *words)
+
+
+@pytest.mark.parametrize(("n_matched", "value"), [((0, 0), 0), ((0, 3), 1), ((2, 0), 1)])
+def test_boundaries_that_both_cameras_see_are_counted(n_matched, value):
+    rejection = frame_checks.lines_not_matched(n_matched)
+    assert_refuses(
+        rejection, RejectReason.LINES_NOT_MATCHED, value, 2, "both cameras see", "swapped", "rectified"
+    )
+
+
+def test_boundaries_that_bound_no_lane():
+    rejection = frame_checks.lines_not_matched((1, 2))
+    assert_refuses(rejection, RejectReason.LINES_NOT_MATCHED, 0, 2, "bound one lane", "search.*")
+
+
+def test_too_short_lines():
+    rejection = frame_checks.lines_too_short(CONFIG)
+    assert_refuses(rejection, RejectReason.NO_LINES_FOUND, 0, 40, "below the horizon in too few rows")
+
+
+@pytest.mark.parametrize(("pitch_deg", "converging"), [(24.5, True), (25.5, False)])
+def test_lines_meet_below_the_top_of_the_image(pitch_deg, converging):
+    """Nose down by atan(239.5 / 516.6) = 24.9 degrees, the horizon leaves the image."""
+    pattern = ideal_pattern(PAPER_RIG, Extrinsics(1.4, math.radians(pitch_deg), 0.0))
+    rejection = frame_checks.check_converging(MatchedLines.of([*pattern.left, *pattern.right], 1.0))
+    assert (rejection is None) is converging
+    if rejection:
+        row = pattern.vanishing_point[1]
+        assert row < 0
+        words = "counted from the top of the image", "pitch the camera up"
+        assert_refuses(rejection, RejectReason.LINES_NOT_CONVERGING, row, 0, *words)

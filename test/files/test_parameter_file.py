@@ -1,0 +1,152 @@
+"""Parameter files: which settings are read, and what is refused in one sentence."""
+
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stereo_selfcal import CalibratorConfig, ConfigError
+from stereo_selfcal.files.parameter_file import load_calibrator_config, load_frames, node_parameters
+
+# Nine lines that stand for 3^20 words.
+BOMB = "a0: &a0 [lol, lol, lol]\n" + "".join(
+    f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}, *a{i - 1}]\n" for i in range(1, 20)
+)
+
+UNUSABLE = {
+    "empty": b"",
+    "binary": b"\xff\xfe",
+    "list": b"[1, 2]",
+    "word": b"word",
+    "number": b"/**: 3",
+    "cut": b"a: [",
+    "object": b"!!python/object:os.system {}",
+    "nul": b"/**: {ros__parameters: {seed: 1\0}}",
+    "zeros": bytes(4096),
+    "bomb": BOMB.encode(),
+    "alias": b"/**: {ros__parameters: {a: &a 1, b: *a}}",
+    "endless": b"/**: &a [*a]",
+    "digits": b"/**: {ros__parameters: {seed: " + b"9" * 5000 + b"}}",
+    "hexadecimal": b"/**: {ros__parameters: {seed: 0x" + b"f" * 5000 + b"}}",
+    "deep": b"[" * 30_000,
+    "date": b"/**: {ros__parameters: {seed: 2001-99-99}}",
+    "bool": b"!!bool maybe",
+    "timestamp": b"!!timestamp soon",
+    "unhashable": b"? [1]\n: 2",
+    "merge": b"<<: 3",
+    "huge": b"#" * 1_000_001,
+}
+
+
+@pytest.mark.parametrize("content", UNUSABLE.values(), ids=UNUSABLE)
+def test_what_is_no_parameter_file_is_one_clear_error(tmp_path, content):
+    path = tmp_path / "x.yaml"
+    path.write_bytes(content)
+    start_s = time.monotonic()
+    with pytest.raises(ConfigError, match=r"x\.yaml") as error:
+        load_calibrator_config(path)
+    assert "\n" not in str(error.value) and len(str(error.value)) < 300 + len(str(path))
+    assert time.monotonic() - start_s < 30.0, "it must not be read for ever"
+
+
+def test_bomb_is_refused_where_it_begins(tmp_path):
+    (tmp_path / "x.yaml").write_text(BOMB)
+    with pytest.raises(ConfigError, match="not YAML in line 2: aliases"):
+        node_parameters(tmp_path / "x.yaml")
+
+
+def test_larger_file_than_asked_for_is_refused(tmp_path):
+    text = "/**: {ros__parameters: {seed: 1}}"
+    (tmp_path / "x.yaml").write_text(text)
+    assert node_parameters(tmp_path / "x.yaml", len(text)) == {"seed": 1}
+    with pytest.raises(ConfigError, match=f"larger than {len(text) - 1} bytes"):
+        node_parameters(tmp_path / "x.yaml", len(text) - 1)
+
+
+@given(st.binary(max_size=200) | st.text(alphabet="[]{}:-?!&*<>|'\"%@#,\n 01a.xe~=", max_size=60))
+def test_whatever_is_in_a_file_it_is_read_or_refused(tmp_path_factory, content):
+    path = tmp_path_factory.getbasetemp() / "fuzz.yaml"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(ConfigError, match=r"fuzz\.yaml"):
+        node_parameters(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("missing.yaml", "no such file"), (".", "is a directory"), ("a\0b", "null")],
+)
+def test_file_that_cannot_be_read(tmp_path, name, words):
+    with pytest.raises(ConfigError, match=f"cannot be read: .*{words}"):
+        load_calibrator_config(tmp_path / name)
+
+
+def config_from(tmp_path, text):
+    path = tmp_path / "config.yaml"
+    path.write_text(text, encoding="utf-8")
+    return load_calibrator_config(path)
+
+
+@pytest.mark.parametrize("node", ["/**", "stereo_selfcal", "/stereo_selfcal", "/car/stereo_selfcal"])
+def test_calibrator_settings_are_read_and_the_nodes_own_passed_over(tmp_path, node):
+    config = config_from(
+        tmp_path,
+        f"""
+{node}:
+  ros__parameters:
+    seed: 5
+    genetic: {{population: 50}}
+    search.height_max_m: 3
+    timeout_s: 1.0
+    frames: 4
+    rig: {{fx: 1.0, baseline_m: 2.0}}
+    extrinsics: {{height_m: 1.0}}
+    provenance: {{schema: 1}}
+    use_sim_time: true
+    qos_overrides: {{/left/image_rect: {{subscription: {{reliability: reliable}}}}}}
+""",
+    )
+    assert (config.seed, config.genetic.population, config.search.height_max_m) == (5, 50, 3.0)
+    assert config.fitness == CalibratorConfig().fitness
+
+
+def test_entries_for_the_node_win_over_those_for_any_node(tmp_path):
+    config = config_from(
+        tmp_path,
+        """
+stereo_selfcal: {ros__parameters: {genetic: {population: 50}}}
+/**: {ros__parameters: {seed: 3, genetic: {population: 60, max_generations: 70}}}
+other: {ros__parameters: {seed: 9}}
+""",
+    )
+    assert (config.seed, config.genetic.population, config.genetic.max_generations) == (3, 50, 70)
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("sed: 1", "unknown setting 'sed'"),
+        ("genetic: {population: 0}", "genetic.population is 0"),
+        ("genetic: {population: many}", "a whole number is needed"),
+        ("search: {height_min_m: 4.0, height_max_m: 1.0}", "must be the smaller"),
+    ],
+)
+def test_wrong_settings_name_the_file(tmp_path, setting, words):
+    with pytest.raises(ConfigError) as error:
+        config_from(tmp_path, f"/**: {{ros__parameters: {{{setting}}}}}")
+    assert words in str(error.value) and "config.yaml: " in str(error.value)
+
+
+def test_frames_are_those_of_the_file_or_the_nodes_own(tmp_path):
+    path = tmp_path / "config.yaml"
+    path.write_text("/**: {ros__parameters: {road_frame: asphalt, seed: 3}}")
+    assert load_frames(path) == ("asphalt", "stereo_camera")
+    assert load_frames(None) == ("road", "stereo_camera")
+
+
+@pytest.mark.parametrize("name", ["' '", "5", "[road]"])
+def test_frame_without_a_name_is_refused(tmp_path, name):
+    path = tmp_path / "config.yaml"
+    path.write_text(f"/**: {{ros__parameters: {{camera_frame: {name}}}}}")
+    with pytest.raises(ConfigError, match=r"config\.yaml: camera_frame is .* name of a frame"):
+        load_frames(path)

@@ -1,0 +1,48 @@
+"""The README's table of parameters and the table the node declares its parameters from are one list."""
+
+import re
+from fnmatch import fnmatch
+from pathlib import Path
+
+import pytest
+import yaml
+
+from stereo_selfcal.files.node_settings import all_settings
+
+README = Path(__file__).resolve().parents[2] / "README.md"
+SETTINGS = {setting.name: setting for setting in all_settings()}
+HEADING = "| parameter | default | range | what it does |"
+
+
+def rows():
+    """Return {name or pattern: (default, range)} of the README's table."""
+    lines = iter(README.read_text(encoding="utf-8").splitlines())
+    assert HEADING in lines, f"README.md has no table {HEADING}"
+    next(lines)
+    found = {}
+    for line in lines:
+        if not line.startswith("|"):
+            break
+        names, default, span, _ = (cell.strip() for cell in line.strip("|").split("|"))
+        for name in re.findall(r"`([^`]+)`", names):
+            assert name not in found, f"{name} is there twice"
+            found[name] = default.strip("`"), span
+    return found
+
+
+def test_every_parameter_is_in_one_row_and_every_row_is_a_parameter():
+    for name in SETTINGS:
+        assert len([pattern for pattern in rows() if fnmatch(name, pattern)]) == 1, name
+    for pattern in rows():
+        assert any(fnmatch(name, pattern) for name in SETTINGS), pattern
+
+
+@pytest.mark.parametrize("name", [name for name in rows() if "*" not in name])
+def test_row_has_the_default_and_the_range(name):
+    setting, (default, span) = SETTINGS[name], rows()[name]
+    assert yaml.safe_load(default) == setting.default
+    assert ("only at the start" in span) == setting.fixed
+    assert all(f"`{choice}`" in span for choice in setting.choices)
+    if setting.low is not None:
+        low, _, high, *unit = span.split()
+        assert (float(low), float(high), " ".join(unit)) == (setting.low, setting.high, setting.unit)
