@@ -12,23 +12,22 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from unittest.mock import patch
 
 import cv2
 
 from stereo_selfcal import Calibrator, StereoRig
-from stereo_selfcal.core import calibrator as calibrator_module
 from stereo_selfcal.core.camera.image_messages import decode_compressed
 from stereo_selfcal.offline import open_source
 from stereo_selfcal.synth.bag import Storage, write_bag
 from stereo_selfcal.synth.scenes import FIRST_STAMP_S, NamedScene, RenderedPair, named_scene
 
 from .options import Options
+from .parts import clocked_parts
 from .table import Table
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -41,18 +40,6 @@ N_RENDERED = 10
 GOAL_FRAMES, GOAL_S, GOAL_JOBS = 6000, 120, 2  # ten minutes at 10 Hz
 _POLL_S = 0.05
 _MEBIBYTE = 2**20
-
-# Parts of a calibration, by the function that does it; the calibrator has it by this name.
-PARTS = {
-    "marking stripes": "find_stripe_points",
-    "lines and pairs of them": "look",
-    "further lines": "find_extra_lines",
-    "genetic algorithm": "maximise_each",
-    "covariance": "propagate",
-    "closed form": "compare_stages",
-    "refinement": "refine",
-    "asphalt and other witnesses": "cross_check_texture",
-}
 
 
 class Repeated(NamedScene):
@@ -161,12 +148,8 @@ def _part_table(folder: Path) -> Table:
     for frame in frames:
         pickle.loads(pickle.dumps(frame, -1))
     table.add("handing the images to a worker", "both", _ms(start, n_frames))
-    spent = dict.fromkeys(PARTS, 0.0)
     calibrator = Calibrator(rig)
-    with ExitStack() as stack:
-        for name, function in PARTS.items():
-            clocked = _clocked(getattr(calibrator_module, function), name, spent)
-            stack.enter_context(patch.object(calibrator_module, function, clocked))
+    with clocked_parts() as spent:
         start = time.process_time()
         for frame in frames:
             calibrator.calibrate_frame(frame.left, frame.right, frame.stamp_s)
@@ -225,17 +208,6 @@ def _cells(cost: Cost, n_frames: int) -> tuple[str, str, str, str]:
         f"{per_frame_ms:.1f}",
         f"{cost.memory / _MEBIBYTE:.0f}",
     )
-
-
-def _clocked(function: Callable[..., object], name: str, spent: dict[str, float]) -> Callable[..., object]:
-    def clock(*args: object, **kwargs: object) -> object:
-        start = time.process_time()
-        try:
-            return function(*args, **kwargs)
-        finally:
-            spent[name] += time.process_time() - start
-
-    return clock
 
 
 def _ms(start_s: float, n: float) -> str:

@@ -5,16 +5,13 @@ from __future__ import annotations
 import time
 import tracemalloc
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
-from unittest.mock import patch
 
 import cv2
 import numpy as np
 
 from stereo_selfcal import Calibrator, CalibratorConfig, StereoRig
-from stereo_selfcal.core import calibrator as calibrator_module
 from stereo_selfcal.core.estimators.fitness import PatternFitness
 from stereo_selfcal.core.geometry.homography import SIDES
 from stereo_selfcal.core.numerics.genetic import maximise_each
@@ -24,6 +21,7 @@ from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene, random_scene
 from .frames import FIRST_POSE_SEED
 from .optimisers import search_box
 from .options import Options
+from .parts import PARTS, clocked_parts
 from .plots import save_size_plot
 from .table import Table
 
@@ -35,16 +33,6 @@ NOISE = 0.01
 N_DISPARITIES, BLOCK_PX = 64, 5
 MEBIBYTE = 2**20
 
-# Parts of a calibration, by the function that does it.
-PARTS: dict[str, tuple[object, str]] = {
-    "marking stripes": (Calibrator, "_find_points"),
-    "lines": (calibrator_module, "look"),
-    "genetic algorithm": (calibrator_module, "maximise_each"),
-    "covariance of lines": (calibrator_module, "propagate"),
-    "closed form": (calibrator_module, "compare_stages"),
-    "refinement": (calibrator_module, "refine"),
-    "asphalt and other witnesses": (calibrator_module, "cross_check_texture"),
-}
 REST, WHOLE = "all the rest", "calibrate()"
 
 
@@ -160,27 +148,10 @@ def _search(fitness: PatternFitness, config: CalibratorConfig) -> tuple[int, int
 
 def _part_times_ms(call: Callable[[], object]) -> dict[str, float]:
     """Return the time of one calibration and of its parts, by clocks around the parts."""
-    spent = dict.fromkeys((*PARTS, REST, WHOLE), 0.0)
-
-    def clocked(name: str, function: Callable[..., object]) -> Callable[..., object]:
-        def clock(*args: object, **kwargs: object) -> object:
-            start = time.thread_time()
-            try:
-                return function(*args, **kwargs)
-            finally:
-                spent[name] += (time.thread_time() - start) * 1e3
-
-        return clock
-
-    with ExitStack() as clocks:
-        for name, (owner, attribute) in PARTS.items():
-            # A part that this version of the calibrator does not have takes no time.
-            if hasattr(owner, attribute):
-                clock = clocked(name, getattr(owner, attribute))
-                clocks.enter_context(patch.object(owner, attribute, clock))
-        spent[WHOLE] = _ms(call)
-    spent[REST] = spent[WHOLE] - sum(spent[name] for name in PARTS)
-    return spent
+    with clocked_parts() as spent:
+        whole_ms = _ms(call)
+    times = {name: seconds * 1e3 for name, seconds in spent.items()}
+    return {**times, REST: whole_ms - sum(times.values()), WHOLE: whole_ms}
 
 
 def _median_ms(call: Callable[[], object], repeats: int) -> float:

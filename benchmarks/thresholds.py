@@ -16,11 +16,11 @@ import numpy as np
 
 from stereo_selfcal import Calibrator, CalibratorConfig, StereoRig
 from stereo_selfcal.bags import StereoBag
-from stereo_selfcal.core import calibrator, tolerances
+from stereo_selfcal.core import tolerances
 from stereo_selfcal.core.estimators import texture_alignment
 from stereo_selfcal.core.evidence import cross_checks, kerb_face, measurements, profile
 from stereo_selfcal.core.lanes import line_geometry, matching
-from stereo_selfcal.core.search import texture_guided_lines
+from stereo_selfcal.core.search import solve, texture_guided_lines
 
 from .options import Options
 from .recorded import BAG, FRAMES
@@ -79,7 +79,7 @@ THRESHOLDS = (
     Threshold("_LEAST_LIKE", kerb_face),
     Threshold("REACH_PX", profile),
     Threshold("_WITHIN_M", cross_checks),
-    Threshold("_BENEATH_M", calibrator),
+    Threshold("_BENEATH_M", solve),
     Threshold("AGREEMENT", tolerances),
     Threshold("MAX_NOISE_STD", tolerances),
     Threshold("MIN_SIGMAS", texture_alignment),

@@ -95,7 +95,7 @@ def judge_world(index: int, seed: int = SEED) -> WorldVerdict:
         return WorldVerdict(index, drawn.expected, names, str(result.reason), np.empty(0), np.empty(0))
     error = (result.extrinsics.as_array() - drawn.truth.as_array()) * READABLE
     std = np.sqrt(np.diag(result.covariance)) * READABLE
-    return WorldVerdict(index, drawn.expected, names, "", error, std, "textured" in result.stages)
+    return WorldVerdict(index, drawn.expected, names, "", error, std, result.confirmed_by_texture)
 
 
 def judge_worlds(number: int, seed: int = SEED) -> list[WorldVerdict]:

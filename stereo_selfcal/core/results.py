@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 from .geometry.pose import Extrinsics
+from .geometry.uncertainty import UncertaintyTerm
+from .lanes.lane_pair import ImageLine, LanePattern
+from .numerics.genetic import GeneticResult
 from .rejection import GateReading, Rejection, RejectReason
+from .search.attempt import Attempt
 from .types import Array
-
-if TYPE_CHECKING:
-    from .lanes.lane_pair import ImageLine, LanePattern
-    from .numerics.genetic import GeneticResult
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +32,10 @@ class CalibrationResult:
         pattern: Lines and sampled points the estimate was made from, for pictures.
         unused_lines: Lines of the left camera that were found and are not in the pattern.
         genetic: Report of the genetic algorithm.
-        gates: Readings of all gates up to the first one that was closed.
+        gates: Readings of all gates up to the first one that refused.
+        uncertainty: Terms of the covariance, one for each cause; they add up to it. Empty when rejected.
+        attempts: Every hypothesis that was solved for this frame, in order; empty when several are fused.
+        confirmed_by_texture: Whether the texture of the road surface has confirmed the lines.
         notes: Sentences about what is not quite as it should be, though no reason to refuse.
     """
 
@@ -50,6 +53,9 @@ class CalibrationResult:
     genetic: GeneticResult | None = None
     gates: tuple[GateReading, ...] = ()
     notes: tuple[str, ...] = ()
+    uncertainty: tuple[UncertaintyTerm, ...] = ()
+    attempts: tuple[Attempt, ...] = ()
+    confirmed_by_texture: bool = False
 
     @property
     def accepted(self) -> bool:
@@ -70,7 +76,40 @@ class CalibrationResult:
 
     def slim(self) -> CalibrationResult:
         """Return the result without the points and lines behind it, which weigh as much as an image."""
-        return replace(self, pattern=None, unused_lines=(), genetic=None)
+        return replace(self, pattern=None, unused_lines=(), genetic=None, attempts=())
+
+
+def result_of(chosen: Attempt, attempts: Sequence[Attempt], stamp_s: float) -> CalibrationResult:
+    """Return the result of a frame.
+
+    Args:
+        chosen: The attempt that answers for the frame.
+        attempts: All attempts.
+        stamp_s: Time stamp of the frame [s].
+    """
+    common = CalibrationResult(
+        chosen.message,
+        stages=chosen.stages,
+        stamp_s=stamp_s,
+        pattern=chosen.pattern,
+        genetic=chosen.genetic,
+        gates=chosen.readings,
+        attempts=tuple(attempts),
+    )
+    if chosen.estimate is None or not chosen.accepted:
+        return replace(common, rejection=chosen.rejection)
+    accepted = replace(
+        common,
+        extrinsics=chosen.estimate.pose,
+        covariance=chosen.estimate.covariance,
+        uncertainty=chosen.estimate.terms,
+        lane_yaw_rad=chosen.estimate.lane_yaw_rad,
+        lane_curvature_per_m=chosen.lane_curvature_per_m,
+        n_frames=1,
+        notes=chosen.estimate.notes,
+        confirmed_by_texture=chosen.poses.textured is not None,
+    )
+    return replace(accepted, message=announce(accepted))
 
 
 def rejected(rejection: Rejection, stamp_s: float = 0.0, **evidence: object) -> CalibrationResult:

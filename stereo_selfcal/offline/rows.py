@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from ..core.geometry.pose import Extrinsics
+from ..core.geometry.uncertainty import UncertaintyTerm
 from ..core.rejection import GateReading, Rejection
 from ..core.results import CalibrationResult
+from ..core.search.attempt import Attempt
 from ..core.types import Array
-
-# The stage of a result that the asphalt has a part in.
-_ASPHALT_STAGE = "textured"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,6 +29,9 @@ class FrameRow:
         stages: Estimate of every stage that ran, by name, when refused too.
         gates: Readings of all gates up to the first one that was closed.
         notes: Sentences about what is not quite as it should be.
+        uncertainty: Terms of the covariance, which they add up to; empty when refused.
+        attempts: Every hypothesis that was solved for the frame, without points and lines.
+        confirmed_by_texture: Whether the texture of the road surface has confirmed the lines.
     """
 
     stamp_s: float
@@ -44,6 +46,9 @@ class FrameRow:
     stages: dict[str, Extrinsics] = field(default_factory=dict)
     gates: tuple[GateReading, ...] = ()
     notes: tuple[str, ...] = ()
+    uncertainty: tuple[UncertaintyTerm, ...] = ()
+    attempts: tuple[Attempt, ...] = ()
+    confirmed_by_texture: bool = False
 
     @classmethod
     def from_result(
@@ -64,6 +69,9 @@ class FrameRow:
             result.stages,
             result.gates,
             result.notes,
+            result.uncertainty,
+            tuple(attempt.slim() for attempt in result.attempts),
+            result.confirmed_by_texture,
         )
 
     @property
@@ -73,5 +81,5 @@ class FrameRow:
 
     @property
     def confirmed(self) -> bool:
-        """Whether the asphalt confirmed the calibration; lines alone may be those of a kerb."""
-        return self.accepted and _ASPHALT_STAGE in self.stages
+        """Whether the texture confirmed the calibration; lines alone may be those of a kerb."""
+        return self.accepted and self.confirmed_by_texture

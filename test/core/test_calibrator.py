@@ -19,7 +19,7 @@ from stereo_selfcal import (
     StereoRig,
     calibrate,
 )
-from stereo_selfcal.core.calibrator import Refused
+from stereo_selfcal.core.calibrator import NoPattern
 from stereo_selfcal.core.lanes.lane_pair import LanePattern
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import NAMED_SCENES, random_scene
@@ -366,7 +366,7 @@ def test_extract_returns_the_pattern_or_the_refusal(rendered):
     calibrator = Calibrator(scene.rig)
     assert isinstance(calibrator.extract(left, right), LanePattern)
     refused = calibrator.extract(GREY, GREY)
-    assert isinstance(refused, Refused)
+    assert isinstance(refused, NoPattern)
     assert refused.rejection.reason is RejectReason.NO_LINES_FOUND
     # Looking is not adding.
     assert calibrator.estimate.reason is RejectReason.NO_FRAMES

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from stereo_selfcal import Calibrator, CalibratorConfig, RejectReason
-from stereo_selfcal.core import calibrator as calibrator_module
 from stereo_selfcal.core.evidence import cross_checks
+from stereo_selfcal.core.search import solve
 from stereo_selfcal.core.tolerances import AGREEMENT
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import random_scene
@@ -38,7 +38,7 @@ def test_without_texture_the_lines_stand_alone_and_say_so():
     result = Calibrator(scene.rig).add(*images)
     assert result.accepted
     assert "textured" not in result.stages
-    assert "not checked against the asphalt" in result.message
+    assert "not checked against the texture of the road surface" in result.message
 
 
 def test_without_texture_nothing_is_accepted_where_it_is_required():
@@ -60,13 +60,13 @@ def test_with_texture_it_makes_no_difference_that_it_is_required():
 
 def raised(monkeypatch, height_m):
     """Move the estimate from lines up, as kerbs would."""
-    refine = calibrator_module.refine
+    refine = solve.refine
 
     def kerb(*arguments):
         fit = refine(*arguments)
         return replace(fit, extrinsics=replace(fit.extrinsics, height_m=fit.extrinsics.height_m + height_m))
 
-    monkeypatch.setattr(calibrator_module, "refine", kerb)
+    monkeypatch.setattr(solve, "refine", kerb)
 
 
 @pytest.mark.parametrize("beyond_too", [True, False])
@@ -82,7 +82,7 @@ def test_lines_on_another_plane_than_the_asphalt_are_refused(monkeypatch, beyond
         return replace(fit, extrinsics=replace(fit.extrinsics, height_m=fit.extrinsics.height_m + down_m))
 
     monkeypatch.setattr(cross_checks, "align_texture", lower)
-    monkeypatch.setattr(calibrator_module, "line_on_road", lambda *_: None)
+    monkeypatch.setattr(solve, "line_on_road", lambda *_: None)
     assert Calibrator(scene.rig, LINES_ALONE).add(*images).accepted
     result = Calibrator(scene.rig).add(*images)
     assert result.reason is RejectReason.TEXTURE_DISAGREES

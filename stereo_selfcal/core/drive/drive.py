@@ -10,6 +10,7 @@ import numpy as np
 
 from ..camera.rig import StereoRig
 from ..geometry.pose import Extrinsics
+from ..geometry.uncertainty import UncertaintyTerm, merge_terms, total_covariance
 from ..results import CalibrationResult, announce
 from ..types import Array
 from .changes import find_changes
@@ -114,7 +115,11 @@ def estimate_drive(frames: Sequence[AcceptedFrame], rig: StereoRig, fused: Calib
             motion = np.diag(np.maximum(part.spread**2 - noise, 0.0))
             estimate = fuse_frames(frames[part.first : part.end], rig, motion)
             if estimate.covariance is not None:
-                estimate = replace(estimate, covariance=estimate.covariance + part.standard_error)
+                terms = (*estimate.uncertainty, UncertaintyTerm("motion", part.standard_error))
+                uncertainty = merge_terms(terms)
+                estimate = replace(
+                    estimate, covariance=total_covariance(uncertainty), uncertainty=uncertainty
+                )
             n_outliers = part.end - part.first - estimate.n_frames
             estimate = replace(estimate, message=announce(estimate, n_outliers))
         spread = Extrinsics.from_array(part.spread)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from ..camera.rig import StereoRig
 from ..evidence.nuisances import rectification_covariance
 from ..geometry.pose import Extrinsics
+from ..geometry.uncertainty import UncertaintyTerm, merge_terms, propagate_terms, total_covariance
 from ..numerics.statistics import SIGMA_OVER_MAD
 from ..results import CalibrationResult, announce
 from ..types import Array
@@ -52,6 +53,14 @@ class AcceptedFrame(Protocol):
     @property
     def stages(self) -> dict[str, Extrinsics]:
         """Estimate of every stage."""
+
+    @property
+    def uncertainty(self) -> tuple[UncertaintyTerm, ...]:
+        """Terms of the covariance; empty where they are not known."""
+
+    @property
+    def confirmed_by_texture(self) -> bool:
+        """Whether the texture of the road surface has confirmed the lines."""
 
 
 def fuse(estimates: Array, covariances: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
@@ -113,18 +122,26 @@ def fuse_frames(
         return frames[0]
     poses = np.array([frame.extrinsics.as_array() for frame in frames if frame.extrinsics is not None])
     covariances = np.array([frame.covariance for frame in frames])
-    mean, covariance, used = fuse(poses, covariances if motion is None else covariances + motion)
+    single = covariances if motion is None else covariances + motion
+    mean, covariance, used = fuse(poses, single)
     good = [frame for frame, use in zip(frames, used, strict=True) if use]
     yaws = [frame.lane_yaw_rad for frame in good if frame.lane_yaw_rad is not None]
     bends = [frame.lane_curvature_per_m for frame in good if frame.lane_curvature_per_m is not None]
-    pose, covariance = Extrinsics.from_array(mean), inflation * covariance + shared(covariances[used])
-    if any("textured" in frame.stages for frame in good):
+    pose = Extrinsics.from_array(mean)
+    terms = _terms_of_mean(good, single[used], motion, covariance)
+    terms.append(UncertaintyTerm("motion", (inflation - 1.0) * covariance))
+    terms.append(UncertaintyTerm("shared", shared(covariances[used])))
+    confirmed = any(frame.confirmed_by_texture for frame in good)
+    if confirmed:
         # What the calibration of the cameras has left is the same in all frames.
-        covariance = covariance + rectification_covariance(rig, pose)
+        terms.append(UncertaintyTerm("rectification", rectification_covariance(rig, pose)))
+    uncertainty = merge_terms(terms)
     fused = CalibrationResult(
         message="",
         extrinsics=pose,
-        covariance=covariance,
+        covariance=total_covariance(uncertainty),
+        uncertainty=uncertainty,
+        confirmed_by_texture=confirmed,
         lane_yaw_rad=float(np.mean(yaws)) if yaws else None,
         lane_curvature_per_m=float(np.mean(bends)) if bends else None,
         stages={
@@ -136,3 +153,29 @@ def fuse_frames(
         n_frames=len(good),
     )
     return replace(fused, message=announce(fused, len(frames) - len(good)))
+
+
+def _terms_of_mean(
+    frames: Sequence[AcceptedFrame], covariances: Array, motion: Array | None, covariance: Array
+) -> list[UncertaintyTerm]:
+    """Return the terms of the mean of frames that were weighted by their information.
+
+    Args:
+        frames: The frames.
+        covariances: (N, 3, 3) they were weighted by.
+        motion: (3, 3) part of each of these that is the car's motion.
+        covariance: (3, 3) of the mean.
+    """
+    information = np.linalg.inv(covariances)
+    expected = np.linalg.inv(information.sum(axis=0))
+    terms: list[UncertaintyTerm] = []
+    for frame, weight in zip(frames, expected @ information, strict=True):
+        own = frame.uncertainty
+        if not own and frame.covariance is not None:  # a frame of before there were terms
+            own = (UncertaintyTerm("noise", frame.covariance),)
+        terms += propagate_terms(own, weight)
+        if motion is not None:
+            terms += propagate_terms((UncertaintyTerm("motion", motion),), weight)
+    # What the frames scatter by more than they promise: the mean's covariance is enlarged by it.
+    terms.append(UncertaintyTerm("scatter", covariance - (expected + expected.T) / 2.0))
+    return terms

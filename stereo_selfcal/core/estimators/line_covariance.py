@@ -18,6 +18,7 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..config import FitnessConfig
 from ..geometry.pose import Extrinsics
+from ..geometry.uncertainty import UncertaintyTerm, merge_terms
 from ..lanes.lane_pair import ImageLine, LanePattern
 from ..lanes.line_geometry import lane_in_road
 from ..road.stripe_model import predict_edges
@@ -45,6 +46,14 @@ class LineFit:
     covariance: Array
     lane_yaw_rad: float
     chi2: float
+
+    @property
+    def terms(self) -> tuple[UncertaintyTerm, ...]:
+        """The covariance as a sum: the lines' own noise, and by how much they agree less than that."""
+        noise = self.covariance / _enlargement(self.chi2)
+        return merge_terms(
+            (UncertaintyTerm("noise", noise), UncertaintyTerm("misfit", self.covariance - noise))
+        )
 
     @property
     def misfit_sigmas(self) -> float:
@@ -92,8 +101,13 @@ def propagate(
     if result_by_lines is None:
         return None
     covariance = result_by_lines @ np.linalg.inv(information) @ result_by_lines.T
-    covariance *= max(1.0, chi2 / _DEGREES_OF_FREEDOM)
+    covariance *= _enlargement(chi2)
     return LineFit((covariance + covariance.T) / 2.0, float(parameters[3]), chi2)
+
+
+def _enlargement(chi2: float) -> float:
+    """Return the factor on the variances of lines that agree less than they promise."""
+    return max(1.0, chi2 / _DEGREES_OF_FREEDOM)
 
 
 def _sensitivity(

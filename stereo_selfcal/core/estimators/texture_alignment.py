@@ -20,6 +20,7 @@ import numpy.typing as npt
 from ..camera.rig import StereoRig
 from ..geometry.plane import jacobian_pose_wrt_plane, plane_from_pose, pose_from_plane
 from ..geometry.pose import Extrinsics
+from ..geometry.uncertainty import UncertaintyTerm, propagate_terms, total_covariance
 from ..road.cell_grid import FAR_M, HALF_WIDTH_M, Corridor, lay_out
 from ..road.surface import Cells, RoadUnevenness, Surface, fit_surface, measure_shape
 from ..tolerances import AGREEMENT, MAX_NOISE_STD
@@ -88,7 +89,7 @@ class TextureFit:
 
     Attributes:
         extrinsics: Height, pitch and roll over the plane of the corridor.
-        covariance: (3, 3) of them.
+        terms: What is not known of them; the sum is their covariance.
         quality: Whether there is enough texture, as figures.
         shape: What is no plane.
         cells_xy_m: (C, 2) middle of the cells on the road.
@@ -98,13 +99,18 @@ class TextureFit:
     """
 
     extrinsics: Extrinsics
-    covariance: Array
+    terms: tuple[UncertaintyTerm, ...]
     quality: TextureQuality
     shape: RoadUnevenness
     cells_xy_m: Array
     cells_height_m: Array
     cells_weight: Array
     cells_variance: Array
+
+    @property
+    def covariance(self) -> Array:
+        """(3, 3) of height, pitch and roll: the sum of the terms."""
+        return total_covariance(self.terms)
 
     @property
     def seen(self) -> bool:
@@ -365,7 +371,6 @@ def _report(
     """Turn the last pass into what is returned."""
     pose = pose_from_plane(plane, rig)
     by_plane = jacobian_pose_wrt_plane(plane, rig)
-    covariance = by_plane @ surface.covariance @ by_plane.T
     noise = np.sqrt(np.diag(by_plane @ surface.noise_covariance @ by_plane.T))
     agreeing = surface.weights * corridor.cell_area
     quality = TextureQuality(
@@ -378,7 +383,9 @@ def _report(
     )
     return TextureFit(
         extrinsics=pose,
-        covariance=(covariance + covariance.T) / 2.0,
+        terms=propagate_terms(
+            (UncertaintyTerm(name, each) for name, each in surface.covariance_by_cause.items()), by_plane
+        ),
         quality=quality,
         shape=measure_shape(corridor.cell_xy, surface),
         cells_xy_m=corridor.cell_xy,

@@ -8,15 +8,19 @@ both can be weighted by their information.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..estimators.texture_alignment import TextureFit
 from ..geometry.pose import Extrinsics
+from ..geometry.uncertainty import UncertaintyTerm, merge_terms, propagate_terms
 from ..tolerances import AGREEMENT, WRONG
 from ..types import Array
+from .estimate import Estimate
 
 # Of the chi-squared distribution with three degrees of freedom: exceeded in one of twenty cases.
-_UNLIKELY_CHI2_3 = 7.815
+UNLIKELY_CHI2_3 = 7.815
 _SURE_SIGMAS = 3.0  # one in 370
 
 
@@ -30,23 +34,29 @@ def surely_right(covariance: Array) -> bool:
     return bool(np.all(_SURE_SIGMAS * np.sqrt(np.diag(covariance)) <= WRONG))
 
 
-def combine(lines: Extrinsics, covariance: Array, texture: TextureFit) -> tuple[Extrinsics, Array]:
-    """Return the mean of both estimates, weighted by their information, and its covariance.
+def combine(lines: Estimate, texture: TextureFit) -> Estimate:
+    """Return the mean of lines and texture, weighted by their information, with the terms of both.
 
-    They share no pixel, as the asphalt is aligned without the paint; that both may lie in the same hollow of
-    the road is neglected. Where they differ by more than their covariances explain, it is enlarged
-    by as much (R. T. Birge, "The calculation of errors by the method of least squares", Phys. Rev. 40, 1932).
+    They share no pixel, as the texture is aligned without the paint. That both may lie in the same hollow of
+    the road is neglected. Where they differ by more than their covariances explain, a term
+    ``combination_disagreement`` enlarges the covariance by as much (R. T. Birge, "The calculation of errors
+    by the method of least squares", Phys. Rev. 40, 1932).
 
     Args:
-        lines: Estimate from lines.
-        covariance: (3, 3) of it, with the shape of the road.
-        texture: The asphalt.
+        lines: Estimate from lines, with the shape of the road.
+        texture: The alignment of the road surface.
     """
-    information = [np.linalg.inv(covariance), np.linalg.inv(texture.covariance)]
+    information = [np.linalg.inv(lines.covariance), np.linalg.inv(texture.covariance)]
     total = np.linalg.inv(information[0] + information[1])
-    mean = total @ (information[0] @ lines.as_array() + information[1] @ texture.extrinsics.as_array())
-    difference = lines.as_array() - texture.extrinsics.as_array()
-    chi2 = float(difference @ np.linalg.solve(covariance + texture.covariance, difference))
-    if chi2 > _UNLIKELY_CHI2_3:
-        total = total * (chi2 / len(difference))
-    return Extrinsics.from_array(mean), (total + total.T) / 2.0
+    of_lines, of_texture = lines.pose.as_array(), texture.extrinsics.as_array()
+    mean = total @ (information[0] @ of_lines + information[1] @ of_texture)
+    terms = [
+        *propagate_terms(lines.terms, total @ information[0]),
+        *propagate_terms(texture.terms, total @ information[1]),
+    ]
+    difference = of_lines - of_texture
+    chi2 = float(difference @ np.linalg.solve(lines.covariance + texture.covariance, difference))
+    if chi2 > UNLIKELY_CHI2_3:
+        excess = total * (chi2 / len(difference) - 1.0)
+        terms.append(UncertaintyTerm("combination_disagreement", (excess + excess.T) / 2.0))
+    return replace(lines, pose=Extrinsics.from_array(mean), terms=merge_terms(terms))

@@ -1,19 +1,79 @@
-"""What the stages have found of a frame so far."""
+"""What is known of a frame: its images, a hypothesis about its lines, and what the stages have found."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
 
 from ..config import CalibratorConfig
 from ..estimators.line_covariance import Bends, LineFit
 from ..estimators.stripe_fit import StripeFit
 from ..estimators.texture_alignment import TextureFit
 from ..geometry.pose import Extrinsics
+from ..lanes.hypotheses import Points
+from ..lanes.lane_pair import LanePattern
 from ..lanes.line_geometry import BelowPlane
-from ..types import Array
+from ..lanes.matching import Match, Matches
+from ..types import Array, Image
 from .profile import Profile
 from .row_offset import VerticalOffset
 from .stripe_border import StripeBorder
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameObservations:
+    """What is seen in a frame before any hypothesis is made.
+
+    Attributes:
+        images: Left and right image, (H, W) uint8.
+        points: Stripe points of both.
+    """
+
+    images: tuple[Image, Image]
+    points: Points
+
+
+class FoundBy(Enum):
+    """How the lines of a hypothesis were found; ``str()`` is a stable snake_case word."""
+
+    HOUGH = "hough"
+    CHAINS = "chains"
+    TEXTURE = "texture"
+    SURFACE = "surface"
+
+    def __str__(self) -> str:
+        return self.value
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypothesis:
+    """What is assumed of a frame: which two lines bound the lane, and how they were found.
+
+    Attributes:
+        found_by: ``hough``: single stripe points vote for lines; ``chains``: chains of stripe points vote;
+            ``texture``: the lines were looked for on the road that the texture shows; ``surface``: no pair of
+            lines, but the texture of the road surface and one line on it.
+        pattern: The lines; None for ``surface``.
+        other_lines: Lines both cameras see, those of the pattern among them; None where none were kept.
+        below: How deep another line lies below the plane of these; None where that was not measured.
+        locating_texture: The texture alignment that has shown where the lines are; None where they were found
+            without it.
+        needs_texture: Whether an estimate counts only if the texture confirms it: lines that were not the
+            first choice.
+        single_lines: For ``surface``: lines both cameras see, one of which has to lie in the surface.
+    """
+
+    found_by: FoundBy
+    pattern: LanePattern | None
+    other_lines: Matches | None = None
+    below: BelowPlane | None = None
+    locating_texture: TextureFit | None = None
+    needs_texture: bool = False
+    single_lines: tuple[Match, ...] = ()
+
+    def slim(self) -> Hypothesis:
+        """Return the hypothesis without points and lines, which weigh as much as an image."""
+        return Hypothesis(self.found_by, None, needs_texture=self.needs_texture)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,25 +11,26 @@ from ..estimators.stripe_fit import StripeFit
 from ..geometry.homography import apply_homography, road_from_image
 from ..geometry.plane import jacobian_pose_wrt_plane, plane_from_pose
 from ..geometry.pose import Extrinsics, road_from_camera_rotation
+from ..geometry.uncertainty import UncertaintyTerm, propagate_terms
 from ..lanes.lane_pair import LanePattern
 from ..road.priors import FALL_STD, NARROWEST_LANE_M, PAINT_STD_RAD, RECTIFICATION_STD_PX, WIDEST_LANE_M
 from ..road.surface import RoadUnevenness, kernels
 from ..tolerances import MAX_LINE_HEIGHT_M
 from ..types import Array
-from .cue_fusion import _UNLIKELY_CHI2_3
+from .cue_fusion import UNLIKELY_CHI2_3
 from .lane_heights import _LEAST_DISPARITY_PX, _rays
 from .profile import Profile
 
 _ANGLE_STEPS = np.array([1e-4, 1e-5, 1e-5])  # m, rad, rad: of a derivative
 
 
-def road_shape_covariance(
+def road_shape_terms(
     pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics, shape: RoadUnevenness
-) -> Array:
-    """Return the covariance (3, 3) that the shape of the road gives an estimate from lines.
+) -> tuple[UncertaintyTerm, ...]:
+    """Return what the shape of the road leaves unknown in an estimate from lines.
 
     The disparities of the lines, row by row and of equal weight, are fitted by a plane; the heights of
-    the road are no plane, with the covariance the asphalt shows.
+    the road are no plane, with the covariance the texture shows.
 
     Args:
         pattern: The lines.
@@ -38,10 +39,10 @@ def road_shape_covariance(
         shape: Roughness, profile and mismatch of the road between them.
 
     Returns:
-        Zeros where the road is a plane, as far as the asphalt shows.
+        Roughness, camber and mismatch; nothing where the road is a plane, as far as the texture shows.
     """
     if not shape.uneven:
-        return np.zeros((3, 3))
+        return ()
     plane = plane_from_pose(extrinsics, rig)
     ray = np.concatenate(_rays(pattern, rig))
     disparity = ray @ plane
@@ -52,14 +53,14 @@ def road_shape_covariance(
     # A road higher by e has a disparity greater by e / metres.
     metres = extrinsics.height_m / disparity
     kernel, profile = kernels(xy)
-    heights = (
-        shape.roughness * kernel + shape.profile**2 * profile + np.diag((shape.mismatch_px * metres) ** 2)
-    )
     by_plane = jacobian_pose_wrt_plane(plane, rig)
     by_heights = by_plane @ (np.linalg.pinv(ray) / metres)
-    covariance = by_heights @ heights @ by_heights.T
-    symmetric: Array = (covariance + covariance.T) / 2.0
-    return symmetric
+    heights = (
+        ("roughness", shape.roughness * kernel),
+        ("camber", shape.profile**2 * profile),
+        ("mismatch", np.diag((shape.mismatch_px * metres) ** 2)),
+    )
+    return propagate_terms((UncertaintyTerm(name, covariance) for name, covariance in heights), by_heights)
 
 
 def kerb_covariance(
@@ -101,7 +102,7 @@ def stage_disagreement_covariance(lines: Extrinsics, covariance: Array, refined:
         return np.zeros((3, 3))
     difference = refined.extrinsics.as_array() - lines.as_array()
     chi2 = float(difference @ np.linalg.solve(covariance + refined.covariance, difference))
-    return np.outer(difference, difference) * (chi2 > _UNLIKELY_CHI2_3)
+    return np.outer(difference, difference) * (chi2 > UNLIKELY_CHI2_3)
 
 
 def paint_angle_covariance(

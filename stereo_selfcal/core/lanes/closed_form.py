@@ -68,29 +68,17 @@ def solve_plane(pattern: LanePattern, rig: StereoRig) -> ClosedForm | None:
     return ClosedForm(Extrinsics.from_array(_extrinsics(plane, rig)), covariance)
 
 
-def compare_stages(
-    pattern: LanePattern,
-    rig: StereoRig,
-    genetic: Extrinsics,
-    covariance: Array,
-    stages: dict[str, Extrinsics],
-) -> tuple[str, ...]:
-    """Add the stage ``closed_form``, and say where it contradicts the genetic algorithm.
+def contradictions(closed: ClosedForm, genetic: Extrinsics, covariance: Array) -> tuple[str, ...]:
+    """Say where the closed form contradicts the genetic algorithm.
 
     Args:
-        pattern: The measured lines.
-        rig: Intrinsics and baseline.
-        genetic: Result of the genetic algorithm.
+        closed: The closed form.
+        genetic: Result of the genetic algorithm, from the same lines.
         covariance: (3, 3) of it.
-        stages: Gets the closed form.
 
     Returns:
         A sentence for each of height, pitch and roll that differs by more than both uncertainties.
     """
-    closed = solve_plane(pattern, rig)
-    if closed is None:
-        return ("no closed form: the lines leave the plane undetermined",)
-    stages["closed_form"] = closed.extrinsics
     difference = closed.extrinsics.as_array() - genetic.as_array()
     # Both are made from the same lines, so the sum of their variances is an upper bound.
     std = np.sqrt(np.diag(closed.covariance) + np.diag(covariance))

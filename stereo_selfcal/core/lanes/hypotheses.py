@@ -38,7 +38,7 @@ _SURELY_APART_PX = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Refused:
+class NoPattern:
     """Why a frame has no pattern, and the lines that were found all the same, for a picture."""
 
     rejection: Rejection
@@ -57,7 +57,7 @@ class LaneHypotheses:
 
     candidates: tuple[Candidates, Candidates]
     matches: Matches
-    patterns: list[LanePattern] | Refused
+    patterns: list[LanePattern] | NoPattern
 
 
 def find_hypotheses(
@@ -80,28 +80,28 @@ def find_hypotheses(
     matches = match_lines(left, right, images, rig, config)
     refusal = frame_checks.check_lines_found([left, right], config)
     if refusal:
-        return LaneHypotheses((left, right), matches, Refused(refusal))
+        return LaneHypotheses((left, right), matches, NoPattern(refusal))
     patterns = _patterns(matches, points, rig, config)
-    if isinstance(patterns, Refused) and patterns.rejection.reason is RejectReason.LINES_NOT_MATCHED:
+    if isinstance(patterns, NoPattern) and patterns.rejection.reason is RejectReason.LINES_NOT_MATCHED:
         exchanged = pair_lines(match_lines(right, left, images[::-1], rig, config), rig, config)
         if exchanged:
-            patterns = Refused(frame_checks.cameras_swapped(exchanged))
+            patterns = NoPattern(frame_checks.cameras_swapped(exchanged))
     return LaneHypotheses((left, right), matches, patterns)
 
 
 def _patterns(
     matches: Matches, points: Points, rig: StereoRig, config: CalibratorConfig
-) -> list[LanePattern] | Refused:
+) -> list[LanePattern] | NoPattern:
     pairs = pair_lines(matches, rig, config)
     if not pairs:
-        return Refused(frame_checks.lines_not_matched((len(matches[0]), len(matches[1]))))
+        return NoPattern(frame_checks.lines_not_matched((len(matches[0]), len(matches[1]))))
     refusals = [frame_checks.check_converging(pair) for pair in pairs]
     converging = [pair for pair, refusal in zip(pairs, refusals, strict=True) if refusal is None]
     if refusals[0] is not None and not converging:
-        return Refused(refusals[0], sample_pattern(pairs[0], rig, config))
+        return NoPattern(refusals[0], sample_pattern(pairs[0], rig, config))
     refined = [refit for pair in converging if (refit := _refit(pair, points, rig, config)) is not None]
     if not refined:
-        return Refused(frame_checks.lines_too_short(config))
+        return NoPattern(frame_checks.lines_too_short(config))
     refined.sort(key=lambda pair: -pair.score)
     return [sample_pattern(pair, rig, config) for pair in refined]
 

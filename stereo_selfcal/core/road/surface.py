@@ -79,6 +79,7 @@ class Surface:
         plane: (3,) coefficients of the design.
         covariance: (3, 3) of them, noise and unevenness.
         noise_covariance: (3, 3) by the noise alone.
+        covariance_by_cause: What the covariance is the sum of, (3, 3) each, by name.
         roughness: D [m^2/m^1.5], mean of its posterior.
         mismatch_px: Error of each cell's disparity beyond the noise, standard deviation.
         profile: Bend across the road, in units of a usual camber, root mean square of its posterior.
@@ -91,6 +92,7 @@ class Surface:
     plane: Array
     covariance: Array
     noise_covariance: Array
+    covariance_by_cause: dict[str, Array]
     roughness: float
     mismatch_px: float
     profile: float
@@ -176,6 +178,12 @@ def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface |
         plane=plane,
         covariance=covariance,
         noise_covariance=(solve * inflated) @ solve.T,
+        covariance_by_cause={
+            "noise": (solve * noise) @ solve.T,
+            "mismatch": (solve * (inflated - noise)) @ solve.T,
+            "roughness": roughness * solve @ kernel @ solve.T,
+            "camber": bend**2 * solve @ profile @ solve.T,
+        },
         roughness=roughness,
         mismatch_px=mismatch,
         profile=bend,

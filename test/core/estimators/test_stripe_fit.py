@@ -9,8 +9,8 @@ import pytest
 from independent_camera import CAMERAS, ideal_pattern, image_line
 
 from stereo_selfcal import Calibrator, Extrinsics, RejectReason, StereoRig, calibrate
-from stereo_selfcal.core import calibrator as calibrator_module
 from stereo_selfcal.core.estimators.stripe_fit import predict_edges, refine
+from stereo_selfcal.core.search import solve
 from stereo_selfcal.synth.renderer import render, render_camera
 from stereo_selfcal.synth.scenes import PAPER_RIG, random_scene
 from stereo_selfcal.synth.world import LaneLine, Photometry, Road, Scene
@@ -363,7 +363,7 @@ def test_stages_in_their_order_and_the_refined_one_is_the_result(rendered, calib
 
 def test_lines_that_cannot_be_refined_do_not_stand_alone(rendered, monkeypatch):
     scene, left, right = rendered(1, NOISE)
-    monkeypatch.setattr(calibrator_module, "refine", lambda *_: None)
+    monkeypatch.setattr(solve, "refine", lambda *_: None)
     result = calibrate(left, right, scene.rig)
     assert result.reason is RejectReason.LINE_NOT_PAINTED
     assert "both edges" in result.message
@@ -374,7 +374,7 @@ def test_without_refinement_the_genetic_result_stands_where_the_asphalt_confirms
     scene = random_scene(np.random.default_rng(3), texture_amplitude=12.0)
     images = render(scene, np.random.default_rng(0))
     refined = calibrate(*images, scene.rig)
-    monkeypatch.setattr(calibrator_module, "refine", lambda *_: None)
+    monkeypatch.setattr(solve, "refine", lambda *_: None)
     result = calibrate(*images, scene.rig)
     assert result.accepted
     assert list(result.stages) == ["genetic", "closed_form", "textured", "combined"]
@@ -390,7 +390,7 @@ def test_refinement_is_asked_for_accepted_frames_only(monkeypatch):
     def never(*_):
         raise AssertionError("refined a refused frame")
 
-    monkeypatch.setattr(calibrator_module, "refine", never)
+    monkeypatch.setattr(solve, "refine", never)
     grey = np.full((480, 640), 90, np.uint8)
     assert not Calibrator(PAPER_RIG).add(grey, grey).accepted
 

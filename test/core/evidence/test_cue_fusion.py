@@ -11,6 +11,7 @@ from stereo_selfcal import Extrinsics
 from stereo_selfcal.core.estimators.stripe_fit import StripeFit
 from stereo_selfcal.core.estimators.texture_alignment import TextureFit, TextureQuality
 from stereo_selfcal.core.evidence.cue_fusion import combine, same_road, surely_right
+from stereo_selfcal.core.evidence.estimate import Estimate
 from stereo_selfcal.core.evidence.lane_heights import (
     _heights_along,
     heights_over,
@@ -22,7 +23,7 @@ from stereo_selfcal.core.evidence.nuisances import (
     kerb_covariance,
     paint_angle_covariance,
     rectification_covariance,
-    road_shape_covariance,
+    road_shape_terms,
     seen_slope_covariance,
     slope_ahead_unknown,
     stage_disagreement_covariance,
@@ -31,6 +32,7 @@ from stereo_selfcal.core.evidence.nuisances import (
 from stereo_selfcal.core.evidence.profile import Profile, profile_of_asphalt
 from stereo_selfcal.core.geometry.homography import apply_homography, road_from_image
 from stereo_selfcal.core.geometry.plane import plane_from_pose, pose_from_plane
+from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm, total_covariance
 from stereo_selfcal.core.road.surface import RoadUnevenness, kernels
 from stereo_selfcal.core.tolerances import AGREEMENT, MAX_LINE_HEIGHT_M, WRONG
 from stereo_selfcal.synth.scenes import PAPER_RIG
@@ -38,6 +40,14 @@ from stereo_selfcal.synth.scenes import PAPER_RIG
 POSE = Extrinsics(1.4, 0.05, 0.02)
 PATTERN = ideal_pattern(PAPER_RIG, POSE)
 PLANE = RoadUnevenness(0.0, 1e-3, 0.0, 1e-3, 0.0, 0.0, 0.0)
+
+
+def road_shape(pattern, rig, pose, shape):
+    return total_covariance(road_shape_terms(pattern, rig, pose, shape))
+
+
+def known_to(covariance):
+    return (UncertaintyTerm("noise", covariance),)
 
 
 def moved(**changes):
@@ -73,22 +83,21 @@ def test_same_road_within_what_the_asphalt_can_tell(place):
 
 def test_shape_of_the_road_is_uncertainty_of_the_lines():
     """None for a plane; in proportion to the roughness; a bent profile is uncertainty of height and roll."""
-    of_plane = road_shape_covariance(PATTERN, PAPER_RIG, POSE, PLANE)
+    of_plane = road_shape(PATTERN, PAPER_RIG, POSE, PLANE)
     np.testing.assert_allclose(of_plane, 0.0, atol=1e-15)
     rough, rougher = (
-        road_shape_covariance(PATTERN, PAPER_RIG, POSE, replace(PLANE, roughness=value))
-        for value in (1e-6, 4e-6)
+        road_shape(PATTERN, PAPER_RIG, POSE, replace(PLANE, roughness=value)) for value in (1e-6, 4e-6)
     )
     np.testing.assert_allclose(rougher, 4 * rough, rtol=1e-9)
     assert np.all(np.linalg.eigvalsh(rough) > 0)
-    crowned = road_shape_covariance(PATTERN, PAPER_RIG, POSE, replace(PLANE, profile=1.0))
+    crowned = road_shape(PATTERN, PAPER_RIG, POSE, replace(PLANE, profile=1.0))
     assert crowned[2, 2] > 0 and crowned[1, 1] < 1e-3 * crowned[2, 2]
 
 
 def test_shape_of_many_roads_scatters_the_lines_as_claimed():
     """Roads drawn with the claimed covariance of heights, fitted as planes: the same scatter."""
     shape = replace(PLANE, mismatch_px=0.1)
-    claimed = road_shape_covariance(PATTERN, PAPER_RIG, POSE, shape)
+    claimed = road_shape(PATTERN, PAPER_RIG, POSE, shape)
     rng = np.random.default_rng(0)
     rays, disparity = [], []
     for i, lines in enumerate(PATTERN.left):
@@ -115,14 +124,42 @@ def test_shape_of_many_roads_scatters_the_lines_as_claimed():
 def test_mean_lies_nearer_to_the_surer_and_is_surer_than_both():
     nothing = np.empty(0)
     quality = TextureQuality(50.0, 0.9, 0.9, 0.9, 0.1, (1e-3, 1e-4, 1e-4))
-    texture_fit = TextureFit(POSE, np.eye(3), quality, PLANE, nothing, nothing, nothing, nothing)
+    texture_fit = TextureFit(POSE, known_to(np.eye(3)), quality, PLANE, nothing, nothing, nothing, nothing)
     sure, unsure = np.diag([1e-3, 1e-4, 1e-3]) ** 2, np.diag([1e-2, 1e-3, 1e-2]) ** 2
     lines = moved(height_m=0.02)
-    mean, covariance = combine(lines, sure, replace(texture_fit, extrinsics=POSE, covariance=unsure))
-    assert mean.height_m == pytest.approx(lines.height_m - 0.02 / 101, abs=1e-9)
-    assert np.all(np.diag(covariance) < np.diag(sure))
-    mean, _ = combine(lines, unsure, replace(texture_fit, extrinsics=POSE, covariance=sure))
-    assert mean.height_m == pytest.approx(POSE.height_m + 0.02 / 101, abs=1e-9)
+    mean = combine(Estimate(lines, known_to(sure), 0.0), replace(texture_fit, terms=known_to(unsure)))
+    assert mean.pose.height_m == pytest.approx(lines.height_m - 0.02 / 101, abs=1e-9)
+    assert np.all(np.diag(mean.covariance) < np.diag(sure))
+    mean = combine(Estimate(lines, known_to(unsure), 0.0), replace(texture_fit, terms=known_to(sure)))
+    assert mean.pose.height_m == pytest.approx(POSE.height_m + 0.02 / 101, abs=1e-9)
+
+
+def test_terms_of_both_are_weighted_and_what_contradicts_is_one_more():
+    """By hand: the inverse of the sum of informations, times chi squared over three where it is unlikely."""
+    nothing = np.empty(0)
+    quality = TextureQuality(50.0, 0.9, 0.9, 0.9, 0.1, (1e-3, 1e-4, 1e-4))
+    rng = np.random.default_rng(3)
+    scales = np.diag([1e-2, 1e-3, 1e-2])
+
+    def drawn():
+        root = scales @ rng.standard_normal((3, 5))
+        return root @ root.T
+
+    noise, kerb, roughness = drawn(), drawn(), drawn()
+    terms = (UncertaintyTerm("noise", noise), UncertaintyTerm("kerb", kerb))
+    of_texture = (UncertaintyTerm("noise", noise), UncertaintyTerm("roughness", roughness))
+    expected = np.linalg.inv(np.linalg.inv(noise + kerb) + np.linalg.inv(noise + roughness))
+    for height_m, contradicts in ((0.001, False), (0.3, True)):
+        fit = TextureFit(
+            moved(height_m=height_m), of_texture, quality, PLANE, nothing, nothing, nothing, nothing
+        )
+        mean = combine(Estimate(POSE, terms, 0.0), fit)
+        names = ["noise", "roughness", "kerb", *(["combination_disagreement"] if contradicts else [])]
+        assert [term.name for term in mean.terms] == names
+        difference = np.array([height_m, 0.0, 0.0])
+        chi2 = difference @ np.linalg.solve(2.0 * noise + kerb + roughness, difference)
+        factor = chi2 / 3.0 if contradicts else 1.0
+        np.testing.assert_allclose(mean.covariance, factor * expected, rtol=1e-9, atol=1e-15)
 
 
 def test_rectification_is_a_fraction_of_a_pixel_everywhere():
@@ -137,7 +174,7 @@ def test_a_road_that_may_be_a_plane_makes_the_lines_no_worse():
     """A hundred times: what the asphalt does not surely show is not taken for the road's shape."""
     rough = replace(PLANE, roughness=1e-6)
     for evidence, uneven in ((math.log(99.0), False), (math.log(101.0), True)):
-        covariance = road_shape_covariance(PATTERN, PAPER_RIG, POSE, replace(rough, evidence=evidence))
+        covariance = road_shape(PATTERN, PAPER_RIG, POSE, replace(rough, evidence=evidence))
         assert bool(covariance.any()) == uneven
 
 
@@ -148,7 +185,7 @@ def asphalt(height_beside_m, height_beyond_m):
     quality = TextureQuality(50.0, 0.9, 0.9, 0.9, 0.1, (1e-3, 1e-4, 1e-4))
     shape = replace(PLANE, roughness=1e-4, profile=1.0)
     sure = np.full(len(places), 1e-3**2)
-    return TextureFit(POSE, np.eye(3), quality, shape, places, heights, np.ones(len(places)), sure)
+    return TextureFit(POSE, known_to(np.eye(3)), quality, shape, places, heights, np.ones(len(places)), sure)
 
 
 def test_a_line_in_a_hollow_of_the_asphalt_lies_in_it():

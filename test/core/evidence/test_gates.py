@@ -16,6 +16,7 @@ from stereo_selfcal.core.evidence.kerb_face import EdgeStep
 from stereo_selfcal.core.evidence.profile import Profile
 from stereo_selfcal.core.evidence.row_offset import VerticalOffset
 from stereo_selfcal.core.evidence.stripe_border import StripeBorder
+from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
 from stereo_selfcal.core.lanes.line_geometry import BelowPlane
 from stereo_selfcal.core.road.surface import RoadUnevenness
 
@@ -31,7 +32,7 @@ REFINED = StripeFit(
 )
 ASPHALT = TextureFit(
     POSE,
-    np.eye(3) * 1e-8,
+    (UncertaintyTerm("noise", np.eye(3) * 1e-8),),
     TextureQuality(50.0, 0.9, 0.9, 0.9, 0.1, (1e-3, 1e-4, 1e-4)),
     RoadUnevenness(0.0, 1e-3, 0.0, 1e-3, 0.0, 0.0, 0.0),
     NOTHING,
@@ -254,7 +255,7 @@ def test_half_the_texture_is_a_witness_of_half(changes):
 
 
 def test_an_uneven_road_is_no_witness_either():
-    uneven = replace(ASPHALT, covariance=np.diag([0.06, 1e-4, 1e-4]) ** 2)
+    uneven = replace(ASPHALT, terms=(UncertaintyTerm("noise", np.diag([0.06, 1e-4, 1e-4]) ** 2),))
     assert uneven.sufficiency == pytest.approx(0.5)
     assert uneven.enough_texture and not uneven.even_enough
 

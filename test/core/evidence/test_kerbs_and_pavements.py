@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from stereo_selfcal import Calibrator, Extrinsics, RejectReason
-from stereo_selfcal.core import calibrator as calibrator_module
 from stereo_selfcal.core.evidence import cross_checks
+from stereo_selfcal.core.search import solve, strategy
 from stereo_selfcal.synth.ingredients import Band, Shadow
 from stereo_selfcal.synth.road_shape import RoadShape
 from stereo_selfcal.synth.worlds import RIGS, named_world, random_world, render_world
@@ -99,19 +99,22 @@ def test_between_the_lines_there_has_to_be_texture(monkeypatch):
     monkeypatch.setattr(cross_checks, "align_texture", only_all)
     result = Calibrator(scene.rig).add(*images)
     assert result.accepted and "textured" not in result.stages
-    assert "not checked against the asphalt: too little texture between the lines" in result.notes
+    assert (
+        "not checked against the texture of the road surface: too little texture between the lines"
+        in result.notes
+    )
 
 
 @pytest.mark.parametrize("higher_m", [0.0, 0.07])
 def test_asphalt_alone_is_believed_where_that_under_the_car_agrees(monkeypatch, higher_m):
     scene, images = textured(paints=named_world("plain").scene.paints[:1])
-    align = calibrator_module.align_texture
+    align = solve.align_texture
 
     def beneath(*arguments, **settings):
         fit = align(*arguments, **settings)
         return replace(fit, extrinsics=replace(fit.extrinsics, height_m=fit.extrinsics.height_m + higher_m))
 
-    monkeypatch.setattr(calibrator_module, "align_texture", beneath)
+    monkeypatch.setattr(solve, "align_texture", beneath)
     result = Calibrator(scene.rig).add(*images)
     assert result.accepted == (higher_m == 0.0)
     if result.accepted:
@@ -129,9 +132,9 @@ def test_asphalt_alone_does_not_overrule_lines_that_show_a_slope_ahead():
     result = Calibrator(scene.rig).add(*images)
     assert result.reason is RejectReason.ROAD_NOT_FLAT
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Calibrator, "_bent_road", lambda *_: False)
+        patch.setattr(strategy, "_shows_another_slope", lambda *_: False)
         assert not Calibrator(scene.rig).add(*images).accepted
-        patch.setattr(calibrator_module, "unseen_slope_covariance", lambda _: np.zeros((3, 3)))
+        patch.setattr(solve, "unseen_slope_covariance", lambda _: np.zeros((3, 3)))
         assert list(Calibrator(scene.rig).add(*images).stages) == ["textured"]
 
 
@@ -141,7 +144,7 @@ def test_a_turned_camera_is_seen_at_the_horizon_where_the_road_does_not_show_it(
     camera = replace(camera, photometry=replace(camera.photometry, psf_sigma_px=1.6))
     scene, images = textured(left=camera, right=replace(camera, turned_rad=math.radians(0.3)))
     monkeypatch.setattr(cross_checks, "vertical_offset", lambda *_, **__: None)
-    monkeypatch.setattr(calibrator_module, "vertical_offset", lambda *_, **__: None)
+    monkeypatch.setattr(solve, "vertical_offset", lambda *_, **__: None)
     result = Calibrator(scene.rig).add(*images)
     assert result.reason is RejectReason.IMAGES_NOT_RECTIFIED
     assert result.gates[-1].name == "not turned"
@@ -187,7 +190,7 @@ def test_a_face_too_faint_to_refuse_is_a_doubt(rig, brighter):
     result = Calibrator(scene.rig).add(*images)
     assert result.accepted
     std = np.sqrt(np.diag(result.covariance)) * [1e3, math.degrees(1.0), math.degrees(1.0)]
-    doubt = "what lies beside a line may be, or hide, the face of a kerb"
+    doubt = "a kerb beside a line cannot be ruled out; the uncertainty allows for it"
     assert (doubt in result.notes) == (brighter != 0.0)
     assert np.all(error(result, scene) < 3.0 * std) == (brighter != 0.0)
 

@@ -8,7 +8,7 @@ import pytest
 from independent_camera import drawn, ideal_pattern
 
 from stereo_selfcal import Extrinsics, StereoRig
-from stereo_selfcal.core.lanes.closed_form import compare_stages, solve_plane
+from stereo_selfcal.core.lanes.closed_form import contradictions, solve_plane
 from stereo_selfcal.synth.scenes import PAPER_RIG
 
 POSE = Extrinsics(1.2, 0.10, -0.03)
@@ -143,11 +143,11 @@ def claims(pattern):
     return solve_plane(pattern, PAPER_RIG).covariance
 
 
-def test_agreement_is_silent_and_adds_the_stage():
-    pattern, stages = pattern_of(), {"genetic": POSE}
-    assert compare_stages(pattern, PAPER_RIG, POSE, claims(pattern), stages) == ()
-    assert list(stages) == ["genetic", "closed_form"]
-    np.testing.assert_allclose(stages["closed_form"].as_array(), POSE.as_array(), atol=1e-9)
+def test_agreement_is_silent():
+    pattern = pattern_of()
+    closed = solve_plane(pattern, PAPER_RIG)
+    assert contradictions(closed, POSE, claims(pattern)) == ()
+    np.testing.assert_allclose(closed.extrinsics.as_array(), POSE.as_array(), atol=1e-9)
 
 
 def test_disagreement_within_the_uncertainties_is_silent():
@@ -155,9 +155,9 @@ def test_disagreement_within_the_uncertainties_is_silent():
     pattern, rng = pattern_of(), np.random.default_rng(4)
     covariance = claims(pattern)
     moved = Extrinsics.from_array(POSE.as_array() + 2.0 * np.sqrt(np.diag(covariance)))
-    assert compare_stages(pattern, PAPER_RIG, moved, covariance, {}) == ()
+    assert contradictions(solve_plane(pattern, PAPER_RIG), moved, covariance) == ()
     for _ in range(200):
-        assert compare_stages(drawn(pattern, rng), PAPER_RIG, POSE, covariance, {}) == ()
+        assert contradictions(solve_plane(drawn(pattern, rng), PAPER_RIG), POSE, covariance) == ()
 
 
 @pytest.mark.parametrize(
@@ -171,7 +171,7 @@ def test_disagreement_is_said_with_name_sign_and_size(index, words, sign):
     shift = sign * 10.0 * math.sqrt(2.0 * covariance[index, index])
     values = POSE.as_array()
     values[index] += shift
-    notes = compare_stages(pattern, PAPER_RIG, Extrinsics.from_array(values), covariance, {})
+    notes = contradictions(solve_plane(pattern, PAPER_RIG), Extrinsics.from_array(values), covariance)
     shown = -shift if index == 0 else -math.degrees(shift)
     name, unit = words
     assert notes == (f"the closed form differs in {name} by {shown:+.4f}{unit}10 standard deviations",)
@@ -180,16 +180,8 @@ def test_disagreement_is_said_with_name_sign_and_size(index, words, sign):
 def test_every_quantity_that_disagrees_is_named():
     pattern = pattern_of()
     far = Extrinsics(POSE.height_m + 0.3, POSE.pitch_rad, POSE.roll_rad - 0.1)
-    notes = compare_stages(pattern, PAPER_RIG, far, claims(pattern), {})
+    notes = contradictions(solve_plane(pattern, PAPER_RIG), far, claims(pattern))
     assert [note.split(" by ")[0] for note in notes] == [
         "the closed form differs in height",
         "the closed form differs in roll",
     ]
-
-
-def test_no_plane_is_said_and_adds_no_stage():
-    base, stages = pattern_of(), {}
-    pattern = replace(base, columns=base.columns[:, [0, 0]])
-    (note,) = compare_stages(pattern, PAPER_RIG, POSE, np.eye(3), stages)
-    assert note.startswith("no closed form: ")
-    assert stages == {}

@@ -9,7 +9,6 @@ import pytest
 from independent_camera import ideal_pattern
 
 from stereo_selfcal import Calibrator, CalibratorConfig, Extrinsics
-from stereo_selfcal.core import calibrator as calibrator_module
 from stereo_selfcal.core.estimators.fitness import PatternFitness
 from stereo_selfcal.core.estimators.stripe_fit import refine
 from stereo_selfcal.core.lanes.closed_form import point_weights
@@ -17,6 +16,7 @@ from stereo_selfcal.core.lanes.extra_lines import find_extra_lines
 from stereo_selfcal.core.lanes.hypotheses import find_hypotheses
 from stereo_selfcal.core.lanes.lane_pair import ExtraLine
 from stereo_selfcal.core.lanes.stripe_points import find_stripe_points
+from stereo_selfcal.core.search import strategy
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import PAPER_RIG, random_scene
 
@@ -144,7 +144,7 @@ def test_lines_that_spoil_the_fit_are_left_out(monkeypatch):
         left, right = pattern.left[0], pattern.right[0]
         return (ExtraLine(left, replace(right, slope=right.slope - 0.05), 1e-4),)
 
-    monkeypatch.setattr(calibrator_module, "find_extra_lines", raised)
+    monkeypatch.setattr(strategy, "find_extra_lines", raised)
     result = Calibrator(scene.rig).add(*images)
     assert result.accepted
     assert result.pattern.further == ()

@@ -1,0 +1,68 @@
+"""An estimate on its way through the stages: the pose by each of them, and what is not known of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+from ..geometry.pose import Extrinsics
+from ..geometry.uncertainty import UncertaintyTerm, merge_terms, total_covariance
+from ..types import Array
+
+
+@dataclass(frozen=True, slots=True)
+class StagePoses:
+    """The pose by every stage; None where a stage did not run or gave up.
+
+    Attributes:
+        genetic: By the genetic algorithm, from the sampled lines (paper section 2.3).
+        closed_form: By linear least squares, from the same lines.
+        refined: By the fit of the stripes' grey values.
+        textured: By the texture of the road surface.
+        combined: Of lines and texture together.
+    """
+
+    genetic: Extrinsics | None = None
+    closed_form: Extrinsics | None = None
+    refined: Extrinsics | None = None
+    textured: Extrinsics | None = None
+    combined: Extrinsics | None = None
+
+    @property
+    def by_lines(self) -> Extrinsics | None:
+        """The best pose from lines alone."""
+        return self.refined or self.genetic
+
+    def as_dict(self) -> dict[str, Extrinsics]:
+        """Return the stages that ran, by name, in their order."""
+        poses = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: pose for name, pose in poses.items() if pose is not None}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """A pose over the road, and what is not known of it.
+
+    Attributes:
+        pose: Height, pitch and roll.
+        terms: Terms of the uncertainty, one for each name.
+        lane_yaw_rad: Yaw of the camera against the lane [rad], > 0: it points left of it.
+        notes: Sentences about what is not quite as it should be, though no reason to refuse.
+    """
+
+    pose: Extrinsics
+    terms: tuple[UncertaintyTerm, ...]
+    lane_yaw_rad: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def covariance(self) -> Array:
+        """(3, 3) of the pose: the sum of the terms."""
+        return total_covariance(self.terms)
+
+    def with_terms(self, *terms: UncertaintyTerm) -> Estimate:
+        """Return the estimate with more that is not known."""
+        return replace(self, terms=merge_terms((*self.terms, *terms)))
+
+    def with_note(self, note: str) -> Estimate:
+        """Return the estimate with a sentence more."""
+        return replace(self, notes=(*self.notes, note))

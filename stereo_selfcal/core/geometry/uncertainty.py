@@ -1,0 +1,84 @@
+"""The covariance of a pose as a sum of named terms: one for each thing that is not known.
+
+Noise, the road's roughness, a kerb that cannot be ruled out: each is independent of the others and leaves a
+covariance of its own. Their sum is the covariance of the pose; the terms say what it is made of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..types import Array
+
+# What each term stands for, in the order in which they are listed.
+TERMS = {
+    "noise": "noise of the pixels",
+    "misfit": "lines that agree less than their own noise promises",
+    "mismatch": "disparity errors that neither noise nor the road's shape explains",
+    "roughness": "unevenness of the road along the lane",
+    "camber": "bend of the road's cross-section",
+    "paint_angle": "lines that are not painted quite parallel",
+    "stage_disagreement": "difference between the line fit and the fit of the stripes' grey values",
+    "slope_seen": "slope ahead that differs from the slope near the car",
+    "slope_unseen": "slope ahead where the road is not seen",
+    "crown": "crown of the road between the lines",
+    "kerb": "kerb beside a line that cannot be ruled out",
+    "rectification": "residual error of the camera pair's own calibration",
+    "combination_disagreement": "difference between lines and texture beyond their uncertainties",
+    "scatter": "scatter of the frames beyond their uncertainties",
+    "shared": "errors that all frames of a drive share",
+    "motion": "motion of the car on its suspension",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UncertaintyTerm:
+    """One cause of uncertainty.
+
+    Attributes:
+        name: What it is, snake_case; a key of :data:`TERMS`.
+        covariance: (3, 3) that it leaves in (height_m, pitch_rad, roll_rad).
+    """
+
+    name: str
+    covariance: Array
+
+
+def total_covariance(terms: Iterable[UncertaintyTerm]) -> Array:
+    """Return the sum (3, 3) of the terms; zeros without any."""
+    total = np.zeros((3, 3))
+    for term in terms:
+        total = total + term.covariance
+    return total
+
+
+def merge_terms(terms: Iterable[UncertaintyTerm]) -> tuple[UncertaintyTerm, ...]:
+    """Return one term for each name, in the order of :data:`TERMS`; terms of zeros are left out.
+
+    Args:
+        terms: Independent terms; those of one name are added.
+    """
+    sums: dict[str, Array] = {}
+    for term in terms:
+        sums[term.name] = sums[term.name] + term.covariance if term.name in sums else term.covariance
+    order = [*TERMS, *(name for name in sums if name not in TERMS)]
+    return tuple(UncertaintyTerm(name, sums[name]) for name in order if name in sums and np.any(sums[name]))
+
+
+def propagate_terms(terms: Iterable[UncertaintyTerm], jacobian: Array) -> tuple[UncertaintyTerm, ...]:
+    """Return the terms of ``jacobian @ x`` from those of x.
+
+    Args:
+        terms: Terms of x.
+        jacobian: (3, 3) derivative by x, or a weight.
+    """
+    return tuple(UncertaintyTerm(term.name, _sandwich(jacobian, term.covariance)) for term in terms)
+
+
+def _sandwich(jacobian: Array, covariance: Array) -> Array:
+    propagated = jacobian @ covariance @ jacobian.T
+    symmetric: Array = (propagated + propagated.T) / 2.0
+    return symmetric

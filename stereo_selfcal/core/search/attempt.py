@@ -1,0 +1,82 @@
+"""What became of one hypothesis: every stage that ran, every gate that was read, and the verdict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from enum import Enum
+
+from ..evidence.estimate import Estimate, StagePoses
+from ..evidence.frame_evidence import FoundBy, Hypothesis
+from ..geometry.pose import Extrinsics
+from ..lanes.lane_pair import LanePattern
+from ..numerics.genetic import GeneticResult
+from ..rejection import GateReading, Rejection, RejectReason
+
+
+class Verdict(Enum):
+    """What became of a hypothesis; ``str()`` is a stable snake_case word."""
+
+    ACCEPTED = "accepted"
+    REFUSED = "refused"
+    UNCONFIRMED = "unconfirmed"
+    NOT_FITTED = "not_fitted"
+
+    def __str__(self) -> str:
+        return self.value
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Attempt:
+    """One hypothesis and what became of it.
+
+    Attributes:
+        hypothesis: Which lines, found how.
+        verdict: ``accepted``; ``refused`` by a gate; ``unconfirmed``: every gate was passed, yet the texture
+            that has to confirm such lines did not; ``not_fitted``: an estimator gave up.
+        message: One sentence: why it was not accepted, "" where it was.
+        rejection: The gate's refusal, None without one.
+        poses: Pose by every stage that ran.
+        readings: What the gates read, up to the first one that refused.
+        estimate: The pose with its uncertainty; None where no stage came that far.
+        lane_curvature_per_m: Curvature of the lane [1/m], > 0: bends left; None where it was not measured.
+        genetic: Report of the genetic algorithm; None where it did not run.
+    """
+
+    hypothesis: Hypothesis
+    verdict: Verdict
+    message: str = ""
+    rejection: Rejection | None = None
+    poses: StagePoses = field(default_factory=StagePoses)
+    readings: tuple[GateReading, ...] = ()
+    estimate: Estimate | None = None
+    lane_curvature_per_m: float | None = None
+    genetic: GeneticResult | None = None
+
+    @property
+    def accepted(self) -> bool:
+        """Whether it gave a calibration that counts."""
+        return self.verdict is Verdict.ACCEPTED
+
+    @property
+    def reason(self) -> RejectReason | None:
+        """Why a gate refused it, None where none did."""
+        return None if self.rejection is None else self.rejection.reason
+
+    @property
+    def found_by(self) -> FoundBy:
+        """How the lines were found."""
+        return self.hypothesis.found_by
+
+    @property
+    def pattern(self) -> LanePattern | None:
+        """The lines, None where there is no pair of them."""
+        return self.hypothesis.pattern
+
+    @property
+    def stages(self) -> dict[str, Extrinsics]:
+        """Pose by every stage that ran, by name."""
+        return self.poses.as_dict()
+
+    def slim(self) -> Attempt:
+        """Return the attempt without points and lines, which weigh as much as an image."""
+        return replace(self, hypothesis=self.hypothesis.slim(), genetic=None)

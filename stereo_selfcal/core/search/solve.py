@@ -1,0 +1,229 @@
+"""One hypothesis through all stages: from its lines, or from the road surface alone, to an attempt."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..camera.rig import StereoRig
+from ..config import CalibratorConfig
+from ..estimators.fitness import PatternFitness
+from ..estimators.line_covariance import LineFit, measure_bends, propagate
+from ..estimators.stripe_fit import StripeFit, refine
+from ..estimators.texture_alignment import TextureFit, align_texture
+from ..evidence.cross_checks import cross_check_texture
+from ..evidence.cue_fusion import surely_right
+from ..evidence.estimate import Estimate, StagePoses
+from ..evidence.frame_evidence import Evidence, FrameObservations, Hypothesis
+from ..evidence.gates import evaluate_gates
+from ..evidence.lane_heights import surely_same
+from ..evidence.nuisances import (
+    rectification_covariance,
+    seen_slope_covariance,
+    stage_disagreement_covariance,
+    unseen_slope_covariance,
+)
+from ..evidence.profile import measure_profile, profile_of_asphalt
+from ..evidence.row_offset import vertical_offset
+from ..geometry.homography import SIDES
+from ..geometry.pose import Extrinsics
+from ..geometry.uncertainty import UncertaintyTerm, merge_terms
+from ..lanes.closed_form import contradictions, solve_plane
+from ..lanes.lane_pair import LanePattern
+from ..numerics.genetic import GeneticResult, maximise_each
+from ..rejection import GateReading, Rejection
+from ..types import Image
+from .attempt import Attempt, Verdict
+from .texture_guided_lines import line_on_road
+
+# A lane of 2.5 m has this on both sides of a camera in it, with a quarter of a metre to spare.
+_BENEATH_M = (-1.0, 1.0)
+_CLIPPED_STEP = 4  # every fourth pixel of every fourth row is enough for two digits
+
+
+def solve(
+    hypothesis: Hypothesis, frame: FrameObservations, rig: StereoRig, config: CalibratorConfig
+) -> Attempt:
+    """Estimate the pose under a hypothesis, and read every gate on the way.
+
+    Args:
+        hypothesis: Which lines, found how.
+        frame: Images and stripe points.
+        rig: Intrinsics and baseline.
+        config: Settings.
+    """
+    if hypothesis.pattern is not None:
+        return _solve_lines(hypothesis, hypothesis.pattern, frame, rig, config)
+    if hypothesis.locating_texture is None:
+        raise ValueError("a hypothesis needs a pair of lines or the texture of the road surface")
+    return _solve_surface(hypothesis, hypothesis.locating_texture, frame, rig, config)
+
+
+def _solve_lines(
+    hypothesis: Hypothesis,
+    pattern: LanePattern,
+    frame: FrameObservations,
+    rig: StereoRig,
+    config: CalibratorConfig,
+) -> Attempt:
+    """Search for the pose, refine it on the images, and cross-check it."""
+    fitness = PatternFitness(pattern, rig, config.fitness)
+    genetic = _search(fitness, config)
+    pose = Extrinsics.from_array(genetic.best)
+    misfit_px = float(np.sqrt(np.max(fitness.errors(genetic.best[None]))))
+    poses = StagePoses(genetic=pose)
+    evidence = Evidence(config, pose, genetic.fitness, misfit_px, hypothesis.below)
+    readings, refusal = evaluate_gates(evidence)
+    if refusal:
+        return _refused(hypothesis, refusal, readings, poses, genetic)
+    fit = propagate(pattern, rig, pose, config.fitness)
+    bends = measure_bends(pattern, rig, pose.height_m)
+    evidence = replace(evidence, bends=bends, lines=fit)
+    readings, refusal = evaluate_gates(evidence, already=readings)
+    if refusal:
+        return _refused(hypothesis, refusal, readings, poses, genetic)
+    assert fit is not None  # the gate "determined" refuses where there is no fit
+    closed = solve_plane(pattern, rig)
+    if closed is None:
+        notes: tuple[str, ...] = ("no closed form: the lines leave the plane undetermined",)
+    else:
+        poses = replace(poses, closed_form=closed.extrinsics)
+        notes = contradictions(closed, pose, fit.covariance)
+    refined = refine(frame.images, pattern, rig, pose)
+    if refined is None:
+        notes = (*notes, "not refined: too few rows show both edges of a stripe")
+    else:
+        poses = replace(poses, refined=refined.extrinsics)
+        evidence = replace(
+            evidence,
+            profile=measure_profile(refined.residuals, rig, refined.extrinsics),
+            wide_profile=measure_profile(refined.residuals, rig, refined.extrinsics, wide=True),
+        )
+    evidence = replace(evidence, refined=refined, clipped=_clipped(frame.images))
+    readings, refusal = evaluate_gates(evidence, already=readings)
+    if refusal:
+        return _refused(hypothesis, refusal, readings, poses, genetic)
+    estimate = _estimate(pose, fit, refined, evidence, notes)
+    checked = cross_check_texture(estimate, poses, evidence, readings, hypothesis, pattern, frame, rig)
+    if checked.rejection is not None:
+        return _refused(hypothesis, checked.rejection, checked.readings, checked.poses, genetic)
+    confirmed = checked.poses.textured is not None or not hypothesis.needs_texture
+    return Attempt(
+        hypothesis,
+        Verdict.ACCEPTED if confirmed else Verdict.UNCONFIRMED,
+        "" if confirmed else "the texture of the road surface does not confirm these lines",
+        poses=checked.poses,
+        readings=checked.readings,
+        estimate=checked.estimate,
+        lane_curvature_per_m=bends.lateral_per_m,
+        genetic=genetic,
+    )
+
+
+def _estimate(
+    genetic: Extrinsics,
+    lines: LineFit,
+    refined: StripeFit | None,
+    evidence: Evidence,
+    notes: tuple[str, ...],
+) -> Estimate:
+    """Return the estimate from lines: that of the stripes' grey values where they could be fitted."""
+    terms = lines.terms if refined is None else (UncertaintyTerm("noise", refined.covariance),)
+    more = (
+        UncertaintyTerm("slope_seen", seen_slope_covariance(evidence.profile)),
+        UncertaintyTerm(
+            "stage_disagreement", stage_disagreement_covariance(genetic, lines.covariance, refined)
+        ),
+    )
+    return Estimate(
+        genetic if refined is None else refined.extrinsics,
+        merge_terms((*terms, *more)),
+        lines.lane_yaw_rad if refined is None else refined.lane_yaw_rad,
+        notes,
+    )
+
+
+def _solve_surface(
+    hypothesis: Hypothesis,
+    texture: TextureFit,
+    frame: FrameObservations,
+    rig: StereoRig,
+    config: CalibratorConfig,
+) -> Attempt:
+    """Take the pose over the road surface where a line both cameras see lies in it."""
+    poses = StagePoses(textured=texture.extrinsics)
+
+    def not_fitted(message: str) -> Attempt:
+        return Attempt(hypothesis, Verdict.NOT_FITTED, message, poses=poses)
+
+    profile = profile_of_asphalt(texture)
+    terms = merge_terms(
+        (
+            *texture.terms,
+            UncertaintyTerm("rectification", rectification_covariance(rig, texture.extrinsics)),
+            UncertaintyTerm("slope_seen", seen_slope_covariance(profile)),
+            UncertaintyTerm("slope_unseen", unseen_slope_covariance(profile)),
+        )
+    )
+    estimate = Estimate(
+        texture.extrinsics, terms, 0.0, ("from the road surface, confirmed by one line only",)
+    )
+    if not surely_right(estimate.covariance):
+        return not_fitted("the road surface leaves the pose too uncertain to go without a pair of lines")
+    found = line_on_road(
+        texture.extrinsics, list(hypothesis.single_lines), frame.points, frame.images, rig, config
+    )
+    if found is None:
+        return not_fitted("no line that both cameras see lies in the road surface")
+    _, yaw = found
+    # What is beyond a kerb is not of the road, and may have decided the plane.
+    beneath = align_texture(frame.images, rig, texture.extrinsics, yaw, limits_m=_BENEATH_M)
+    if beneath is None or not surely_same(texture.extrinsics, beneath, rig):
+        return not_fitted("the road surface of the own lane does not exclude a kerb beside it")
+    vertical = vertical_offset(frame.images, rig, texture.extrinsics, yaw)
+    if vertical is None:  # rows that cannot be compared may be those of a turned camera
+        return not_fitted("the rows of both images cannot be compared on the road surface")
+    readings, refusal = evaluate_gates(Evidence(config, texture=texture, vertical=vertical))
+    if refusal:
+        return _refused(hypothesis, refusal, readings, poses)
+    return Attempt(
+        hypothesis,
+        Verdict.ACCEPTED,
+        poses=poses,
+        readings=readings,
+        estimate=replace(estimate, lane_yaw_rad=yaw),
+    )
+
+
+def _refused(
+    hypothesis: Hypothesis,
+    rejection: Rejection,
+    readings: tuple[GateReading, ...],
+    poses: StagePoses,
+    genetic: GeneticResult | None = None,
+) -> Attempt:
+    return Attempt(
+        hypothesis, Verdict.REFUSED, rejection.message, rejection, poses, readings, genetic=genetic
+    )
+
+
+def _search(fitness: PatternFitness, config: CalibratorConfig) -> GeneticResult:
+    """Run the genetic algorithm over the whole search box, once for each camera's parallelism."""
+    box = config.search
+    runs = maximise_each(
+        fitness.seen_by_each,
+        lower=(box.height_min_m, -box.pitch_max_rad, -box.roll_max_rad),
+        upper=(box.height_max_m, box.pitch_max_rad, box.roll_max_rad),
+        config=config.genetic,
+        rng=np.random.default_rng(config.seed),
+        n_runs=len(SIDES),
+    )
+    best = max(runs, key=lambda run: run.fitness)
+    return replace(best, evaluations=sum(run.evaluations for run in runs))
+
+
+def _clipped(images: tuple[Image, Image]) -> float:
+    """Return the greatest part of black and white pixels in the lower half of an image."""
+    lower = (image[image.shape[0] // 2 :: _CLIPPED_STEP, ::_CLIPPED_STEP] for image in images)
+    return max(float(np.mean((part == 0) | (part == np.iinfo(np.uint8).max))) for part in lower)

@@ -1,0 +1,162 @@
+"""Which hypotheses are tried, in which order, and which attempt is the answer.
+
+Each hypothesis costs a search, a fit of the stripes and an alignment of the texture. So the clearest pair of
+lines comes first. Other pairs follow where one of its lines is not of the road. What was not the first choice
+has to be confirmed by the texture of the road surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from ..camera.rig import StereoRig
+from ..config import CalibratorConfig
+from ..estimators.texture_alignment import TextureFit
+from ..evidence.cue_fusion import same_road
+from ..evidence.frame_evidence import FoundBy, FrameObservations, Hypothesis
+from ..evidence.lane_heights import lies_on
+from ..geometry.pose import Extrinsics
+from ..lanes.closed_form import solve_plane
+from ..lanes.extra_lines import find_extra_lines
+from ..lanes.hypotheses import LaneHypotheses, cross, find_hypotheses, lines_below_plane
+from ..lanes.lane_pair import LanePattern
+from ..rejection import RejectReason
+from .attempt import Attempt, Verdict
+from .texture_guided_lines import find_road, lines_on_road
+
+# Each further pair costs as much as the first one, so there is an end to it.
+_MAX_FURTHER_PAIRS = 4
+# Where one of two lines is not of the road, or not the same in both cameras, other pairs get their turn: as
+# many as that took in most random worlds.
+_OTHER_PAIRS_MAY_DO = (
+    RejectReason.LINES_NOT_MATCHED,
+    RejectReason.LINE_BELOW_ROAD,
+    RejectReason.LINES_NOT_COPLANAR,
+    RejectReason.LINE_NOT_PAINTED,
+)
+_MAX_OTHER_PAIRS = 2
+
+
+def hypotheses(
+    first: LaneHypotheses,
+    frame: FrameObservations,
+    rig: StereoRig,
+    config: CalibratorConfig,
+    attempts: Sequence[Attempt],
+) -> Iterator[Hypothesis]:
+    """Yield the hypotheses about a frame, most promising first; end when one of them was accepted.
+
+    Args:
+        first: Pairs of lines that single stripe points have voted for.
+        frame: Images and stripe points.
+        rig: Intrinsics and baseline.
+        config: Settings.
+        attempts: What became of the hypotheses so far; the caller appends each before it takes the next one.
+    """
+    yield from _first_choice(first, frame, rig, config, attempts)
+    if not config.texture.check or (attempts and attempts[-1].accepted):
+        return
+    refused, n_first = (attempts[-1] if attempts else None), len(attempts)
+    chained = find_hypotheses(frame.points, frame.images, rig, config, chained=True)
+    yield from _other_pairs(first, chained, rig, attempts)
+    if attempts and attempts[-1].accepted:
+        return
+    # The first of these attempts that saw the surface has said where it is.
+    seen = [each.poses.textured for each in attempts[max(n_first - 1, 0) :]]
+    known = next((pose for pose in seen if pose is not None), None)
+    matches = [match for found in (chained, first) for side in found.matches for match in side]
+    texture = find_road(frame.images, known, matches, rig, config)
+    if texture is None or (known is not None and not same_road(known, texture.extrinsics)):
+        return
+    candidates = [found.candidates[0] for found in (chained, first)]
+    for pattern in lines_on_road(texture.extrinsics, candidates, frame.points, frame.images, rig, config):
+        yield Hypothesis(FoundBy.TEXTURE, pattern, locating_texture=texture, needs_texture=True)
+        if attempts[-1].accepted:
+            return
+    if not _shows_another_slope(refused, texture, rig):
+        yield Hypothesis(FoundBy.SURFACE, None, locating_texture=texture, single_lines=tuple(matches))
+
+
+def choose(attempts: Sequence[Attempt]) -> Attempt | None:
+    """Return the attempt that answers for a frame; None without any.
+
+    The one that was accepted; else the last one of the first choice, or of the surface alone, that a gate
+    refused: what else was tried had less to go by.
+    """
+    for attempt in attempts:
+        if attempt.accepted:
+            return attempt
+    refused = [
+        each for each in attempts if each.verdict is Verdict.REFUSED and not each.hypothesis.needs_texture
+    ]
+    return refused[-1] if refused else None
+
+
+def _first_choice(
+    first: LaneHypotheses,
+    frame: FrameObservations,
+    rig: StereoRig,
+    config: CalibratorConfig,
+    attempts: Sequence[Attempt],
+) -> Iterator[Hypothesis]:
+    """Yield the clearest pair, with the other lines of the road and alone; then pairs with other lines."""
+    if not isinstance(first.patterns, list):
+        return
+    depths = lines_below_plane(first.patterns, rig)
+
+    def pair(pattern: LanePattern, index: int) -> Hypothesis:
+        return Hypothesis(FoundBy.HOUGH, pattern, first.matches, depths[index])
+
+    clearest = first.patterns[0]
+    extra = find_extra_lines(clearest, first.matches, frame.points, rig, config)
+    yield pair(clearest.joined(extra), 0)
+    if extra and not attempts[-1].accepted:
+        yield pair(clearest, 0)
+    if attempts[-1].reason not in _OTHER_PAIRS_MAY_DO:
+        return
+    others = [
+        index
+        for index, depth in enumerate(depths)
+        if index and not depth.surely_below and not cross(clearest, first.patterns[index])
+    ]
+    for index in others[:_MAX_OTHER_PAIRS]:
+        if attempts[-1].reason in _OTHER_PAIRS_MAY_DO:
+            yield pair(first.patterns[index], index)
+
+
+def _other_pairs(
+    first: LaneHypotheses, chained: LaneHypotheses, rig: StereoRig, attempts: Sequence[Attempt]
+) -> Iterator[Hypothesis]:
+    """Yield pairs of another road than those before, until one is accepted."""
+    tried: list[Extrinsics] = []
+    road: Extrinsics | None = None
+    if attempts:
+        road = attempts[-1].poses.textured
+        tried += [pose for pose in (attempts[-1].poses.genetic,) if pose is not None]
+    n_tried = 0
+    for found, found_by in ((chained, FoundBy.CHAINS), (first, FoundBy.HOUGH)):
+        for pattern in found.patterns if isinstance(found.patterns, list) else ():
+            closed = solve_plane(pattern, rig)
+            if closed is None or n_tried == _MAX_FURTHER_PAIRS:
+                continue
+            if any(same_road(closed.extrinsics, other) for other in tried):
+                continue
+            tried.append(closed.extrinsics)
+            if road is not None and not lies_on(pattern, rig, closed.extrinsics, road):
+                continue
+            n_tried += 1
+            yield Hypothesis(found_by, pattern, needs_texture=True)
+            if attempts[-1].accepted:
+                return
+            road = road or attempts[-1].poses.textured
+
+
+def _shows_another_slope(refused: Attempt | None, texture: TextureFit, rig: StereoRig) -> bool:
+    """Whether lines that lie in the surface were refused as those of a road with another slope ahead.
+
+    That stands: the texture tells less of what is farther ahead.
+    """
+    if refused is None or refused.reason is not RejectReason.ROAD_NOT_FLAT or refused.pattern is None:
+        return False
+    line_pose = refused.poses.by_lines
+    return line_pose is not None and lies_on(refused.pattern, rig, line_pose, texture.extrinsics)
