@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..numerics.statistics import upper_median
+from ..numerics.statistics import MEDIAN_CHI2_3, upper_median
 from ..road.stripe_model import N_POSE
 from ..types import Array
 from .row_blocks import RowBlocks
@@ -18,7 +18,6 @@ _MIN_STRIPE_BLOCKS = 3
 
 # Tukey's biweight on the deviance of a block of three displacements: 95 % efficiency for normal errors.
 _TUKEY_DEVIANCE = 30.0
-_MEDIAN_CHI2_3 = 2.366  # of the chi-squared distribution with three degrees of freedom
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,7 +130,7 @@ def solve_step(blocks: RowBlocks, by_road: Array, reweightings: int, known: Know
         deviance = np.einsum("mi,mij,mj->m", residual, information, residual) / blocks.variance
         for i, blocks_of in cameras:
             if len(blocks_of):
-                scales[i] = max(1.0, upper_median(deviance[blocks_of]) / _MEDIAN_CHI2_3)
+                scales[i] = max(1.0, upper_median(deviance[blocks_of]) / MEDIAN_CHI2_3)
         relative = deviance / (scales * _TUKEY_DEVIANCE)[of_camera]
         weights = np.maximum(1.0 - relative, 0.0) ** 2 / scales[of_camera]
     counted = relative < 1.0

@@ -12,11 +12,10 @@ import numpy as np
 
 from ..estimators.texture_alignment import TextureFit
 from ..geometry.pose import Extrinsics
+from ..numerics.statistics import UNLIKELY_CHI2_3
 from ..tolerances import AGREEMENT, WRONG
 from ..types import Array
 
-# Of the chi-squared distribution with three degrees of freedom: exceeded in one of twenty cases.
-_UNLIKELY_CHI2_3 = 7.815
 _SURE_SIGMAS = 3.0  # one in 370
 
 
@@ -47,6 +46,6 @@ def combine(lines: Extrinsics, covariance: Array, texture: TextureFit) -> tuple[
     mean = total @ (information[0] @ lines.as_array() + information[1] @ texture.extrinsics.as_array())
     difference = lines.as_array() - texture.extrinsics.as_array()
     chi2 = float(difference @ np.linalg.solve(covariance + texture.covariance, difference))
-    if chi2 > _UNLIKELY_CHI2_3:
+    if chi2 > UNLIKELY_CHI2_3:
         total = total * (chi2 / len(difference))
     return Extrinsics.from_array(mean), (total + total.T) / 2.0

@@ -11,13 +11,14 @@ from ..estimators.stripe_fit import StripeFit
 from ..geometry.homography import apply_homography, road_from_image
 from ..geometry.plane import jacobian_pose_wrt_plane, plane_from_pose
 from ..geometry.pose import Extrinsics, road_from_camera_rotation
+from ..geometry.rays import LEAST_DISPARITY_PX
 from ..lanes.lane_pair import LanePattern
+from ..lanes.line_geometry import rays_of_lines
+from ..numerics.statistics import UNLIKELY_CHI2_3
 from ..road.priors import FALL_STD, NARROWEST_LANE_M, PAINT_STD_RAD, RECTIFICATION_STD_PX, WIDEST_LANE_M
 from ..road.surface import RoadUnevenness, kernels
 from ..tolerances import MAX_LINE_HEIGHT_M
 from ..types import Array
-from .cue_fusion import _UNLIKELY_CHI2_3
-from .lane_heights import _LEAST_DISPARITY_PX, _rays
 from .profile import Profile
 
 _ANGLE_STEPS = np.array([1e-4, 1e-5, 1e-5])  # m, rad, rad: of a derivative
@@ -43,9 +44,9 @@ def road_shape_covariance(
     if not shape.uneven:
         return np.zeros((3, 3))
     plane = plane_from_pose(extrinsics, rig)
-    ray = np.concatenate(_rays(pattern, rig))
+    ray = np.concatenate(rays_of_lines(pattern, rig))
     disparity = ray @ plane
-    ray, disparity = ray[disparity > _LEAST_DISPARITY_PX], disparity[disparity > _LEAST_DISPARITY_PX]
+    ray, disparity = ray[disparity > LEAST_DISPARITY_PX], disparity[disparity > LEAST_DISPARITY_PX]
     depth = rig.fx * rig.baseline_m / disparity
     rotation = road_from_camera_rotation(extrinsics.pitch_rad, extrinsics.roll_rad)
     xy = (ray * depth[:, None]) @ rotation[:2].T
@@ -76,7 +77,7 @@ def kerb_covariance(
     covariance = np.zeros((3, 3))
     plane = plane_from_pose(extrinsics, rig)
     by_plane = jacobian_pose_wrt_plane(plane, rig)
-    rays = _rays(pattern.boundaries, rig)
+    rays = rays_of_lines(pattern.boundaries, rig)
     solve = np.linalg.pinv(np.concatenate(rays))
     for line in doubtful:
         # A kerb higher by e has a disparity greater by e / metres. At even odds, e scatters by half of it.
@@ -101,7 +102,7 @@ def stage_disagreement_covariance(lines: Extrinsics, covariance: Array, refined:
         return np.zeros((3, 3))
     difference = refined.extrinsics.as_array() - lines.as_array()
     chi2 = float(difference @ np.linalg.solve(covariance + refined.covariance, difference))
-    return np.outer(difference, difference) * (chi2 > _UNLIKELY_CHI2_3)
+    return np.outer(difference, difference) * (chi2 > UNLIKELY_CHI2_3)
 
 
 def paint_angle_covariance(
@@ -123,7 +124,7 @@ def paint_angle_covariance(
     """
     if not shape.uneven:
         return np.zeros((3, 3))
-    ray = np.concatenate(_rays(pattern.boundaries, rig))
+    ray = np.concatenate(rays_of_lines(pattern.boundaries, rig))
     by_plane = jacobian_pose_wrt_plane(plane_from_pose(extrinsics, rig), rig)
     by_disparity = by_plane @ np.linalg.pinv(ray)
     free = by_disparity @ by_disparity.T

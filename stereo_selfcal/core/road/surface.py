@@ -51,7 +51,7 @@ _LEAST_CELLS = 6  # twice the numbers of a plane
 _LEAST_CELLS_OF_SHAPE = 12  # twice the six numbers of a bent surface
 _OUTLIER_WEIGHT = 0.5  # Tukey's at 2.5 robust standard deviations
 _ROUNDING = 1e-12  # of the greatest eigenvalue: what is less is that of the arithmetic
-_LEAST_WEIGHT = 1e-3  # an outlier keeps a thousandth: matrices stay regular
+LEAST_WEIGHT = 1e-3  # an outlier keeps a thousandth: matrices stay regular
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,7 +159,7 @@ def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface |
     # An outlier is a cell with a larger variance: it tells less of the plane.
     # No part of that for the others: it would pass for noise what is the road's shape.
     outlier = weights < _OUTLIER_WEIGHT
-    inflated = noise + np.where(outlier, off**2 / np.maximum(weights, _LEAST_WEIGHT), 0.0)
+    inflated = noise + np.where(outlier, off**2 / np.maximum(weights, LEAST_WEIGHT), 0.0)
     found = (_TYPICAL_ROUGHNESS, _TYPICAL_MISMATCH_PX, 1.0, math.inf)
     if final:
         found = _likely(y, x, inflated, profile, kernel, cells.metres[seen])
@@ -210,7 +210,7 @@ def _robust_weights(y: Array, x: Array, sigma: Array) -> tuple[Array, Array]:
         if i < _REWEIGHTINGS:
             weights = 1.0 / np.maximum(residual, 0.1 * scale)
         else:
-            weights = np.maximum(1.0 - (residual / (_TUKEY_SIGMAS * scale)) ** 2, _LEAST_WEIGHT) ** 2
+            weights = np.maximum(1.0 - (residual / (_TUKEY_SIGMAS * scale)) ** 2, LEAST_WEIGHT) ** 2
     return weights, residual * sigma
 
 
@@ -271,7 +271,7 @@ def measure_shape(xy: Array, surface: Surface) -> RoadUnevenness:
         xy: (C, 2) position of the cells [m].
         surface: The plane and the cells.
     """
-    seen = np.isfinite(surface.residuals) & (surface.weights > _LEAST_WEIGHT)
+    seen = np.isfinite(surface.residuals) & (surface.weights > LEAST_WEIGHT)
     x, y = xy[seen].T
     along, across = np.ptp(x) / 2.0, np.ptp(y) / 2.0
     if len(x) < _LEAST_CELLS_OF_SHAPE or along == 0.0 or across == 0.0:
