@@ -20,6 +20,7 @@ import numpy.typing as npt
 from ..camera.rig import StereoRig
 from ..geometry.plane import jacobian_pose_wrt_plane, plane_from_pose, pose_from_plane
 from ..geometry.pose import Extrinsics
+from ..numerics.robust import TUKEY_SIGMAS, tukey_weights
 from ..road.cell_grid import FAR_M, HALF_WIDTH_M, Corridor, lay_out
 from ..road.surface import Cells, RoadUnevenness, Surface, fit_surface, measure_shape
 from ..tolerances import AGREEMENT, MAX_NOISE_STD
@@ -47,7 +48,6 @@ _MOST_STEP_PX = 4.0  # beyond, the plane is not the one that was found
 _FINEST_PX = 1e-3
 _STEP_LIMIT_PX = 2.0  # a cell does not move farther in one pass: beyond, the gradient says nothing
 
-_TUKEY = 4.685
 _ABS_OF_SIGMA = 0.798  # mean absolute value of a Gaussian, sqrt(2 / pi)
 _CELL_SIGMAS = 3.0  # significance of a cell's texture: one cell in 700 without any passes
 _LEAST_SEGMENTS = 3
@@ -250,9 +250,9 @@ def _measure(
     rest = (difference - corridor.to_samples(sums(usable * difference) / count)) * usable
     per_cell = np.maximum(cells(count), 1.0)
     scale = np.maximum(cells(sums(np.abs(rest))) / per_cell / _ABS_OF_SIGMA, 0.1)
-    relative = rest * corridor.to_samples(corridor.to_segments(1.0 / (_TUKEY * scale)))
-    weights = np.maximum(1.0 - relative * relative, 0.0)
-    weights *= weights * usable
+    relative = rest * corridor.to_samples(corridor.to_segments(1.0 / (TUKEY_SIGMAS * scale)))
+    weights = tukey_weights(relative * relative)
+    weights *= usable
     # Sums of a segment, means removed; the slope is the mean of both images'.
     total = np.maximum(sums(weights), 1e-6)
     w_left, w_right = weights * by_left, weights * by_right

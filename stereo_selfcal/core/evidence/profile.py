@@ -17,7 +17,7 @@ from ..estimators.row_blocks import EdgeResiduals
 from ..estimators.texture_alignment import TextureFit
 from ..geometry.homography import horizon_row
 from ..geometry.pose import Extrinsics
-from ..numerics.statistics import SIGMA_OVER_MAD, upper_median
+from ..numerics.robust import Reweighting, fit_reweighted, scale_by_median
 from ..tolerances import AGREEMENT
 from ..types import Array, Mask
 
@@ -43,7 +43,8 @@ WIDE_REACH_PX = 5.0  # the window of the refinement
 MOST_RAMP_SIGMAS = 3.0  # a ramp steeper than any lens's stands for an edge that is elsewhere than in the fit
 # Of a height: one false alarm in 15 000 for normal errors.
 _BENT_SIGMAS = 4.0
-_TUKEY_SIGMAS, _REWEIGHTINGS = 4.685, 5
+_REWEIGHTING = Reweighting(rounds=5)
+_SCALE = scale_by_median(1.0)  # in standard deviations: they are not less than is known beforehand
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,17 +155,18 @@ def _fit(by_heights: Array, by_bend: Array, off: Array, variance: Array) -> Prof
     """Fit heights at the nodes, and a bend, to measurements (N,) by their derivatives (N, K) and (N,)."""
     design = np.column_stack([by_heights, by_bend])
     prior = _prior()
-    weights, scale = np.ones(len(off)), 1.0
-    inverse = np.linalg.inv(prior)
-    solution = np.zeros(len(prior))
-    for _ in range(_REWEIGHTINGS if len(off) else 0):
+
+    def fit(weights: Array, _: object) -> tuple[tuple[Array, Array], Array]:
         weighted = design * (weights / variance)[:, None]
         inverse = np.linalg.inv(weighted.T @ design + prior)
         solution = inverse @ (weighted.T @ off)
-        relative = np.abs(off - design @ solution) / np.sqrt(variance)
-        scale = max(1.0, SIGMA_OVER_MAD * upper_median(relative))
-        weights = np.clip(1.0 - (relative / scale / _TUKEY_SIGMAS) ** 2, 0.0, None) ** 2
-    covariance = inverse * scale**2
+        return (solution, inverse), (off - design @ solution) / np.sqrt(variance)
+
+    solution, covariance = np.zeros(len(prior)), np.linalg.inv(prior)
+    if len(off):
+        found = fit_reweighted(fit, len(off), _REWEIGHTING, _SCALE)
+        assert found is not None  # the prior determines what is not seen
+        solution, covariance = found.solution[0], found.solution[1] * found.scale**2
     # The plane through the heights from near to far, by least squares.
     steps = np.linspace(NEAR_M, FAR_M, _N_STEPS)
     line = np.linalg.pinv(np.column_stack([np.ones(_N_STEPS), steps])) @ _hats(steps)

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..numerics.statistics import SIGMA_OVER_MAD, median
+from ..numerics.robust import Reweighting, fit_reweighted, scale_by_median
+from ..numerics.statistics import median
 from ..types import Array
 
 # The spectrum of a road falls with its waviness as the power: 2 in ISO 8608's definition, 2.5 in the middle
@@ -44,14 +45,14 @@ _PROFILE_LENGTH_M = 1.0  # wheel tracks and gutters are half a metre to a metre 
 # A road is no plane where that is a hundred times less likely: rendered planes reach e^1, real roads e^15 and
 # more, or as little as planes where little of them is seen.
 _LEAST_EVIDENCE = math.log(100.0)
-_TUKEY_SIGMAS = 4.685  # 95 % efficient for Gaussian errors
-_REWEIGHTINGS = 8
 _WORST_STD_M = 0.3  # two kerbs: a cell that cannot tell them apart says nothing of the road
 _LEAST_CELLS = 6  # twice the numbers of a plane
 _LEAST_CELLS_OF_SHAPE = 12  # twice the six numbers of a bent surface
 _OUTLIER_WEIGHT = 0.5  # Tukey's at 2.5 robust standard deviations
 _ROUNDING = 1e-12  # of the greatest eigenvalue: what is less is that of the arithmetic
-LEAST_WEIGHT = 1e-3  # an outlier keeps a thousandth: matrices stay regular
+LEAST_WEIGHT = 1e-3  # an outlier's variance is a thousand times its squared distance at most
+_REWEIGHTING = Reweighting(rounds=8, absolute_rounds=8, least_weight=LEAST_WEIGHT**2)
+_SCALE = scale_by_median(1e-9, median)  # where three cells decide, nothing scatters
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -202,16 +203,15 @@ def kernels(xy: Array) -> tuple[Array, Array]:
 def _robust_weights(y: Array, x: Array, sigma: Array) -> tuple[Array, Array]:
     """Return the weights (S,) of a robust fit, from least absolute deviations on, and the distances (S,)."""
     rows, target = x / sigma[:, None], y / sigma
-    weights, scale = np.ones(len(y)), 1.0
-    for i in range(2 * _REWEIGHTINGS):
+
+    def fit(weights: Array, _: object) -> tuple[Array, Array]:
         weighted = rows.T * weights
-        residual = np.abs(target - rows @ np.linalg.solve(weighted @ rows, weighted @ target))
-        scale = max(SIGMA_OVER_MAD * median(residual), 1e-9)
-        if i < _REWEIGHTINGS:
-            weights = 1.0 / np.maximum(residual, 0.1 * scale)
-        else:
-            weights = np.maximum(1.0 - (residual / (_TUKEY_SIGMAS * scale)) ** 2, LEAST_WEIGHT) ** 2
-    return weights, residual * sigma
+        plane = np.linalg.solve(weighted @ rows, weighted @ target)
+        return plane, target - rows @ plane
+
+    found = fit_reweighted(fit, len(y), _REWEIGHTING, _SCALE)
+    assert found is not None  # the cells determine a plane, with any weights
+    return found.weights, found.residuals * sigma
 
 
 def _likely(
