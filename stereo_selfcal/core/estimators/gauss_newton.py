@@ -91,7 +91,7 @@ class Step:
         return covariance
 
 
-def solve_step(blocks: RowBlocks, by_road: Array, reweightings: int, known: Known) -> Step | None:
+def solve_step(blocks: RowBlocks, jac_columns_road: Array, reweightings: int, known: Known) -> Step | None:
     """Solve for the change of all parameters, block by block weighted robustly.
 
     Returns:
@@ -106,15 +106,15 @@ def solve_step(blocks: RowBlocks, by_road: Array, reweightings: int, known: Know
     usable = usable & enough[:, None]
     of_camera = np.nonzero(usable)[0]
     # Displacements (left edge, right edge, blur) of each block by the free parameters: (M, 3, P).
-    n_road = len(by_road)
+    n_road = len(jac_columns_road)
     design = np.zeros((len(of_camera), 3, n_road + 2))
-    design[:, :2, :n_road] = np.moveaxis(by_road, (0, 3), (-1, -2))[usable]
+    design[:, :2, :n_road] = np.moveaxis(jac_columns_road, (0, 3), (-1, -2))[usable]
     design[np.arange(len(of_camera)), 2, n_road + of_camera] = 1.0
     design = design[..., free]
     information, displacement = blocks.information[usable], blocks.displacement[usable]
-    by_information = information @ design
+    informed = information @ design
     # All blocks' normal equations in one row each: weighting them is one product.
-    normals = (np.swapaxes(design, -1, -2) @ by_information).reshape(len(design), -1)
+    normals = (np.swapaxes(design, -1, -2) @ informed).reshape(len(design), -1)
     sides = (blocks.gradient[usable][:, None] @ design)[:, 0]
     prior, pull = (part[..., free] for part in known.heights(blocks.variance))
     prior = prior[free]

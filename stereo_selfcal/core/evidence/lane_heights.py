@@ -94,7 +94,7 @@ def _heights_along(
     """Yield heights over a road [m], weights and places on it [m] of the rows each line was seen in."""
     rotation = road_from_camera_rotation(road.pitch_rad, road.roll_rad)
     for ray in rays_of_lines(pattern, rig):
-        seen, expected = ray @ plane_from_pose(lines, rig), ray @ plane_from_pose(road, rig)
+        seen, expected = (plane_from_pose(each, rig).disparities(ray) for each in (lines, road))
         seen = np.maximum(seen, LEAST_DISPARITY_PX)
         metres = road.height_m / seen
         xy = (ray * (rig.fx * rig.baseline_m / seen)[:, None]) @ rotation[:2].T
@@ -125,7 +125,7 @@ def surely_same(road: Extrinsics, other: TextureFit, rig: StereoRig) -> bool:
         places = np.column_stack([1.0 / rows, np.full(N_ROWS, side_m)])
         ray = np.column_stack([places, np.full(N_ROWS, -other.extrinsics.height_m)]) @ to_camera
         ray /= ray[:, :1]
-        seen, expected = ray @ plane_from_pose(road, rig), ray @ plane_from_pose(other.extrinsics, rig)
+        seen, expected = (plane_from_pose(each, rig).disparities(ray) for each in (road, other.extrinsics))
         heights = (seen - expected) * other.extrinsics.height_m / seen
         over.append(_over_cells(heights, seen**2.0, places, other, known))
     heights_m, stds_m = np.transpose(over)

@@ -45,7 +45,7 @@ def road_shape_covariance(
         return np.zeros((3, 3))
     plane = plane_from_pose(extrinsics, rig)
     ray = np.concatenate(rays_of_lines(pattern, rig))
-    disparity = ray @ plane
+    disparity = plane.disparities(ray)
     ray, disparity = ray[disparity > LEAST_DISPARITY_PX], disparity[disparity > LEAST_DISPARITY_PX]
     depth = rig.fx * rig.baseline_m / disparity
     rotation = road_from_camera_rotation(extrinsics.pitch_rad, extrinsics.roll_rad)
@@ -81,7 +81,7 @@ def kerb_covariance(
     solve = np.linalg.pinv(np.concatenate(rays))
     for line in doubtful:
         # A kerb higher by e has a disparity greater by e / metres. At even odds, e scatters by half of it.
-        by_height = [ray @ plane / extrinsics.height_m * (i == line) for i, ray in enumerate(rays)]
+        by_height = [plane.disparities(ray) / extrinsics.height_m * (i == line) for i, ray in enumerate(rays)]
         change = by_plane @ solve @ np.concatenate(by_height) * MAX_LINE_HEIGHT_M
         covariance += np.outer(change, change)
     return covariance

@@ -113,12 +113,12 @@ def measure_profile(edges: EdgeResiduals, rig: StereoRig, pose: Extrinsics, *, w
     information = np.diagonal(edges.blocks.information, axis1=-2, axis2=-1)[..., :2]
     off, slope, at = edges.displacement[usable], slopes[usable], x[usable]
     variance = edges.blocks.variance / np.maximum(information[usable], 1e-9) + EDGE_STD_PX**2
-    by_heights, by_bend = (slope * rig.fy / at)[:, None] * _hats(at), -rig.fx * at / 2.0
-    found = _fit(by_heights, by_bend, off, variance)
+    jac_off_heights, jac_off_bend = (slope * rig.fy / at)[:, None] * _hats(at), -rig.fx * at / 2.0
+    found = _fit(jac_off_heights, jac_off_bend, off, variance)
     near = at <= found.bends_at_m
     if not wide and not near.all():
         # From there on edges are farther off with every metre, and soon out of reach.
-        found = _fit(by_heights[near], by_bend[near], off[near], variance[near])
+        found = _fit(jac_off_heights[near], jac_off_bend[near], off[near], variance[near])
     return replace(found, seen_share=_SEEN_SHARE)
 
 
@@ -151,9 +151,9 @@ def _hats(at_m: Array) -> Array:
     return np.stack([np.interp(at_m, _NODES_M, one) for one in np.eye(len(_NODES_M))], axis=1)
 
 
-def _fit(by_heights: Array, by_bend: Array, off: Array, variance: Array) -> Profile:
+def _fit(jac_off_heights: Array, jac_off_bend: Array, off: Array, variance: Array) -> Profile:
     """Fit heights at the nodes, and a bend, to measurements (N,) by their derivatives (N, K) and (N,)."""
-    design = np.column_stack([by_heights, by_bend])
+    design = np.column_stack([jac_off_heights, jac_off_bend])
     prior = _prior()
 
     def fit(weights: Array, _: object) -> tuple[tuple[Array, Array], Array]:

@@ -204,25 +204,25 @@ def measure_cells(
     scale = np.sqrt(np.vdot(left[0], left[0]) / max(np.vdot(right[0], right[0]), 1e-6))
     right = right * np.float32(np.clip(scale, 0.25, 4.0))
     difference = left[0] - right[0]
-    by_left, by_right = left[1:], right[1:]  # by column and by row
+    slopes_left, slopes_right = left[1:], right[1:]  # by column and by row
     sums = corridor.sums_over_cells
-    gradient = sums((by_left + by_right) / 2 * difference)
+    gradient = sums((slopes_left + slopes_right) / 2 * difference)
     # Gradients of one image by those of the other: noise alone leaves nothing.
-    common = sums(by_left[:, None] * by_right)
+    common = sums(slopes_left[:, None] * slopes_right)
     common = (common + common.swapaxes(0, 1)) / 2
     count = np.maximum(sums(usable), 1.0)
-    alone = sums(by_left * by_left) * sums(by_right * by_right)
-    by_noise = _CELL_SIGMAS * np.sqrt(alone * _CORRELATED_SAMPLES / count)
-    seen = common[1, 1] > by_noise[1]
+    alone = sums(slopes_left * slopes_left) * sums(slopes_right * slopes_right)
+    noise_limit = _CELL_SIGMAS * np.sqrt(alone * _CORRELATED_SAMPLES / count)
+    seen = common[1, 1] > noise_limit[1]
     noise = np.maximum(sums(difference * difference) / count, _QUANTISATION)
     # An edge along the row has nothing across it, which a wrong disparity could move.
-    slanted = common[0, 0] > by_noise[0]
+    slanted = common[0, 0] > noise_limit[0]
     known = noise / disparity_std_px**2
     along = np.where(slanted, common[0, 1] / np.where(slanted, common[0, 0] + known, 1.0), 0.0)
-    by_row = np.where(seen, common[1, 1] - along * common[0, 1], 0.0)
-    seen &= by_row > (_LEAST_INFORMATION * common[1, 1] if math.isinf(disparity_std_px) else 0.0)
+    row_information = np.where(seen, common[1, 1] - along * common[0, 1], 0.0)
+    seen &= row_information > (_LEAST_INFORMATION * common[1, 1] if math.isinf(disparity_std_px) else 0.0)
     rest = gradient[1] - along * gradient[0]
-    safe = np.where(seen, by_row, 1.0)
+    safe = np.where(seen, row_information, 1.0)
     # The right image lies lower by the displacement: its grey values there, less those on the left, fall.
     return np.where(seen, rest / safe, 0.0), np.where(seen, noise / safe, np.inf)
 

@@ -224,12 +224,12 @@ def _likely(
     equally probable.
     """
     basis = np.linalg.qr(x, mode="complete")[0][:, x.shape[1] :]
-    contrast, by_road = basis.T @ y, basis.T @ kernel @ basis
-    by_noise, by_mismatch = (basis.T * noise) @ basis, (basis.T * metres**2) @ basis
+    contrast, road_covariance = basis.T @ y, basis.T @ kernel @ basis
+    noise_covariance, mismatch_covariance = (basis.T * noise) @ basis, (basis.T * metres**2) @ basis
     # One basis for everything else and the road, so that every roughness is a division.
-    factor = np.linalg.cholesky(by_noise + _MISMATCH_PX[:, None, None] ** 2 * by_mismatch)
+    factor = np.linalg.cholesky(noise_covariance + _MISMATCH_PX[:, None, None] ** 2 * mismatch_covariance)
     inverse = np.linalg.inv(factor)
-    values, vectors = np.linalg.eigh(inverse @ by_road @ np.swapaxes(inverse, 1, 2))
+    values, vectors = np.linalg.eigh(inverse @ road_covariance @ np.swapaxes(inverse, 1, 2))
     scaled = 1.0 / np.sqrt(1.0 + np.clip(values, 0.0, None)[:, None] * _ROUGHNESS[:, None])
     # The profile is smooth: a few shapes across the road make it up, each with its own size. The Cholesky
     # factor of their products with each other and the contrast has what they leave of it in its last row.
