@@ -134,7 +134,7 @@ def _strip_pose(frame: Recorded, points: tuple[Array, Array], half_width_m: floa
     rays, disparity = points
     rig = frame.rig
     start = Extrinsics.from_array((frame.reference - DISPARITY_OFFSET) / READABLE)
-    plane = plane_from_pose(start, rig)
+    plane = plane_from_pose(start, rig).coefficients
     depth = rig.fx * rig.baseline_m / disparity
     aside = rays[:, 1] * depth + rig.baseline_m / 2.0
     strip = (np.abs(aside) < half_width_m) & (depth > STRIP_NEAR_M) & (depth < STRIP_FAR_M)

@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -29,6 +30,7 @@ from ..camera.rig import StereoRig
 from ..errors import ConfigError
 from ..geometry.homography import SIDES, Side, apply_homography, image_from_road, road_from_image
 from ..geometry.pose import Extrinsics
+from ..numerics.derivatives import central_difference, linearise, point_by_point
 from ..types import Array
 
 # Rows nearer than this to where a line meets the horizon are left out. 4 rows below it, 180 m ahead of the
@@ -36,7 +38,7 @@ from ..types import Array
 # height and roll changes by 0.03 %, that of pitch by 1 %.
 HORIZON_MARGIN_PX = 4.0
 
-# Paint on asphalt of issue 3's example, and its noise of 5 % of 255.
+# Paint on asphalt, and noise of 5 % of 255: the chart is for these.
 DEFAULT_CONTRAST = 123.0
 DEFAULT_NOISE_GREY = 0.05 * 255
 
@@ -175,15 +177,12 @@ def location_std(covariance: Array, rig: StereoRig, extrinsics: Extrinsics, dist
         the root of the trace of its (2, 2) covariance.
     """
     pixel = apply_homography(image_from_road(rig, extrinsics, "left"), (distance_m, 0.0))
-    pose = extrinsics.as_array()
-    jacobian = np.empty((2, N_POSE))
-    for i in range(N_POSE):
-        low, high = (
-            apply_homography(road_from_image(rig, Extrinsics.from_array(pose + step), "left"), pixel)
-            for step in (-STEP * np.eye(N_POSE)[i], STEP * np.eye(N_POSE)[i])
-        )
-        jacobian[:, i] = (high - low) / (2 * STEP)
-    return math.sqrt(float(np.trace(jacobian @ covariance @ jacobian.T)))
+
+    def place(pose: Array) -> Array:
+        return apply_homography(road_from_image(rig, Extrinsics.from_array(pose), "left"), pixel)
+
+    jac_place_pose = central_difference(point_by_point(place), extrinsics.as_array(), STEP).T
+    return math.sqrt(float(np.trace(jac_place_pose @ covariance @ jac_place_pose.T)))
 
 
 def fisher_information(rig: StereoRig, extrinsics: Extrinsics, scene: StripeScene) -> Array:
@@ -196,13 +195,10 @@ def fisher_information(rig: StereoRig, extrinsics: Extrinsics, scene: StripeScen
     lines = np.array([*scene.line_positions_m, *[scene.line_width_m] * len(scene.line_positions_m)])
     parameters = np.array([*extrinsics.as_array(), scene.lane_yaw_rad, *lines])
     n = parameters.size
-    steps = STEP * np.eye(n)
     total = np.zeros((n + 2, n + 2))
     for side in SIDES:
-        edges = _edges(rig, side, parameters)
-        high = np.stack([_edges(rig, side, parameters + step) for step in steps])
-        low = np.stack([_edges(rig, side, parameters - step) for step in steps])
-        motion = (high - low) / (2 * STEP)
+        edges_of = point_by_point(partial(_edges, rig, side))
+        edges, motion = linearise(edges_of, parameters, STEP)
         for line in range(len(scene.line_positions_m)):
             derivative = _stripe_derivative(rig, scene, edges[line], motion[:, line])
             total += derivative @ derivative.T

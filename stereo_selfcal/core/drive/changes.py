@@ -208,8 +208,8 @@ def _refitted(splits: list[int], blocks: TimeBlocks, motion: Motion) -> list[int
             moved.append(split)
             continue
         total = np.cumsum(values, axis=0)
-        left, right = total[n - 1], total[-1] - total[n - 1]
-        explained = np.sum(left**2 / n[:, None] + right**2 / (len(values) - n)[:, None], axis=1)
+        before_sum, after_sum = total[n - 1], total[-1] - total[n - 1]
+        explained = np.sum(before_sum**2 / n[:, None] + after_sum**2 / (len(values) - n)[:, None], axis=1)
         moved.append(before.start + int(n[np.argmax(explained)]))
     return moved
 

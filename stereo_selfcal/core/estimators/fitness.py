@@ -27,6 +27,8 @@ import numpy.typing as npt
 
 from ..camera.rig import StereoRig
 from ..config import FitnessConfig
+from ..geometry.plane import DisparityPlane, PlaneCamera
+from ..geometry.rays import pixel_rays
 from ..lanes.closed_form import disparity_model, point_weights
 from ..lanes.lane_pair import LanePattern
 from ..types import Array
@@ -98,13 +100,13 @@ class PatternFitness:
         return error
 
     def _plane(self, height: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
-        """Return the disparity [px] of the road by the ray (1, y, z) of the left camera, (P, 3)."""
+        """Return the disparity [px] of the road by the ray (1, y, z) of the left camera, (..., 3)."""
         across = cp * sr
         left_height = height + across * (self._rig.baseline_m / 2.0)
         scale = self._rig.fx * self._rig.baseline_m / left_height
         # A point on the road has depth left_height / (sp - cp sr y - cp cr z).
-        plane = np.empty((len(height), 3))
-        plane[:, 0], plane[:, 1], plane[:, 2] = scale * sp, -scale * across, -scale * cp * cr
+        plane = np.empty((*np.shape(height), 3))
+        plane[..., 0], plane[..., 1], plane[..., 2] = scale * sp, -scale * across, -scale * cp * cr
         return plane
 
     def _matching_error(self, height: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
@@ -115,37 +117,35 @@ class PatternFitness:
         error: Array = np.maximum(square + self._square, 0.0)
         return error
 
-    def plane(self, candidate: Array) -> Array:
-        """Return the disparity [px] of a candidate's road by the ray (1, y, z) of the left camera, (3,)."""
-        plane: Array = self._plane(candidate[:1], *_trigonometry(candidate[None]))[0]
-        return plane
+    def plane(self, candidate: Array) -> DisparityPlane:
+        """Return the road of a candidate (3,) by the rays of the left camera."""
+        return DisparityPlane(self._plane(candidate[0], *_trigonometry(candidate)), PlaneCamera.LEFT)
 
-    def linear_terms(self, candidate: Array) -> tuple[Array, Array]:
+    def linear_terms(self, candidates: Array) -> tuple[Array, Array]:
         """Return what the fitness of two lines is made of, before squares and minimum are taken.
 
         Args:
-            candidate: (3,) height_m, pitch_rad, roll_rad.
+            candidates: (..., 3) height_m, pitch_rad, roll_rad.
 
         Returns:
-            distances (2 N,) of the points and angles (2,) between the lines by camera, both [px].
+            distances (..., 2 N) of the points and angles (2, ...) between the lines by camera, both [px].
         """
-        angles = np.array([self._angle(normals, candidate) for normals in self._normals])
-        return self._design @ self.plane(candidate) - self._disparity, angles
+        trig = _trigonometry(candidates)
+        planes = self._plane(candidates[..., 0], *trig)
+        normals = self._normals.reshape(2, *[1] * (candidates.ndim - 2), *self._normals.shape[1:])
+        angles: Array = self._focal_px * _angles_between(normals, *trig)[..., 0]
+        return planes @ self._design.T - self._disparity, angles
 
     def angle_with(self, columns: Array, rows: Array, candidate: Array) -> float:
         """Return what the angle of :meth:`linear_terms` would be with other columns (L, N) [px]."""
-        return self._angle(_normals_of(columns, rows, self._rig), candidate)
-
-    def _angle(self, normals: Array, candidate: Array) -> float:
-        return self._focal_px * float(_angles_between(normals, *_trigonometry(candidate[None]))[0, 0])
+        normals = _normals_of(columns, rows, self._rig)
+        return self._focal_px * float(_angles_between(normals, *_trigonometry(candidate))[0])
 
 
 def _normals_of(columns: Array, rows: Array, rig: StereoRig) -> Array:
     """Return the normals of the planes through a camera and each line, as columns (..., 3, L)."""
     ends = columns[..., [0, -1]]
-    rays = np.empty((*ends.shape, 3))
-    rays[..., 0], rays[..., 1] = 1.0, -(ends - rig.cx) / rig.fx
-    rays[..., 2] = -(rows[[0, -1]] - rig.cy) / rig.fy
+    rays = pixel_rays(rig, ends, rows[[0, -1]])
     return np.swapaxes(np.cross(rays[..., 0, :], rays[..., 1, :]), -1, -2)
 
 
@@ -181,6 +181,6 @@ def _pairs(n_lines: int) -> npt.NDArray[np.intp]:
 
 
 def _trigonometry(population: Array) -> tuple[Array, Array, Array, Array]:
-    """Return cosine and sine of pitch, cosine and sine of roll, each (P,)."""
-    pitch, roll = population[:, 1], population[:, 2]
+    """Return cosine and sine of pitch, cosine and sine of roll, each (...)."""
+    pitch, roll = population[..., 1], population[..., 2]
     return np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)

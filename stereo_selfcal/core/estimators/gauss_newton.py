@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from ..numerics.statistics import upper_median
+from ..numerics.robust import Reweighting, fit_reweighted
+from ..numerics.statistics import MEDIAN_CHI2_3, upper_median
 from ..road.stripe_model import N_POSE
 from ..types import Array
 from .row_blocks import RowBlocks
@@ -18,7 +20,6 @@ _MIN_STRIPE_BLOCKS = 3
 
 # Tukey's biweight on the deviance of a block of three displacements: 95 % efficiency for normal errors.
 _TUKEY_DEVIANCE = 30.0
-_MEDIAN_CHI2_3 = 2.366  # of the chi-squared distribution with three degrees of freedom
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +91,7 @@ class Step:
         return covariance
 
 
-def solve_step(blocks: RowBlocks, by_road: Array, reweightings: int, known: Known) -> Step | None:
+def solve_step(blocks: RowBlocks, jac_columns_road: Array, reweightings: int, known: Known) -> Step | None:
     """Solve for the change of all parameters, block by block weighted robustly.
 
     Returns:
@@ -105,39 +106,50 @@ def solve_step(blocks: RowBlocks, by_road: Array, reweightings: int, known: Know
     usable = usable & enough[:, None]
     of_camera = np.nonzero(usable)[0]
     # Displacements (left edge, right edge, blur) of each block by the free parameters: (M, 3, P).
-    n_road = len(by_road)
+    n_road = len(jac_columns_road)
     design = np.zeros((len(of_camera), 3, n_road + 2))
-    design[:, :2, :n_road] = np.moveaxis(by_road, (0, 3), (-1, -2))[usable]
+    design[:, :2, :n_road] = np.moveaxis(jac_columns_road, (0, 3), (-1, -2))[usable]
     design[np.arange(len(of_camera)), 2, n_road + of_camera] = 1.0
     design = design[..., free]
     information, displacement = blocks.information[usable], blocks.displacement[usable]
-    by_information = information @ design
+    informed = information @ design
     # All blocks' normal equations in one row each: weighting them is one product.
-    normals = (np.swapaxes(design, -1, -2) @ by_information).reshape(len(design), -1)
+    normals = (np.swapaxes(design, -1, -2) @ informed).reshape(len(design), -1)
     sides = (blocks.gradient[usable][:, None] @ design)[:, 0]
     prior, pull = (part[..., free] for part in known.heights(blocks.variance))
     prior = prior[free]
-    weights = np.ones(len(sides))
-    # A camera that the template fits worse (its lens is sharper or softer) has larger deviances in all
-    # of its blocks: they weigh less, but are no outliers.
-    scales = np.ones(2)
-    cameras = [(i, np.flatnonzero(of_camera == i)) for i in range(2)]
-    for _ in range(reweightings):
+
+    def fit(weights: Array, scale: float | Array) -> tuple[Array, Array] | None:
+        weights = weights / np.square(scale)
         normal = (weights @ normals).reshape(prior.shape) + prior
         if not np.isfinite(normal).all() or np.linalg.matrix_rank(normal, hermitian=True) < len(normal):
             return None
         change = np.linalg.solve(normal, weights @ sides + pull)
         residual = displacement - design @ change
         deviance = np.einsum("mi,mij,mj->m", residual, information, residual) / blocks.variance
-        for i, blocks_of in cameras:
-            if len(blocks_of):
-                scales[i] = max(1.0, upper_median(deviance[blocks_of]) / _MEDIAN_CHI2_3)
-        relative = deviance / (scales * _TUKEY_DEVIANCE)[of_camera]
-        weights = np.maximum(1.0 - relative, 0.0) ** 2 / scales[of_camera]
+        return change, np.sqrt(np.maximum(deviance, 0.0))  # rounding may leave less
+
+    cameras = [np.flatnonzero(of_camera == i) for i in range(2)]
+
+    def scales_of(residuals: Array) -> Array:
+        """Return the scale of the residuals of each camera, (2,).
+
+        A camera that the template fits worse (its lens is sharper or softer) has larger deviances in all
+        of its blocks: they weigh less, but are no outliers.
+        """
+        medians = [upper_median(residuals[own]) if len(own) else 0.0 for own in cameras]
+        return np.maximum(1.0, np.array(medians) / math.sqrt(MEDIAN_CHI2_3))
+
+    how = Reweighting(rounds=reweightings, limit=_TUKEY_DEVIANCE**0.5)
+    found = fit_reweighted(fit, len(sides), how, lambda residuals: scales_of(residuals)[of_camera])
+    if found is None:
+        return None
+    variances = scales_of(found.residuals) ** 2
+    relative = found.residuals**2 / (_TUKEY_DEVIANCE * variances)[of_camera]
     counted = relative < 1.0
     if not counted.any():
         return None
     whole = np.zeros(n_road + 2)
-    whole[free] = change
-    left = (counted / scales[of_camera] @ normals).reshape(prior.shape) + prior
-    return Step(whole, free, left, relative[counted], float(scales.mean()))
+    whole[free] = found.solution
+    counted_information = (counted / variances[of_camera] @ normals).reshape(prior.shape) + prior
+    return Step(whole, free, counted_information, relative[counted], float(variances.mean()))

@@ -21,6 +21,7 @@ from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, merge_terms
 from ..lanes.lane_pair import ImageLine, LanePattern
 from ..lanes.line_geometry import lane_in_road
+from ..numerics.derivatives import central_difference, linearise
 from ..road.stripe_model import predict_edges
 from ..types import Array
 from .fitness import PatternFitness
@@ -85,22 +86,19 @@ def propagate(
         information[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = np.linalg.inv(line.covariance)
     parameters = np.concatenate([extrinsics.as_array(), lane_in_road(pattern, rig, extrinsics)])
     for _ in range(_N_ITERATIONS):
-        varied = np.concatenate(
-            [parameters[None], parameters + np.diag(_STEPS), parameters - np.diag(_STEPS)]
-        )
-        predicted = _predict(varied, lines, rig)
-        residual = measured - predicted[0]
-        jacobian = ((predicted[1:7] - predicted[7:]) / (2.0 * _STEPS)[:, None]).T
-        normal = jacobian.T @ information @ jacobian
+        predicted, jac_transposed = linearise(lambda p: _predict(p, lines, rig), parameters, _STEPS)
+        normal = jac_transposed @ information @ jac_transposed.T
         if not np.all(np.isfinite(normal)) or np.linalg.matrix_rank(normal) < len(parameters):
             return None
-        parameters = parameters + np.linalg.solve(normal, jacobian.T @ information @ residual)
+        parameters = parameters + np.linalg.solve(
+            normal, jac_transposed @ information @ (measured - predicted)
+        )
     residual = measured - _predict(parameters[None], lines, rig)[0]
     chi2 = float(residual @ information @ residual)
-    result_by_lines = _sensitivity(pattern, rig, extrinsics.as_array(), config)
-    if result_by_lines is None:
+    jac_pose_lines = _sensitivity(pattern, rig, extrinsics.as_array(), config)
+    if jac_pose_lines is None:
         return None
-    covariance = result_by_lines @ np.linalg.inv(information) @ result_by_lines.T
+    covariance = jac_pose_lines @ np.linalg.inv(information) @ jac_pose_lines.T
     covariance *= _enlargement(chi2)
     return LineFit((covariance + covariance.T) / 2.0, float(parameters[3]), chi2)
 
@@ -125,21 +123,16 @@ def _sensitivity(
     fitness = PatternFitness(pattern, rig, config)
     camera = int(np.argmin(np.abs(fitness.linear_terms(estimate)[1])))
 
-    def terms(candidate: Array) -> Array:
-        distances, angles = fitness.linear_terms(candidate)
-        return np.append(distances, angles[camera])
+    def terms(candidates: Array) -> Array:
+        distances, angles = fitness.linear_terms(candidates)
+        return np.column_stack([distances, angles[camera]])
 
-    by_estimate = np.column_stack(
-        [
-            (terms(estimate + step) - terms(estimate - step)) / (2.0 * step.sum())
-            for step in np.diag(_STEPS[:3])
-        ]
-    )
-    d_t, g_t = by_estimate[:-1], by_estimate[-1:]
+    jac_terms_estimate = central_difference(terms, estimate, _STEPS[:3]).T
+    d_t, g_t = jac_terms_estimate[:-1], jac_terms_estimate[-1:]
     d_l, g_l = np.zeros((len(d_t), 8)), np.zeros((1, 8))
     angle = fitness.linear_terms(estimate)[1][camera]
     # The ray (1, y, z) of a left column u has y = (cx - u) / fx, and the disparity left minus right column.
-    of_column = (-fitness.plane(estimate)[1] / rig.fx - 1.0, 1.0)
+    of_column = (-fitness.plane(estimate).coefficients[1] / rig.fx - 1.0, 1.0)
     n_rows = len(pattern.rows)
     for i, line in enumerate((*pattern.left, *pattern.right)):
         side, boundary = divmod(i, 2)

@@ -10,9 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ..camera.rig import StereoRig
+from ..geometry.plane import DisparityPlane, PlaneCamera
 from ..numerics.statistics import quantile
 from ..road.cell_grid import Corridor
-from ..types import Array, Floats, Image
+from ..types import Floats, Image
 
 _SPARE_ROWS = 6  # above the corridor of the first pass, for those after it
 _SATURATED = 250  # clipping begins a few levels before 255, by noise and interpolation
@@ -63,11 +64,13 @@ def sample(image: npt.NDArray[Any], u: Floats, v: Floats, how: int = cv2.INTER_C
     return np.asarray(sampled.reshape(u.shape))
 
 
-def half_disparity(corridor: Corridor, plane: Array, rig: StereoRig) -> Floats:
+def half_disparity(corridor: Corridor, plane: DisparityPlane, rig: StereoRig) -> Floats:
     """Return half the disparity of the plane at each sample [px], (N,)."""
-    base = plane[0] + plane[1] * rig.cx / rig.fx + plane[2] * rig.cy / rig.fy
-    half: Floats = corridor.v * np.float32(-plane[2] / rig.fy / 2.0)
-    half += corridor.u * np.float32(-plane[1] / rig.fx / 2.0)
+    # The product with all pixels' rays (`core.geometry.rays`), written out in single precision.
+    p = plane.of_camera(PlaneCamera.MIDDLE, rig).coefficients
+    base = p[0] + p[1] * rig.cx / rig.fx + p[2] * rig.cy / rig.fy
+    half: Floats = corridor.v * np.float32(-p[2] / rig.fy / 2.0)
+    half += corridor.u * np.float32(-p[1] / rig.fx / 2.0)
     half += np.float32(base / 2.0)
     return half
 

@@ -22,6 +22,7 @@ from ..geometry.pose import Extrinsics
 from ..lanes.lane_pair import LanePattern, row_towards
 from ..lanes.line_geometry import lane_in_road
 from ..lanes.stripe_points import edge_response
+from ..numerics.derivatives import central_difference, linearise, point_by_point
 from ..road.stripe_model import N_POSE, bent_columns, predict_edges
 from ..types import Array, Image
 from .gauss_newton import MIN_BLOCKS, Known, Step, solve_step
@@ -145,14 +146,14 @@ def refine(
     solution: Step | None = None
     for one in _PASSES:
         rows = all_rows[:, :: one.row_step]
-        columns, slopes, by_road = _predict(road, rows, varied, rig, curvature_per_m is not None)
+        columns, slopes, jac_columns_road = _predict(road, rows, varied, rig, curvature_per_m is not None)
         window = (one.half_width, one.added_blur)
         darkening = _vignetting_profile(columns, rig)
         steepness = vignetting[:, None, None] * darkening
         blocks = measure_blocks(images, columns, slopes, rows, blur, window, noise, steepness)
         noise = blocks.variance
         known = Known(varied, heights, pattern.height_stds_m)
-        solution = solve_step(blocks, by_road, one.reweightings, known)
+        solution = solve_step(blocks, jac_columns_road, one.reweightings, known)
         if solution is None:
             return None
         step = solution.step
@@ -184,7 +185,7 @@ def refine(
         noise_grey=float(np.sqrt(blocks.variance)),
         scale=solution.scale,
         n_blocks=len(solution.relative),
-        residuals=_residuals(blocks, by_road, step, columns, slopes, all_rows),
+        residuals=_residuals(blocks, jac_columns_road, step, columns, slopes, all_rows),
     )
 
 
@@ -204,36 +205,30 @@ def _predict(
         Columns (2 cameras, L stripes, 2 edges, N, R) [px], slopes (2, L, 2) [columns a row], and the
         derivative of the columns in the middle of the blocks, (P, 2, L, 2, N).
     """
-    steps = np.array([*_POSE_STEPS, *[_STRIPE_STEP] * (len(road) - N_POSE)])
-    changes = np.diag(steps)[varied]
-    variations = np.concatenate([road[None], road + changes, road - changes])
+    steps = np.where(varied, [*_POSE_STEPS, *[_STRIPE_STEP] * (len(road) - N_POSE)], 0.0)
     middles = rows.mean(axis=1)
     if bent:
-        at_blocks = np.stack([bent_columns(variation, middles, rig) for variation in variations])
         columns = bent_columns(road, rows.astype(np.float64), rig)
         slopes = (columns[..., -1, -1] - columns[..., 0, 0]) / (rows[-1, -1] - rows[0, 0])
-    else:
-        edges = predict_edges(variations, rig)
-        at_blocks = edges[..., :1] + edges[..., 1:] * middles
-        columns, slopes = edges[0, ..., :1, None] + edges[0, ..., 1:, None] * rows, edges[0, ..., 1]
-    by_road = np.zeros((len(road), *at_blocks.shape[1:]))
-    by_road[varied] = at_blocks[1 : len(changes) + 1] - at_blocks[len(changes) + 1 :]
-    by_road /= (2.0 * steps).reshape(-1, 1, 1, 1, 1)
-    return columns, slopes, by_road
+        at_blocks = point_by_point(lambda one: bent_columns(one, middles, rig))
+        return columns, slopes, central_difference(at_blocks, road, steps)
+    edges, jac_edges_road = linearise(lambda roads: predict_edges(roads, rig), road, steps)
+    columns = edges[..., :1, None] + edges[..., 1:, None] * rows
+    return columns, edges[..., 1], jac_edges_road[..., :1] + jac_edges_road[..., 1:] * middles
 
 
 def _residuals(
     blocks: RowBlocks,
-    by_road: Array,
+    jac_columns_road: Array,
     step: Array,
     columns: Array,
     slopes: Array,
     rows: npt.NDArray[np.intp],
 ) -> EdgeResiduals:
-    """Return what is left of the edges' displacements after a step; of blocks that do not count as well."""
-    explained = np.moveaxis(np.tensordot(step[: len(by_road)], by_road, axes=1), 2, -1)
-    left = blocks.displacement[..., :2] - explained
-    return EdgeResiduals(left, blocks, columns.mean(axis=-1), slopes, rows.mean(axis=1))
+    """Return what of the edges' displacements remains after a step; of blocks that do not count as well."""
+    explained = np.moveaxis(np.tensordot(step[: len(jac_columns_road)], jac_columns_road, axes=1), 2, -1)
+    remainder = blocks.displacement[..., :2] - explained
+    return EdgeResiduals(remainder, blocks, columns.mean(axis=-1), slopes, rows.mean(axis=1))
 
 
 def _varied(pattern: LanePattern, bent: bool) -> npt.NDArray[np.bool_]:

@@ -18,9 +18,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ..camera.rig import StereoRig
-from ..geometry.plane import jacobian_pose_wrt_plane, plane_from_pose, pose_from_plane
+from ..geometry.plane import DisparityPlane, jacobian_pose_wrt_plane, plane_from_pose, pose_from_plane
 from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, propagate_terms, total_covariance
+from ..numerics.robust import TUKEY_SIGMAS, tukey_weights
 from ..road.cell_grid import FAR_M, HALF_WIDTH_M, Corridor, lay_out
 from ..road.surface import Cells, RoadUnevenness, Surface, fit_surface, measure_shape
 from ..tolerances import AGREEMENT, MAX_NOISE_STD
@@ -48,7 +49,6 @@ _MOST_STEP_PX = 4.0  # beyond, the plane is not the one that was found
 _FINEST_PX = 1e-3
 _STEP_LIMIT_PX = 2.0  # a cell does not move farther in one pass: beyond, the gradient says nothing
 
-_TUKEY = 4.685
 _ABS_OF_SIGMA = 0.798  # mean absolute value of a Gaussian, sqrt(2 / pi)
 _CELL_SIGMAS = 3.0  # significance of a cell's texture: one cell in 700 without any passes
 _LEAST_SEGMENTS = 3
@@ -181,7 +181,7 @@ def align_texture(
 def _align(
     images: tuple[Image, Image],
     rig: StereoRig,
-    plane: Array,
+    plane: DisparityPlane,
     layout: _Layout,
     blur_px: float,
     thinnings: tuple[int, ...],
@@ -205,13 +205,13 @@ def _align(
             grey, slopes = warp(prepared.grey, place), warp(prepared.slope, place)
             cells = _measure(grey, slopes, usable, corridor, blur_px)
             # A disparity that is too large by a pixel is a road too high by this much.
-            metres = rig.fx * rig.baseline_m / np.linalg.norm(plane) / (corridor.cell_rays @ plane)
+            metres = plane.height_m(rig) / plane.disparities(corridor.cell_rays)
             heights = np.where(cells.significant, cells.displacement * metres, np.nan)
             road = Cells(heights, cells.variance * metres**2, metres, corridor.cell_xy)
             surface = fit_surface(road, corridor.cell_rays * metres[:, None], final=final)
             if surface is None or np.abs(corridor.cell_rays @ surface.plane).max() > _MOST_STEP_PX:
                 return None
-            plane = plane + surface.plane
+            plane = plane.moved(surface.plane)
         if last:
             half += np.float32(_DECORRELATED_PX / 2.0)
             wrong = warp(prepared.grey, places(prepared.first_row, corridor, half, vertical_px))
@@ -252,22 +252,22 @@ def _measure(
     count = np.maximum(sums(usable), 1e-6)
     gain = np.float32(_gain(*grey, usable, count, corridor))
     difference = grey[0] * gain - grey[1] / gain
-    by_left, by_right = slopes[0] * gain, slopes[1] / gain
+    slope_left, slope_right = slopes[0] * gain, slopes[1] / gain
     rest = (difference - corridor.to_samples(sums(usable * difference) / count)) * usable
     per_cell = np.maximum(cells(count), 1.0)
     scale = np.maximum(cells(sums(np.abs(rest))) / per_cell / _ABS_OF_SIGMA, 0.1)
-    relative = rest * corridor.to_samples(corridor.to_segments(1.0 / (_TUKEY * scale)))
-    weights = np.maximum(1.0 - relative * relative, 0.0)
-    weights *= weights * usable
+    relative = rest * corridor.to_samples(corridor.to_segments(1.0 / (TUKEY_SIGMAS * scale)))
+    weights = tukey_weights(relative * relative)
+    weights *= usable
     # Sums of a segment, means removed; the slope is the mean of both images'.
     total = np.maximum(sums(weights), 1e-6)
-    w_left, w_right = weights * by_left, weights * by_right
+    w_left, w_right = weights * slope_left, weights * slope_right
     s_left, s_right, s_difference = sums(w_left), sums(w_right), sums(weights * difference)
     gradient = (s_left + s_right) * s_difference / total - sums((w_left + w_right) * difference)
     gradient /= 2.0
-    common = sums(w_left * by_right) - s_left * s_right / total
-    of_left = sums(w_left * by_left) - s_left**2 / total
-    of_right = sums(w_right * by_right) - s_right**2 / total
+    common = sums(w_left * slope_right) - s_left * s_right / total
+    of_left = sums(w_left * slope_left) - s_left**2 / total
+    of_right = sums(w_right * slope_right) - s_right**2 / total
     information = (of_left + 2.0 * common + of_right) / 4.0
     # Of noise alone, the products of gradients have a mean of zero and this variance.
     alone = np.clip(of_left * of_right, 0.0, None) * (_CORRELATED_SAMPLES * blur_px) / total
@@ -297,7 +297,9 @@ def _gain(left: Floats, right: Floats, usable: Floats, count: Array, corridor: C
     return float(np.clip((spreads[1] / spreads[0]) ** 0.25, 0.5, 2.0))
 
 
-def _search(images: tuple[Image, Image], rig: StereoRig, start: Array, layout: _Layout) -> Array | None:
+def _search(
+    images: tuple[Image, Image], rig: StereoRig, start: DisparityPlane, layout: _Layout
+) -> DisparityPlane | None:
     """Try planes around the start; return the one under which the most cells correlate."""
     pose = pose_from_plane(start, rig)
     corridor = lay_out(rig, pose, *layout, thinning=_SEARCH_THINNING)
@@ -307,7 +309,7 @@ def _search(images: tuple[Image, Image], rig: StereoRig, start: Array, layout: _
     for index, size in enumerate((SEARCH_HEIGHT_M, SEARCH_PITCH_RAD, SEARCH_ROLL_RAD)):
         moved = pose.as_array()
         moved[index] += size
-        change = plane_from_pose(Extrinsics.from_array(moved), rig) - start
+        change = plane_from_pose(Extrinsics.from_array(moved), rig).coefficients - start.coefficients
         reach = float(np.abs(corridor.cell_rays @ change).max())
         n = min(_SEARCH_MOST_STEPS, int(np.ceil(reach / _SEARCH_STEP_PX)))
         changes.append(np.linspace(-1.0, 1.0, 2 * n + 1)[:, None] * change)
@@ -322,7 +324,7 @@ def _search(images: tuple[Image, Image], rig: StereoRig, start: Array, layout: _
     at = below * correlations.shape[1] + np.arange(correlations.shape[1])
     rise = np.diff(correlations, axis=0)
     score = (correlations.reshape(-1).take(at) + part * rise.reshape(-1).take(at)).sum(axis=1)
-    return np.asarray(start + candidates[int(np.argmax(score))])
+    return start.moved(candidates[int(np.argmax(score))])
 
 
 def _correlate(images: tuple[Image, Image], corridor: Corridor, half: Floats, most: int) -> Array:
@@ -362,7 +364,7 @@ def _correlation(left: Floats, right: Floats, weights: Floats, corridor: Corrido
 
 def _report(
     rig: StereoRig,
-    plane: Array,
+    plane: DisparityPlane,
     corridor: Corridor,
     surface: Surface,
     cells: _Cells,
@@ -370,8 +372,9 @@ def _report(
 ) -> TextureFit:
     """Turn the last pass into what is returned."""
     pose = pose_from_plane(plane, rig)
-    by_plane = jacobian_pose_wrt_plane(plane, rig)
-    noise = np.sqrt(np.diag(by_plane @ surface.noise_covariance @ by_plane.T))
+    jac_pose_plane = jacobian_pose_wrt_plane(plane, rig)
+    noise = np.sqrt(np.diag(jac_pose_plane @ surface.noise_covariance @ jac_pose_plane.T))
+    terms = (UncertaintyTerm(name, each) for name, each in surface.covariance_by_cause.items())
     agreeing = surface.weights * corridor.cell_area
     quality = TextureQuality(
         sigmas=cells.sigmas,
@@ -384,7 +387,8 @@ def _report(
     return TextureFit(
         extrinsics=pose,
         terms=propagate_terms(
-            (UncertaintyTerm(name, each) for name, each in surface.covariance_by_cause.items()), by_plane
+            (UncertaintyTerm(name, each) for name, each in surface.covariance_by_cause.items()),
+            jac_pose_plane,
         ),
         quality=quality,
         shape=measure_shape(corridor.cell_xy, surface),

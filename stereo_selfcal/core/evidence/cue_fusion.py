@@ -15,12 +15,11 @@ import numpy as np
 from ..estimators.texture_alignment import TextureFit
 from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, merge_terms, propagate_terms
+from ..numerics.statistics import UNLIKELY_CHI2_3
 from ..tolerances import AGREEMENT, WRONG
 from ..types import Array
 from .estimate import Estimate
 
-# Of the chi-squared distribution with three degrees of freedom: exceeded in one of twenty cases.
-UNLIKELY_CHI2_3 = 7.815
 _SURE_SIGMAS = 3.0  # one in 370
 
 

@@ -18,6 +18,7 @@ from ..estimators.sampling import half_disparity, sample
 from ..geometry.homography import horizon_row
 from ..geometry.plane import plane_from_pose
 from ..geometry.pose import Extrinsics
+from ..geometry.rays import pixel_rays
 from ..road.cell_grid import Corridor
 from ..types import Array, Floats, Image
 from .row_offset import Place, VerticalOffset, refine_offset, with_slopes
@@ -116,7 +117,7 @@ def _lay_out(rig: StereoRig, extrinsics: Extrinsics, cells: int, cell_columns: i
     total = n * _ROWS
     padded = -(-total // _ALIGN) * _ALIGN
     cell_starts = np.arange(cells) * cell_columns
-    rays = np.column_stack([np.ones(n), -(u - rig.cx) / rig.fx, np.full(n, -(middle - rig.cy) / rig.fy)])
+    rays = pixel_rays(rig, u, middle)
     return Corridor(
         u=np.pad(np.repeat(u, _ROWS), (0, padded - total), mode="edge").astype(np.float32),
         v=np.pad(np.tile(rows, n), (0, padded - total), mode="edge").astype(np.float32),

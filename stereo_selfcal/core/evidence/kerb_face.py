@@ -13,7 +13,7 @@ import numpy as np
 
 from ..camera.rig import StereoRig
 from ..estimators.row_blocks import EdgeResiduals
-from ..numerics.statistics import SIGMA_OVER_MAD, upper_median
+from ..numerics.robust import Reweighting, fit_reweighted, scale_by_median
 from ..types import Array
 from .profile import EDGE_STD_PX, MOST_RAMP_SIGMAS, REACH_PX
 
@@ -22,7 +22,8 @@ _LEAST_BLOCKS = 4  # of a camera: their scatter is the uncertainty
 # Paint has asphalt on both sides: where one edge has less than half the contrast of the other, a step of
 # something else, or none, passes for it.
 _LEAST_LIKE = 0.5
-_TUKEY_SIGMAS, _REWEIGHTINGS = 4.685, 5
+_REWEIGHTING = Reweighting(rounds=5, least_weight=1e-12)
+_SCALE = scale_by_median(1.0)  # in standard deviations: they are not less than is known beforehand
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,10 +90,11 @@ def _wider(edges: EdgeResiduals, width_m: float, camera: int, stripe: int) -> tu
     variance_px = (edges.blocks.variance / np.maximum(information, 1e-9) + EDGE_STD_PX**2).sum(axis=1)
     m_per_px = width_m / (columns[1] - columns[0])[usable]
     wider, sigma = (off[usable, 1] - off[usable, 0]) * m_per_px, np.sqrt(variance_px) * m_per_px
-    weights = sigma**-2.0
-    for _ in range(_REWEIGHTINGS):
-        mean = float(np.average(wider, weights=weights))
-        relative = np.abs(wider - mean) / sigma
-        scale = max(1.0, SIGMA_OVER_MAD * upper_median(relative))
-        weights = np.clip(1.0 - (relative / scale / _TUKEY_SIGMAS) ** 2, 1e-6, None) ** 2 / sigma**2
-    return mean, scale / float(np.sqrt(weights.sum()))
+
+    def fit(weights: Array, _: object) -> tuple[float, Array]:
+        mean = float(np.average(wider, weights=weights / sigma**2))
+        return mean, (wider - mean) / sigma
+
+    found = fit_reweighted(fit, len(wider), _REWEIGHTING, _SCALE)
+    assert found is not None  # a mean is always determined
+    return found.solution, float(found.scale / np.sqrt((found.weights / sigma**2).sum()))

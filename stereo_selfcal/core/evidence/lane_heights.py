@@ -11,21 +11,13 @@ from ..camera.rig import StereoRig
 from ..estimators.texture_alignment import TextureFit
 from ..geometry.plane import plane_from_pose
 from ..geometry.pose import Extrinsics, road_from_camera_rotation
+from ..geometry.rays import LEAST_DISPARITY_PX
 from ..lanes.lane_pair import LanePattern
-from ..lanes.line_geometry import lane_in_road
+from ..lanes.line_geometry import N_ROWS, lane_in_road, rays_of_lines
 from ..road.priors import HALF_LANE_M
-from ..road.surface import kernels
+from ..road.surface import LEAST_WEIGHT, kernels
 from ..tolerances import KERB_SIGMAS, MAX_LINE_HEIGHT_M
 from ..types import Array
-
-# Nothing is measured where the disparity is a pixel.
-_LEAST_DISPARITY_PX = 1.0
-
-
-_LEAST_WEIGHT = 1e-3  # of an outlier
-
-
-_N_ROWS = 8  # of a line, which has two parameters
 
 
 def heights_over(pattern: LanePattern, rig: StereoRig, lines: Extrinsics, road: Extrinsics) -> Array:
@@ -81,7 +73,7 @@ def _over_cells(
     known = np.isfinite(texture.cells_height_m) & which
     xy, residuals = texture.cells_xy_m[known], texture.cells_height_m[known]
     # Outliers are cells of little weight.
-    variances = texture.cells_variance[known] / np.maximum(texture.cells_weight[known], _LEAST_WEIGHT)
+    variances = texture.cells_variance[known] / np.maximum(texture.cells_weight[known], LEAST_WEIGHT)
     at = np.concatenate([places, xy])
     kernel, profile = kernels(at)
     of_road = texture.shape.roughness * kernel + texture.shape.profile**2 * profile
@@ -101,9 +93,9 @@ def _heights_along(
 ) -> Iterator[tuple[Array, Array, Array]]:
     """Yield heights over a road [m], weights and places on it [m] of the rows each line was seen in."""
     rotation = road_from_camera_rotation(road.pitch_rad, road.roll_rad)
-    for ray in _rays(pattern, rig):
-        seen, expected = ray @ plane_from_pose(lines, rig), ray @ plane_from_pose(road, rig)
-        seen = np.maximum(seen, _LEAST_DISPARITY_PX)
+    for ray in rays_of_lines(pattern, rig):
+        seen, expected = (plane_from_pose(each, rig).disparities(ray) for each in (lines, road))
+        seen = np.maximum(seen, LEAST_DISPARITY_PX)
         metres = road.height_m / seen
         xy = (ray * (rig.fx * rig.baseline_m / seen)[:, None]) @ rotation[:2].T
         # Rows weigh as their pixels do; far ones say little of a height.
@@ -126,14 +118,14 @@ def surely_same(road: Extrinsics, other: TextureFit, rig: StereoRig) -> bool:
     known = np.isfinite(other.cells_height_m)
     ahead_m = other.cells_xy_m[known, 0]
     # Rows of the image weigh alike, as those of a line do.
-    rows = np.linspace(1.0 / ahead_m.max(), 1.0 / ahead_m.min(), _N_ROWS)
+    rows = np.linspace(1.0 / ahead_m.max(), 1.0 / ahead_m.min(), N_ROWS)
     to_camera = road_from_camera_rotation(other.extrinsics.pitch_rad, other.extrinsics.roll_rad)
     over = []
     for side_m in (HALF_LANE_M, -HALF_LANE_M):
-        places = np.column_stack([1.0 / rows, np.full(_N_ROWS, side_m)])
-        ray = np.column_stack([places, np.full(_N_ROWS, -other.extrinsics.height_m)]) @ to_camera
+        places = np.column_stack([1.0 / rows, np.full(N_ROWS, side_m)])
+        ray = np.column_stack([places, np.full(N_ROWS, -other.extrinsics.height_m)]) @ to_camera
         ray /= ray[:, :1]
-        seen, expected = ray @ plane_from_pose(road, rig), ray @ plane_from_pose(other.extrinsics, rig)
+        seen, expected = (plane_from_pose(each, rig).disparities(ray) for each in (road, other.extrinsics))
         heights = (seen - expected) * other.extrinsics.height_m / seen
         over.append(_over_cells(heights, seen**2.0, places, other, known))
     heights_m, stds_m = np.transpose(over)
@@ -153,14 +145,3 @@ def surely_no_kerb(heights_m: Array, stds_m: Array) -> float:
 def lies_on(pattern: LanePattern, rig: StereoRig, lines: Extrinsics, road: Extrinsics) -> bool:
     """Whether both lines lie in a road."""
     return bool(np.all(np.abs(heights_over(pattern, rig, lines, road)) <= MAX_LINE_HEIGHT_M))
-
-
-def _rays(pattern: LanePattern, rig: StereoRig) -> list[Array]:
-    """Return the rays (1, y, z) of the rows each line was seen in, from the middle of the baseline."""
-    rays = []
-    for index, line in enumerate(pattern.left):
-        seen = (pattern.rows >= line.rows.min()) & (pattern.rows <= line.rows.max())
-        v = pattern.rows[seen]
-        u = pattern.columns[:, index, seen].mean(axis=0)
-        rays.append(np.column_stack([np.ones(len(v)), -(u - rig.cx) / rig.fx, -(v - rig.cy) / rig.fy]))
-    return rays

@@ -11,14 +11,16 @@ from ..estimators.stripe_fit import StripeFit
 from ..geometry.homography import apply_homography, road_from_image
 from ..geometry.plane import jacobian_pose_wrt_plane, plane_from_pose
 from ..geometry.pose import Extrinsics, road_from_camera_rotation
+from ..geometry.rays import LEAST_DISPARITY_PX
 from ..geometry.uncertainty import UncertaintyTerm, propagate_terms
 from ..lanes.lane_pair import LanePattern
+from ..lanes.line_geometry import rays_of_lines
+from ..numerics.derivatives import central_difference, point_by_point
+from ..numerics.statistics import UNLIKELY_CHI2_3
 from ..road.priors import FALL_STD, NARROWEST_LANE_M, PAINT_STD_RAD, RECTIFICATION_STD_PX, WIDEST_LANE_M
 from ..road.surface import RoadUnevenness, kernels
 from ..tolerances import MAX_LINE_HEIGHT_M
 from ..types import Array
-from .cue_fusion import UNLIKELY_CHI2_3
-from .lane_heights import _LEAST_DISPARITY_PX, _rays
 from .profile import Profile
 
 _ANGLE_STEPS = np.array([1e-4, 1e-5, 1e-5])  # m, rad, rad: of a derivative
@@ -44,23 +46,25 @@ def road_shape_terms(
     if not shape.uneven:
         return ()
     plane = plane_from_pose(extrinsics, rig)
-    ray = np.concatenate(_rays(pattern, rig))
-    disparity = ray @ plane
-    ray, disparity = ray[disparity > _LEAST_DISPARITY_PX], disparity[disparity > _LEAST_DISPARITY_PX]
+    ray = np.concatenate(rays_of_lines(pattern, rig))
+    disparity = plane.disparities(ray)
+    ray, disparity = ray[disparity > LEAST_DISPARITY_PX], disparity[disparity > LEAST_DISPARITY_PX]
     depth = rig.fx * rig.baseline_m / disparity
     rotation = road_from_camera_rotation(extrinsics.pitch_rad, extrinsics.roll_rad)
     xy = (ray * depth[:, None]) @ rotation[:2].T
     # A road higher by e has a disparity greater by e / metres.
     metres = extrinsics.height_m / disparity
     kernel, profile = kernels(xy)
-    by_plane = jacobian_pose_wrt_plane(plane, rig)
-    by_heights = by_plane @ (np.linalg.pinv(ray) / metres)
+    jac_pose_plane = jacobian_pose_wrt_plane(plane, rig)
+    jac_pose_heights = jac_pose_plane @ (np.linalg.pinv(ray) / metres)
     heights = (
         ("roughness", shape.roughness * kernel),
         ("camber", shape.profile**2 * profile),
         ("mismatch", np.diag((shape.mismatch_px * metres) ** 2)),
     )
-    return propagate_terms((UncertaintyTerm(name, covariance) for name, covariance in heights), by_heights)
+    return propagate_terms(
+        (UncertaintyTerm(name, covariance) for name, covariance in heights), jac_pose_heights
+    )
 
 
 def kerb_covariance(
@@ -76,13 +80,15 @@ def kerb_covariance(
     """
     covariance = np.zeros((3, 3))
     plane = plane_from_pose(extrinsics, rig)
-    by_plane = jacobian_pose_wrt_plane(plane, rig)
-    rays = _rays(pattern.boundaries, rig)
+    jac_pose_plane = jacobian_pose_wrt_plane(plane, rig)
+    rays = rays_of_lines(pattern.boundaries, rig)
     solve = np.linalg.pinv(np.concatenate(rays))
     for line in doubtful:
         # A kerb higher by e has a disparity greater by e / metres. At even odds, e scatters by half of it.
-        by_height = [ray @ plane / extrinsics.height_m * (i == line) for i, ray in enumerate(rays)]
-        change = by_plane @ solve @ np.concatenate(by_height) * MAX_LINE_HEIGHT_M
+        jac_disparities_height = [
+            plane.disparities(ray) / extrinsics.height_m * (i == line) for i, ray in enumerate(rays)
+        ]
+        change = jac_pose_plane @ solve @ np.concatenate(jac_disparities_height) * MAX_LINE_HEIGHT_M
         covariance += np.outer(change, change)
     return covariance
 
@@ -124,17 +130,17 @@ def paint_angle_covariance(
     """
     if not shape.uneven:
         return np.zeros((3, 3))
-    ray = np.concatenate(_rays(pattern.boundaries, rig))
-    by_plane = jacobian_pose_wrt_plane(plane_from_pose(extrinsics, rig), rig)
-    by_disparity = by_plane @ np.linalg.pinv(ray)
-    free = by_disparity @ by_disparity.T
-    angle = _angle_by_pose(pattern.boundaries, rig, extrinsics)
-    moved = free @ angle / (angle @ free @ angle) * PAINT_STD_RAD
+    ray = np.concatenate(rays_of_lines(pattern.boundaries, rig))
+    jac_pose_plane = jacobian_pose_wrt_plane(plane_from_pose(extrinsics, rig), rig)
+    jac_pose_disparities = jac_pose_plane @ np.linalg.pinv(ray)
+    free = jac_pose_disparities @ jac_pose_disparities.T
+    jac_angle = _jac_angle_pose(pattern.boundaries, rig, extrinsics)
+    moved = free @ jac_angle / (jac_angle @ free @ jac_angle) * PAINT_STD_RAD
     covariance: Array = np.outer(moved, moved)
     return covariance
 
 
-def _angle_by_pose(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics) -> Array:
+def _jac_angle_pose(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics) -> Array:
     """Return the derivative (3,) of the angle between two lines on the road by the pose."""
     ends = np.array([[line.rows.min(), line.rows.max()] for line in pattern.left])
     columns = [line.column_at(rows) for line, rows in zip(pattern.left, ends, strict=True)]
@@ -146,9 +152,7 @@ def _angle_by_pose(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics)
         tangents = (far[:, 1] - near[:, 1]) / (far[:, 0] - near[:, 0])
         return float(np.arctan(tangents[0]) - np.arctan(tangents[1]))
 
-    pose = extrinsics.as_array()
-    steps = np.diag(_ANGLE_STEPS)
-    return np.array([angle(pose + step) - angle(pose - step) for step in steps]) / (2.0 * _ANGLE_STEPS)
+    return central_difference(point_by_point(angle), extrinsics.as_array(), _ANGLE_STEPS)
 
 
 def rectification_covariance(rig: StereoRig, extrinsics: Extrinsics) -> Array:
@@ -158,8 +162,10 @@ def rectification_covariance(rig: StereoRig, extrinsics: Extrinsics) -> Array:
     constant, and what grows to the sides and to the top and bottom of the image.
     """
     reach = np.array([1.0, rig.width / (2.0 * rig.fx), rig.height / (2.0 * rig.fy)])
-    by_plane = jacobian_pose_wrt_plane(plane_from_pose(extrinsics, rig), rig) * (RECTIFICATION_STD_PX / reach)
-    covariance: Array = by_plane @ by_plane.T
+    jac_pose_plane = jacobian_pose_wrt_plane(plane_from_pose(extrinsics, rig), rig) * (
+        RECTIFICATION_STD_PX / reach
+    )
+    covariance: Array = jac_pose_plane @ jac_pose_plane.T
     return covariance
 
 

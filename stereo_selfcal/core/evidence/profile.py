@@ -17,7 +17,7 @@ from ..estimators.row_blocks import EdgeResiduals
 from ..estimators.texture_alignment import TextureFit
 from ..geometry.homography import horizon_row
 from ..geometry.pose import Extrinsics
-from ..numerics.statistics import SIGMA_OVER_MAD, upper_median
+from ..numerics.robust import Reweighting, fit_reweighted, scale_by_median
 from ..tolerances import AGREEMENT
 from ..types import Array, Mask
 
@@ -43,7 +43,8 @@ WIDE_REACH_PX = 5.0  # the window of the refinement
 MOST_RAMP_SIGMAS = 3.0  # a ramp steeper than any lens's stands for an edge that is elsewhere than in the fit
 # Of a height: one false alarm in 15 000 for normal errors.
 _BENT_SIGMAS = 4.0
-_TUKEY_SIGMAS, _REWEIGHTINGS = 4.685, 5
+_REWEIGHTING = Reweighting(rounds=5)
+_SCALE = scale_by_median(1.0)  # in standard deviations: they are not less than is known beforehand
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,12 +113,12 @@ def measure_profile(edges: EdgeResiduals, rig: StereoRig, pose: Extrinsics, *, w
     information = np.diagonal(edges.blocks.information, axis1=-2, axis2=-1)[..., :2]
     off, slope, at = edges.displacement[usable], slopes[usable], x[usable]
     variance = edges.blocks.variance / np.maximum(information[usable], 1e-9) + EDGE_STD_PX**2
-    by_heights, by_bend = (slope * rig.fy / at)[:, None] * _hats(at), -rig.fx * at / 2.0
-    found = _fit(by_heights, by_bend, off, variance)
+    jac_off_heights, jac_off_bend = (slope * rig.fy / at)[:, None] * _hats(at), -rig.fx * at / 2.0
+    found = _fit(jac_off_heights, jac_off_bend, off, variance)
     near = at <= found.bends_at_m
     if not wide and not near.all():
         # From there on edges are farther off with every metre, and soon out of reach.
-        found = _fit(by_heights[near], by_bend[near], off[near], variance[near])
+        found = _fit(jac_off_heights[near], jac_off_bend[near], off[near], variance[near])
     return replace(found, seen_share=_SEEN_SHARE)
 
 
@@ -150,21 +151,22 @@ def _hats(at_m: Array) -> Array:
     return np.stack([np.interp(at_m, _NODES_M, one) for one in np.eye(len(_NODES_M))], axis=1)
 
 
-def _fit(by_heights: Array, by_bend: Array, off: Array, variance: Array) -> Profile:
+def _fit(jac_off_heights: Array, jac_off_bend: Array, off: Array, variance: Array) -> Profile:
     """Fit heights at the nodes, and a bend, to measurements (N,) by their derivatives (N, K) and (N,)."""
-    design = np.column_stack([by_heights, by_bend])
+    design = np.column_stack([jac_off_heights, jac_off_bend])
     prior = _prior()
-    weights, scale = np.ones(len(off)), 1.0
-    inverse = np.linalg.inv(prior)
-    solution = np.zeros(len(prior))
-    for _ in range(_REWEIGHTINGS if len(off) else 0):
+
+    def fit(weights: Array, _: object) -> tuple[tuple[Array, Array], Array]:
         weighted = design * (weights / variance)[:, None]
         inverse = np.linalg.inv(weighted.T @ design + prior)
         solution = inverse @ (weighted.T @ off)
-        relative = np.abs(off - design @ solution) / np.sqrt(variance)
-        scale = max(1.0, SIGMA_OVER_MAD * upper_median(relative))
-        weights = np.clip(1.0 - (relative / scale / _TUKEY_SIGMAS) ** 2, 0.0, None) ** 2
-    covariance = inverse * scale**2
+        return (solution, inverse), (off - design @ solution) / np.sqrt(variance)
+
+    solution, covariance = np.zeros(len(prior)), np.linalg.inv(prior)
+    if len(off):
+        found = fit_reweighted(fit, len(off), _REWEIGHTING, _SCALE)
+        assert found is not None  # the prior determines what is not seen
+        solution, covariance = found.solution[0], found.solution[1] * found.scale**2
     # The plane through the heights from near to far, by least squares.
     steps = np.linspace(NEAR_M, FAR_M, _N_STEPS)
     line = np.linalg.pinv(np.column_stack([np.ones(_N_STEPS), steps])) @ _hats(steps)

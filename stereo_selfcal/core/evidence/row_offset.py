@@ -16,7 +16,8 @@ from ..camera.rig import StereoRig
 from ..estimators.sampling import half_disparity, sample, usable_samples
 from ..geometry.plane import plane_from_pose
 from ..geometry.pose import Extrinsics
-from ..numerics.statistics import SIGMA_OVER_MAD, upper_median
+from ..numerics.robust import Reweighting, fit_reweighted, scale_by_median
+from ..numerics.statistics import upper_median
 from ..road.cell_grid import FAR_M, HALF_WIDTH_M, Corridor, lay_out
 from ..types import Array, Floats, Image
 
@@ -33,8 +34,8 @@ _CORRELATED_SAMPLES = (
     4.0  # of noise blurred by 1 px in both directions, 4 pi sigma^2 pixels, of every second pixel
 )
 _QUANTISATION = 1.0 / 12.0 / 6.0  # variance of a whole grey value, less by the blur
-_TUKEY_SIGMAS = 4.685
-_REWEIGHTINGS = 8
+_REWEIGHTING = Reweighting(rounds=8, absolute_rounds=8)
+_SCALE = scale_by_median(1e-9)  # where two cells decide, nothing scatters
 _RIDGE = 1e-9  # keeps the equations regular where all cells lie below each other
 
 
@@ -203,25 +204,25 @@ def measure_cells(
     scale = np.sqrt(np.vdot(left[0], left[0]) / max(np.vdot(right[0], right[0]), 1e-6))
     right = right * np.float32(np.clip(scale, 0.25, 4.0))
     difference = left[0] - right[0]
-    by_left, by_right = left[1:], right[1:]  # by column and by row
+    slopes_left, slopes_right = left[1:], right[1:]  # by column and by row
     sums = corridor.sums_over_cells
-    gradient = sums((by_left + by_right) / 2 * difference)
+    gradient = sums((slopes_left + slopes_right) / 2 * difference)
     # Gradients of one image by those of the other: noise alone leaves nothing.
-    common = sums(by_left[:, None] * by_right)
+    common = sums(slopes_left[:, None] * slopes_right)
     common = (common + common.swapaxes(0, 1)) / 2
     count = np.maximum(sums(usable), 1.0)
-    alone = sums(by_left * by_left) * sums(by_right * by_right)
-    by_noise = _CELL_SIGMAS * np.sqrt(alone * _CORRELATED_SAMPLES / count)
-    seen = common[1, 1] > by_noise[1]
+    alone = sums(slopes_left * slopes_left) * sums(slopes_right * slopes_right)
+    noise_limit = _CELL_SIGMAS * np.sqrt(alone * _CORRELATED_SAMPLES / count)
+    seen = common[1, 1] > noise_limit[1]
     noise = np.maximum(sums(difference * difference) / count, _QUANTISATION)
     # An edge along the row has nothing across it, which a wrong disparity could move.
-    slanted = common[0, 0] > by_noise[0]
+    slanted = common[0, 0] > noise_limit[0]
     known = noise / disparity_std_px**2
     along = np.where(slanted, common[0, 1] / np.where(slanted, common[0, 0] + known, 1.0), 0.0)
-    by_row = np.where(seen, common[1, 1] - along * common[0, 1], 0.0)
-    seen &= by_row > (_LEAST_INFORMATION * common[1, 1] if math.isinf(disparity_std_px) else 0.0)
+    row_information = np.where(seen, common[1, 1] - along * common[0, 1], 0.0)
+    seen &= row_information > (_LEAST_INFORMATION * common[1, 1] if math.isinf(disparity_std_px) else 0.0)
     rest = gradient[1] - along * gradient[0]
-    safe = np.where(seen, by_row, 1.0)
+    safe = np.where(seen, row_information, 1.0)
     # The right image lies lower by the displacement: its grey values there, less those on the left, fall.
     return np.where(seen, rest / safe, 0.0), np.where(seen, noise / safe, np.inf)
 
@@ -245,20 +246,19 @@ def combine_cells(
     # No cell counts for more than a typical one: what scatters is the road, not the noise.
     sigma = np.maximum(sigma, upper_median(sigma))
     rows, target = design / sigma[:, None], cells[seen] / sigma
-    weights, scale = np.ones(len(target)), 1.0
     products = np.stack([rows[:, 0] ** 2, rows[:, 0] * rows[:, 1], rows[:, 1] ** 2, *(rows.T * target)])
-    for i in range(2 * _REWEIGHTINGS):
+
+    def fit(weights: Array, _: object) -> tuple[tuple[Array, Array], Array]:
+        # Normal equations of two parameters, written out: this runs for every pass of every frame.
         a, b, c, first, second = products @ weights
         a, c = a * (1.0 + _RIDGE), c * (1.0 + _RIDGE)
         solution = np.array([c * first - b * second, a * second - b * first]) / (a * c - b * b)
-        residual = np.abs(target - rows @ solution)
-        scale = max(SIGMA_OVER_MAD * upper_median(residual), 1e-9)
-        if i < _REWEIGHTINGS:
-            weights = 1.0 / np.maximum(residual, 0.1 * scale)
-        else:
-            weights = np.clip(1.0 - (residual / (_TUKEY_SIGMAS * scale)) ** 2, 0.0, None) ** 2
-    normal = np.array([[a, b], [b, c]])
-    covariance = np.linalg.inv(normal) * scale**2 * len(target) / (len(target) - 2)
+        return (solution, np.array([[a, b], [b, c]])), target - rows @ solution
+
+    found = fit_reweighted(fit, len(target), _REWEIGHTING, _SCALE)
+    assert found is not None  # the ridge determines what is not seen
+    solution, normal = found.solution
+    covariance = np.linalg.inv(normal) * found.scale**2 * len(target) / (len(target) - 2)
     std = np.sqrt(np.diag(covariance))
-    used = int(np.count_nonzero(weights))
+    used = int(np.count_nonzero(found.weights))
     return VerticalOffset(float(solution[0]), float(std[0]), float(solution[1]), float(std[1]), used)

@@ -15,7 +15,8 @@ import numpy.typing as npt
 
 from ..camera.rig import StereoRig
 from ..estimators.stripe_fit import StripeFit
-from ..geometry.plane import plane_from_pose
+from ..geometry.plane import DisparityPlane, plane_from_pose
+from ..geometry.rays import pixel_rays
 from ..lanes.lane_pair import ImageLine, LanePattern
 from ..lanes.stripe_points import MIN_CONTRAST_GREY
 from ..numerics.statistics import SIGMA_OVER_MAD, upper_median
@@ -136,7 +137,7 @@ def _rim(
     line: ImageLine,
     stripe: tuple[float, float],
     lane_is_right: bool,
-    plane: Array,
+    plane: DisparityPlane,
     rig: StereoRig,
 ) -> StripeBorder | None:
     width_m, blur_px = stripe
@@ -145,8 +146,7 @@ def _rim(
     top, bottom = int(np.ceil(line.rows.min())), int(line.rows.max())
     rows = np.arange(top, bottom + 1, max(1, (bottom - top) // _MOST_ROWS)).astype(np.float64)
     edge = line.column_at(rows)
-    disparity = plane[0] - plane[1] * (edge - rig.cx) / rig.fx - plane[2] * (rows - rig.cy) / rig.fy
-    px_per_m = disparity / rig.baseline_m
+    px_per_m = plane.disparities(pixel_rays(rig, edge, rows)) / rig.baseline_m
     side = 1.0 if lane_is_right else -1.0
     if lane_is_right:
         edge = edge + width_m * px_per_m

@@ -1,35 +1,96 @@
-"""The road as a plane of disparities, and the pose over it."""
+"""The road as a plane of disparities, and the pose over it.
+
+The disparity of a plane is linear in the image: ``d = p @ (1, y, z)`` with the ray (1, y, z) through a pixel.
+A point is seen at another pixel by each camera, so the three numbers p depend on whose pixels are meant.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 
 from ..camera.rig import StereoRig
+from ..numerics.derivatives import central_difference
 from ..types import Array
 from .pose import Extrinsics, road_from_camera_rotation
 
+_STEP = 1e-6  # of the numerical derivative, over the length of p
 
-def plane_from_pose(extrinsics: Extrinsics, rig: StereoRig) -> Array:
-    """Return the plane (3,) whose disparities [px] are plane @ (1, y, z)."""
+
+class PlaneCamera(Enum):
+    """The camera whose rays a plane of disparities takes."""
+
+    LEFT = "left camera"
+    MIDDLE = "camera in the middle of the baseline"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DisparityPlane:
+    """A road by its disparities.
+
+    Attributes:
+        coefficients: (3,) whose product with the ray (1, y, z) is the disparity [px].
+        camera: Whose ray.
+    """
+
+    coefficients: Array
+    camera: PlaneCamera
+
+    def disparities(self, rays: Array) -> Array:
+        """Return the disparities (...) [px] of rays (..., 3) of the plane's camera."""
+        disparities: Array = rays @ self.coefficients
+        return disparities
+
+    def height_m(self, rig: StereoRig) -> float:
+        """Return how high the plane's camera is over the road [m]."""
+        return float(rig.fx * rig.baseline_m / np.linalg.norm(self.coefficients))
+
+    def moved(self, change: Array) -> DisparityPlane:
+        """Return the plane of the same camera whose coefficients differ by ``change`` (3,)."""
+        return DisparityPlane(self.coefficients + change, self.camera)
+
+    def of_camera(self, camera: PlaneCamera, rig: StereoRig) -> DisparityPlane:
+        """Return the same road by the rays of another camera."""
+        if camera is self.camera:
+            return self
+        # The middle camera sees a point half its disparity to the left of where the left camera does, so that
+        # p_left @ ray = p_middle @ ray + p_middle[1] / fx * disparity / 2, with the ray of the left camera.
+        half = self.coefficients[1] / rig.fx / 2.0
+        return DisparityPlane(
+            self.coefficients / (1.0 - half if camera is PlaneCamera.LEFT else 1.0 + half), camera
+        )
+
+
+def plane_from_pose(
+    extrinsics: Extrinsics, rig: StereoRig, camera: PlaneCamera = PlaneCamera.MIDDLE
+) -> DisparityPlane:
+    """Return the plane of a road by the pose of the rig over it."""
     up = road_from_camera_rotation(extrinsics.pitch_rad, extrinsics.roll_rad)[2]
-    plane: Array = -rig.fx * rig.baseline_m / extrinsics.height_m * up
-    return plane
+    middle = DisparityPlane(-rig.fx * rig.baseline_m / extrinsics.height_m * up, PlaneCamera.MIDDLE)
+    return middle.of_camera(camera, rig)
 
 
-def pose_from_plane(plane: Array, rig: StereoRig) -> Extrinsics:
+def pose_from_plane(plane: DisparityPlane, rig: StereoRig) -> Extrinsics:
     """Return the pose of the rig over the plane: the inverse of :func:`plane_from_pose`."""
-    roll = np.arctan2(-plane[1], -plane[2])
-    pitch = np.arctan2(plane[0], np.hypot(plane[1], plane[2]))
-    return Extrinsics(float(rig.fx * rig.baseline_m / np.linalg.norm(plane)), float(pitch), float(roll))
+    return Extrinsics.from_array(_poses(plane.coefficients, plane.camera, rig))
 
 
-def jacobian_pose_wrt_plane(plane: Array, rig: StereoRig) -> Array:
-    """Return the derivative (3, 3) of height [m], pitch and roll [rad] by the plane."""
-    step = 1e-6 * float(np.linalg.norm(plane))
-    return np.column_stack(
-        [
-            (pose_from_plane(plane + s, rig).as_array() - pose_from_plane(plane - s, rig).as_array())
-            / (2.0 * step)
-            for s in np.eye(3) * step
-        ]
-    )
+def jacobian_pose_wrt_plane(plane: DisparityPlane, rig: StereoRig) -> Array:
+    """Return the derivative (3, 3) of height [m], pitch and roll [rad] by the coefficients of a plane."""
+    step = _STEP * float(np.linalg.norm(plane.coefficients))
+    jac_transposed = central_difference(lambda p: _poses(p, plane.camera, rig), plane.coefficients, step)
+    return np.transpose(jac_transposed)
+
+
+def _poses(coefficients: Array, camera: PlaneCamera, rig: StereoRig) -> Array:
+    """Return height [m] of the middle of the baseline, pitch, roll [rad] over planes, all (..., 3)."""
+    ahead, aside, down = np.moveaxis(coefficients, -1, 0)
+    roll = np.arctan2(-aside, -down)
+    pitch = np.arctan2(ahead, np.hypot(aside, down))
+    height = rig.fx * rig.baseline_m / np.sqrt((coefficients * coefficients).sum(axis=-1))
+    if camera is PlaneCamera.LEFT:
+        # The left camera is half a baseline beside the middle, and roll lifts it.
+        height = height - np.cos(pitch) * np.sin(roll) * rig.baseline_m / 2.0
+    return np.stack([height, pitch, roll], axis=-1)

@@ -14,13 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..camera.rig import StereoRig
+from ..geometry.plane import DisparityPlane, PlaneCamera, jacobian_pose_wrt_plane, pose_from_plane
 from ..geometry.pose import Extrinsics
+from ..geometry.rays import pixel_rays
 from ..road.priors import UNEVEN_STD_M
 from ..types import Array
 from .lane_pair import LanePattern
 
 _CONTRADICTION_SIGMAS = 4.0  # one false word in 15 000 frames
-_STEP = 1e-6  # relative, of the numerical derivative by the plane's coefficients
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,29 +44,24 @@ def solve_plane(pattern: LanePattern, rig: StereoRig) -> ClosedForm | None:
     if np.linalg.matrix_rank(normal) < len(normal):
         return None
     solve = np.linalg.inv(normal) @ weighted
-    plane = solve @ disparity
-    if plane[2] >= 0.0:  # disparity must grow downwards
+    plane = DisparityPlane(solve @ disparity, PlaneCamera.LEFT)
+    if plane.coefficients[2] >= 0.0:  # disparity must grow downwards
         return None
-    by_plane = np.column_stack(
-        [
-            (_extrinsics(plane + step, rig) - _extrinsics(plane - step, rig)) / (2.0 * step.sum())
-            for step in np.diag(_STEP * np.abs(plane).max() * np.ones(3))
-        ]
-    )
+    jac_pose_disparity = jacobian_pose_wrt_plane(plane, rig) @ solve
     covariance = np.zeros((3, 3))
     n_rows = len(pattern.rows)
     for camera, lines in zip((1.0, -1.0), pattern.lines, strict=True):
         for i, line in enumerate(lines):
-            by_line = np.zeros((len(design), 2))
-            by_line[i * n_rows : (i + 1) * n_rows] = camera * np.column_stack(
+            jac_disparity_line = np.zeros((len(design), 2))
+            jac_disparity_line[i * n_rows : (i + 1) * n_rows] = camera * np.column_stack(
                 [np.ones(n_rows), pattern.rows - line.v_mid]
             )
             if camera > 0.0:
                 # Moving a point of the left image also moves where the plane is evaluated.
-                by_line = by_line * (1.0 + plane[1] / rig.fx)
-            chain = by_plane @ solve @ by_line
-            covariance += chain @ line.covariance @ chain.T
-    return ClosedForm(Extrinsics.from_array(_extrinsics(plane, rig)), covariance)
+                jac_disparity_line *= 1.0 + plane.coefficients[1] / rig.fx
+            jac_pose_line = jac_pose_disparity @ jac_disparity_line
+            covariance += jac_pose_line @ line.covariance @ jac_pose_line.T
+    return ClosedForm(pose_from_plane(plane, rig), covariance)
 
 
 def contradictions(closed: ClosedForm, genetic: Extrinsics, covariance: Array) -> tuple[str, ...]:
@@ -91,16 +87,6 @@ def contradictions(closed: ClosedForm, genetic: Extrinsics, covariance: Array) -
     )
 
 
-def _extrinsics(plane: Array, rig: StereoRig) -> Array:
-    """Return (height_m, pitch_rad, roll_rad) for disparity = plane @ (1, y, z) in the left camera."""
-    roll = np.arctan2(-plane[1], -plane[2])
-    pitch = np.arctan2(plane[0], np.hypot(plane[1], plane[2]))
-    left_height = rig.fx * rig.baseline_m / np.linalg.norm(plane)
-    # The left camera is half a baseline beside the middle, and roll lifts it.
-    height = left_height - np.cos(pitch) * np.sin(roll) * rig.baseline_m / 2.0
-    return np.array([height, pitch, roll])
-
-
 def point_weights(pattern: LanePattern) -> Array:
     """Return the weights of the sampled points, (L N,).
 
@@ -115,12 +101,5 @@ def disparity_model(pattern: LanePattern, rig: StereoRig) -> tuple[Array, Array]
 
     The disparity of a plane is linear in the ray.
     """
-    ray_y, ray_z = _rays(pattern, rig)
-    design = np.stack([np.ones_like(ray_y[0]), ray_y[0], ray_z[0]], axis=-1).reshape(-1, 3)
-    return design, (pattern.columns[0] - pattern.columns[1]).ravel()
-
-
-def _rays(pattern: LanePattern, rig: StereoRig) -> tuple[Array, Array]:
-    """Return y and z of the rays (1, y, z) in the body frame, (2 cameras, L lines, N rows) each."""
-    ray_y = -(pattern.columns - rig.cx) / rig.fx
-    return ray_y, np.broadcast_to(-(pattern.rows - rig.cy) / rig.fy, ray_y.shape)
+    rays = pixel_rays(rig, pattern.columns[0], pattern.rows).reshape(-1, 3)
+    return rays, (pattern.columns[0] - pattern.columns[1]).ravel()

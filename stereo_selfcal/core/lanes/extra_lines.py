@@ -11,10 +11,10 @@ import numpy as np
 
 from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
-from ..geometry.plane import plane_from_pose
+from ..geometry.plane import DisparityPlane, plane_from_pose
+from ..geometry.rays import LEAST_DISPARITY_PX, pixel_rays
 from ..road.priors import FALL_STD, GREATEST_FALL, HIGHEST_CROWN_M, LANE_M, UNEVEN_STD_M
 from ..tolerances import MAX_LINE_HEIGHT_M
-from ..types import Array
 from .closed_form import solve_plane
 from .lane_pair import ExtraLine, ImageLine, LanePattern
 from .line_fit import refit_line
@@ -93,7 +93,7 @@ def _lever_m(own: list[float], aside_m: float) -> float:
 
 def height_between(
     pattern: LanePattern,
-    plane: Array,
+    plane: DisparityPlane,
     matches: Matches,
     points: tuple[StripePoints, StripePoints],
     rig: StereoRig,
@@ -106,7 +106,7 @@ def height_between(
 
     Args:
         pattern: The boundaries.
-        plane: (3,) through them (`core.geometry.plane`).
+        plane: Through them, of the camera in the middle.
         matches: Lines both cameras see.
         points: Stripe points of both images.
         rig: Intrinsics and baseline.
@@ -138,7 +138,7 @@ def height_between(
     return worst
 
 
-def _is_one_of(places_m: list[float], match: Match, plane: Array, rig: StereoRig) -> bool:
+def _is_one_of(places_m: list[float], match: Match, plane: DisparityPlane, rig: StereoRig) -> bool:
     """Whether a line lies where one is known already, by less than half its width."""
     _, aside_m = place_of_line(match.left.line, match.right.line, plane, rig)
     return any(abs(aside_m - place) < _width_m(match.left.line, plane, rig) / 2.0 for place in places_m)
@@ -164,8 +164,8 @@ def _refit(
     return left, right
 
 
-def _width_m(line: ImageLine, plane: Array, rig: StereoRig) -> float:
+def _width_m(line: ImageLine, plane: DisparityPlane, rig: StereoRig) -> float:
     """Return the width of a stripe of the left image on the road [m]."""
-    ray = np.array([1.0, -(line.u_mid - rig.cx) / rig.fx, -(line.v_mid - rig.cy) / rig.fy])
-    # A pixel is baseline / disparity wide.
-    return line.width_px * rig.baseline_m / max(float(ray @ plane), 1.0)
+    # A pixel is baseline / disparity wide. That the plane is of another camera does not matter here.
+    disparity = float(plane.disparities(pixel_rays(rig, line.u_mid, line.v_mid)))
+    return line.width_px * rig.baseline_m / max(disparity, LEAST_DISPARITY_PX)

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ..numerics.statistics import SIGMA_OVER_MAD, upper_median
+from ..numerics.robust import Reweighting, fit_reweighted, scale_by_median
 from ..types import Array
 from .hough import HoughPeak
 from .lane_pair import ImageLine
@@ -25,11 +25,11 @@ _BLOCK_SIGMAS = 6.0
 _BLOCK_ROWS_MIN, _BLOCK_ROWS_MAX = 4, 24
 _BLOCK_ROWS_CLEAN = 8  # up to here a line is marked in nearly every row it is seen in
 _MIN_PEAK_SIGMAS = 3.5  # one false peak in 2000 blocks
-_TUKEY = 4.685  # 95 % efficiency for normal residuals (Huber, Robust Statistics)
 _MIN_BLOCKS = 5  # two parameters, and enough left to estimate the residuals' spread
-_MAX_ITERATIONS, _SETTLED = 40, 1e-3  # of the reweighting, change of the residuals' spread
+_REWEIGHTING = Reweighting(rounds=40, settled=1e-3)
 _SINGULAR = 1e-12  # all points in one row
 _MIN_RESIDUAL_PX = 0.005  # rounding to 8 bits moves an edge of contrast 100 by this
+_SCALE = scale_by_median(_MIN_RESIDUAL_PX)
 
 
 def fit_line(response: Response, peak: HoughPeak, noise: float) -> ImageLine | None:
@@ -174,9 +174,8 @@ def _robust_line(v: Array, u: Array, weights: Array) -> tuple[tuple[float, float
     """
     relative = weights / weights.mean()
     root = np.sqrt(relative)
-    robust = np.ones_like(v)
-    scale = 0.0
-    for _ in range(_MAX_ITERATIONS):
+
+    def fit(robust: Array, _: object) -> tuple[tuple[float, float, Array], Array] | None:
         used = relative * robust
         # Normal equations of two parameters, written out: this runs for every line of every frame.
         s0, s1, s2 = float(used.sum()), float(used @ v), float(used @ (v * v))
@@ -186,12 +185,10 @@ def _robust_line(v: Array, u: Array, weights: Array) -> tuple[tuple[float, float
             return None
         a, b = (s2 * t0 - s1 * t1) / determinant, (s0 * t1 - s1 * t0) / determinant
         # Residuals in units of a point of mean weight.
-        residual = (u - a - b * v) * root
-        previous, scale = scale, max(_MIN_RESIDUAL_PX, SIGMA_OVER_MAD * upper_median(np.abs(residual)))
-        robust = np.clip(1.0 - (residual / (_TUKEY * scale)) ** 2, 0.0, None) ** 2
-        if abs(scale - previous) <= _SETTLED * scale:
-            break
-    if np.count_nonzero(robust) < _MIN_BLOCKS:
+        return (a, b, np.array([[s2, -s1], [-s1, s0]]) / determinant), (u - a - b * v) * root
+
+    found = fit_reweighted(fit, len(v), _REWEIGHTING, _SCALE)
+    if found is None or np.count_nonzero(found.weights) < _MIN_BLOCKS:
         return None
-    covariance = scale**2 / determinant * np.array([[s2, -s1], [-s1, s0]])
-    return (a, b), covariance, robust
+    a, b, inverse = found.solution
+    return (a, b), found.scale**2 * inverse, found.weights

@@ -8,14 +8,15 @@ import numpy as np
 
 from ..camera.rig import StereoRig
 from ..geometry.homography import apply_homography, road_from_image
+from ..geometry.plane import DisparityPlane
 from ..geometry.pose import Extrinsics
+from ..geometry.rays import LEAST_DISPARITY_PX, pixel_rays
 from ..tolerances import MAX_LINE_HEIGHT_M
 from ..types import Array
 from .lane_pair import ImageLine, LanePattern
 
 _DEPTH_SIGMAS = 3.0  # a line counts when it is surely there
-_N_ROWS = 8  # of a line, which has two parameters
-_LEAST_DISPARITY_PX = 1.0  # nothing is measured there
+N_ROWS = 8  # a line is evaluated in, as it has two parameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,60 +37,73 @@ class BelowPlane:
         return self.depth_m > self.limit_m
 
 
-def place_of_line(left: ImageLine, right: ImageLine, plane: Array, rig: StereoRig) -> tuple[float, float]:
+def place_of_line(
+    left: ImageLine, right: ImageLine, plane: DisparityPlane, rig: StereoRig
+) -> tuple[float, float]:
     """Return the height of a line over a plane and its place to the left of the camera [m].
 
     Args:
         left: The line in the left image.
         right: The same in the right image.
-        plane: (3,) of the road (`core.geometry.plane`).
+        plane: The road, of the camera in the middle.
         rig: Intrinsics and baseline.
     """
     _, ray, disparity = _rows_of(left, right, rig)
     metres, weights = _metres(disparity, plane, rig)
-    height = float(np.average((disparity - ray @ plane) * metres, weights=weights))
-    far = np.maximum(disparity, _LEAST_DISPARITY_PX)
+    height = float(np.average((disparity - plane.disparities(ray)) * metres, weights=weights))
+    far = np.maximum(disparity, LEAST_DISPARITY_PX)
     return height, float(np.average(ray[:, 1] * rig.fx * rig.baseline_m / far, weights=weights))
 
 
 def height_std_m(
-    left: ImageLine, right: ImageLine, plane: Array, rig: StereoRig, plane_covariance: Array | None = None
+    left: ImageLine,
+    right: ImageLine,
+    plane: DisparityPlane,
+    rig: StereoRig,
+    plane_covariance: Array | None = None,
 ) -> float:
     """Return the standard deviation of the height of a line over a plane [m].
 
     Args:
         left: The line in the left image.
         right: The same in the right image.
-        plane: (3,) of the road.
+        plane: The road, of the camera in the middle.
         rig: Intrinsics and baseline.
         plane_covariance: (3, 3) of the plane; None where it is that of the line alone that is asked for.
     """
     v, ray, disparity = _rows_of(left, right, rig)
     metres, weights = _metres(disparity, plane, rig)
-    by_row = weights / weights.sum() * metres
+    jac_height_row = weights / weights.sum() * metres
     variance = 0.0
     for line in (left, right):
-        by_line = np.array([by_row.sum(), by_row @ (v - line.v_mid)])
-        variance += float(by_line @ line.covariance @ by_line)
+        jac_height_line = np.array([jac_height_row.sum(), jac_height_row @ (v - line.v_mid)])
+        variance += float(jac_height_line @ line.covariance @ jac_height_line)
     if plane_covariance is not None:
-        by_plane = by_row @ ray
-        variance += float(by_plane @ plane_covariance @ by_plane)
+        jac_height_plane = jac_height_row @ ray
+        variance += float(jac_height_plane @ plane_covariance @ jac_height_plane)
     return float(np.sqrt(variance))
 
 
 def _rows_of(left: ImageLine, right: ImageLine, rig: StereoRig) -> tuple[Array, Array, Array]:
     """Return rows (N,), rays (1, y, z) from the middle of the baseline (N, 3), disparities (N,) [px]."""
-    v = np.linspace(max(left.rows.min(), right.rows.min()), min(left.rows.max(), right.rows.max()), _N_ROWS)
+    v = np.linspace(max(left.rows.min(), right.rows.min()), min(left.rows.max(), right.rows.max()), N_ROWS)
     columns = left.column_at(v), right.column_at(v)
     u = (columns[0] + columns[1]) / 2.0
-    ray = np.column_stack([np.ones(len(v)), -(u - rig.cx) / rig.fx, -(v - rig.cy) / rig.fy])
-    return v, ray, columns[0] - columns[1]
+    return v, pixel_rays(rig, u, v), columns[0] - columns[1]
 
 
-def _metres(disparity: Array, plane: Array, rig: StereoRig) -> tuple[Array, Array]:
+def rays_of_lines(pattern: LanePattern, rig: StereoRig) -> list[Array]:
+    """Return the rays (1, y, z) from the middle of the baseline to the rows each line was seen in, (N, 3)."""
+    rays = []
+    for index, line in enumerate(pattern.left):
+        seen = (pattern.rows >= line.rows.min()) & (pattern.rows <= line.rows.max())
+        rays.append(pixel_rays(rig, pattern.columns[:, index, seen].mean(axis=0), pattern.rows[seen]))
+    return rays
+
+
+def _metres(disparity: Array, plane: DisparityPlane, rig: StereoRig) -> tuple[Array, Array]:
     """Return how high a pixel of disparity is (N,) [m], and weights (N,): rows weigh as their pixels do."""
-    height_m = rig.fx * rig.baseline_m / np.linalg.norm(plane)
-    metres: Array = height_m / np.maximum(disparity, _LEAST_DISPARITY_PX)
+    metres: Array = plane.height_m(rig) / np.maximum(disparity, LEAST_DISPARITY_PX)
     return metres, metres**-2.0
 
 

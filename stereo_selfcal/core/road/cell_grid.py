@@ -1,8 +1,7 @@
 """The strip of road before the camera as a list of samples, in cells of a few square metres.
 
 Everything is laid out in the image a camera in the middle of the baseline would have: there a point of
-disparity d is seen at the column u, by the left camera at u + d / 2 and by the right one at u - d / 2. The
-disparity of a plane is ``plane @ (1, y, z)`` with the rays y = -(u - cx) / fx, z = -(v - cy) / fy.
+disparity d is seen at the column u, by the left camera at u + d / 2 and by the right one at u - d / 2.
 """
 
 from __future__ import annotations
@@ -12,11 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..camera.rig import StereoRig
-from ..geometry.plane import plane_from_pose
+from ..geometry.plane import DisparityPlane, plane_from_pose
 from ..geometry.pose import Extrinsics, road_from_camera_rotation
+from ..geometry.rays import pixel_rays
 from ..types import Array, Floats, Indices, Mask
 
-# Half a lane of the widest motorways (3.75 m) and the stripe beside it, as the issue found useful.
+# Half a lane of the widest motorways (3.75 m) and the stripe beside it.
 HALF_WIDTH_M = 2.5
 FAR_M = 30.0
 
@@ -118,16 +118,15 @@ def lay_out(
     """
     plane = plane_from_pose(pose, rig)
     rows = np.arange(_MARGIN_PX // 2, rig.height - _MARGIN_PX // 2)
-    z = -(rows - rig.cy) / rig.fy
     middle = float(np.clip(rig.cx + rig.fx * np.tan(lane_yaw_rad), 0, rig.width))
-    disparity = plane[0] - plane[1] * (middle - rig.cx) / rig.fx + plane[2] * z
+    disparity = plane.disparities(pixel_rays(rig, middle, rows))
     ahead = rig.fx * rig.baseline_m / np.maximum(disparity, _LEAST_DISPARITY_PX)
     visible = (disparity > _LEAST_DISPARITY_PX) & (ahead < far_m)
     if not visible.any():
         return None
-    rows, ahead, disparity = (a[visible] for a in (rows, ahead, disparity))
+    rows, ahead, disparity = rows[visible], ahead[visible], disparity[visible]
     spaced = _spaced(ahead, SPACING_M * thinning, thinning)
-    rows, ahead, disparity = (a[spaced] for a in (rows, ahead, disparity))
+    rows, ahead, disparity = rows[spaced], ahead[spaced], disparity[spaced]
     n_cells = max(1, round((limits_m[1] - limits_m[0]) / CELL_WIDTH_M))
     lateral = np.linspace(limits_m[1], limits_m[0], n_cells + 1)  # from left to right, as columns
     columns = middle - rig.fx * lateral / ahead[:, None]
@@ -168,7 +167,7 @@ def _spaced(ahead: Array, spacing_m: float, thinning: int) -> Mask:
 
 def _assemble(
     rig: StereoRig,
-    plane: Array,
+    plane: DisparityPlane,
     pose: Extrinsics,
     first: Indices,
     lengths: Indices,
@@ -188,11 +187,11 @@ def _assemble(
     v[:total] = np.repeat(row.astype(np.float32), lengths)
     u[total:], v[total:] = u[total - 1], v[total - 1]
     middle = first + (lengths - 1) * step / 2.0
-    rays = np.column_stack([np.ones(len(row)), -(middle - rig.cx) / rig.fx, -(row - rig.cy) / rig.fy])
+    rays = pixel_rays(rig, middle, row)
     cell_starts = np.concatenate([[0], np.nonzero(np.diff(cell))[0] + 1])
     cell_lengths = np.diff(np.append(cell_starts, len(cell)))
     # On the road: rays as long as the depth, turned.
-    depth = rig.fx * rig.baseline_m / (rays @ plane)
+    depth = rig.fx * rig.baseline_m / plane.disparities(rays)
     turn = road_from_camera_rotation(pose.pitch_rad, pose.roll_rad)[:2]
     xy = (rays * depth[:, None]) @ turn.T
     weights = lengths * step * depth**3  # a pixel's area on the road grows with the cube of its distance

@@ -12,12 +12,13 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..geometry.homography import SIDES, camera_centre_m
 from ..geometry.pose import road_from_camera_rotation
+from ..geometry.rays import pixel_rays
 from ..types import Array
 
 # Where a road line is evaluated to be drawn in the image [m ahead].
 _NEAR_M, _FAR_M = 5.0, 50.0
 _LEAST_FALL = 1e-3  # of a ray that is said to meet the road: 1000 camera heights away
-# Of the search for the column of a bent line in a row: each leaves an eighth of what was left before where
+# Of the search for the column of a bent line in a row: each leaves an eighth of the error before it where
 # the lane has turned by 30 deg, far less before.
 _BEND_ITERATIONS = 4
 
@@ -76,9 +77,7 @@ def bent_columns(parameters: Array, rows: Array, rig: StereoRig) -> Array:
     for camera, side in enumerate(SIDES):
         centre = rotation @ camera_centre_m(rig, side) + np.array([0.0, 0.0, height])
         for _ in range(_BEND_ITERATIONS):
-            y_body = -(columns[camera] - rig.cx) / rig.fx
-            z_body = -(flat - rig.cy) / rig.fy
-            ahead, left, up = (row[0] + row[1] * y_body + row[2] * z_body for row in rotation)
+            ahead, left, up = np.moveaxis(pixel_rays(rig, columns[camera], flat) @ rotation.T, -1, 0)
             depth = (over - centre[2]) / np.minimum(up, -_LEAST_FALL)
             x, y = centre[0] + depth * ahead, centre[1] + depth * left
             beside = _lateral_position(x, y, yaw, curvature) - start * np.cos(yaw)

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..numerics.statistics import SIGMA_OVER_MAD, median
+from ..numerics.robust import Reweighting, fit_reweighted, scale_by_median
+from ..numerics.statistics import median
 from ..types import Array
 
 # The spectrum of a road falls with its waviness as the power: 2 in ISO 8608's definition, 2.5 in the middle
@@ -44,14 +45,14 @@ _PROFILE_LENGTH_M = 1.0  # wheel tracks and gutters are half a metre to a metre 
 # A road is no plane where that is a hundred times less likely: rendered planes reach e^1, real roads e^15 and
 # more, or as little as planes where little of them is seen.
 _LEAST_EVIDENCE = math.log(100.0)
-_TUKEY_SIGMAS = 4.685  # 95 % efficient for Gaussian errors
-_REWEIGHTINGS = 8
 _WORST_STD_M = 0.3  # two kerbs: a cell that cannot tell them apart says nothing of the road
 _LEAST_CELLS = 6  # twice the numbers of a plane
 _LEAST_CELLS_OF_SHAPE = 12  # twice the six numbers of a bent surface
 _OUTLIER_WEIGHT = 0.5  # Tukey's at 2.5 robust standard deviations
 _ROUNDING = 1e-12  # of the greatest eigenvalue: what is less is that of the arithmetic
-_LEAST_WEIGHT = 1e-3  # an outlier keeps a thousandth: matrices stay regular
+LEAST_WEIGHT = 1e-3  # an outlier's variance is a thousand times its squared distance at most
+_REWEIGHTING = Reweighting(rounds=8, absolute_rounds=8, least_weight=LEAST_WEIGHT**2)
+_SCALE = scale_by_median(1e-9, median)  # where three cells decide, nothing scatters
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,7 +162,7 @@ def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface |
     # An outlier is a cell with a larger variance: it tells less of the plane.
     # No part of that for the others: it would pass for noise what is the road's shape.
     outlier = weights < _OUTLIER_WEIGHT
-    inflated = noise + np.where(outlier, off**2 / np.maximum(weights, _LEAST_WEIGHT), 0.0)
+    inflated = noise + np.where(outlier, off**2 / np.maximum(weights, LEAST_WEIGHT), 0.0)
     found = (_TYPICAL_ROUGHNESS, _TYPICAL_MISMATCH_PX, 1.0, math.inf)
     if final:
         found = _likely(y, x, inflated, profile, kernel, cells.metres[seen])
@@ -210,16 +211,15 @@ def kernels(xy: Array) -> tuple[Array, Array]:
 def _robust_weights(y: Array, x: Array, sigma: Array) -> tuple[Array, Array]:
     """Return the weights (S,) of a robust fit, from least absolute deviations on, and the distances (S,)."""
     rows, target = x / sigma[:, None], y / sigma
-    weights, scale = np.ones(len(y)), 1.0
-    for i in range(2 * _REWEIGHTINGS):
+
+    def fit(weights: Array, _: object) -> tuple[Array, Array]:
         weighted = rows.T * weights
-        residual = np.abs(target - rows @ np.linalg.solve(weighted @ rows, weighted @ target))
-        scale = max(SIGMA_OVER_MAD * median(residual), 1e-9)
-        if i < _REWEIGHTINGS:
-            weights = 1.0 / np.maximum(residual, 0.1 * scale)
-        else:
-            weights = np.maximum(1.0 - (residual / (_TUKEY_SIGMAS * scale)) ** 2, _LEAST_WEIGHT) ** 2
-    return weights, residual * sigma
+        plane = np.linalg.solve(weighted @ rows, weighted @ target)
+        return plane, target - rows @ plane
+
+    found = fit_reweighted(fit, len(y), _REWEIGHTING, _SCALE)
+    assert found is not None  # the cells determine a plane, with any weights
+    return found.weights, found.residuals * sigma
 
 
 def _likely(
@@ -232,12 +232,12 @@ def _likely(
     equally probable.
     """
     basis = np.linalg.qr(x, mode="complete")[0][:, x.shape[1] :]
-    contrast, by_road = basis.T @ y, basis.T @ kernel @ basis
-    by_noise, by_mismatch = (basis.T * noise) @ basis, (basis.T * metres**2) @ basis
+    contrast, road_covariance = basis.T @ y, basis.T @ kernel @ basis
+    noise_covariance, mismatch_covariance = (basis.T * noise) @ basis, (basis.T * metres**2) @ basis
     # One basis for everything else and the road, so that every roughness is a division.
-    factor = np.linalg.cholesky(by_noise + _MISMATCH_PX[:, None, None] ** 2 * by_mismatch)
+    factor = np.linalg.cholesky(noise_covariance + _MISMATCH_PX[:, None, None] ** 2 * mismatch_covariance)
     inverse = np.linalg.inv(factor)
-    values, vectors = np.linalg.eigh(inverse @ by_road @ np.swapaxes(inverse, 1, 2))
+    values, vectors = np.linalg.eigh(inverse @ road_covariance @ np.swapaxes(inverse, 1, 2))
     scaled = 1.0 / np.sqrt(1.0 + np.clip(values, 0.0, None)[:, None] * _ROUGHNESS[:, None])
     # The profile is smooth: a few shapes across the road make it up, each with its own size. The Cholesky
     # factor of their products with each other and the contrast has what they leave of it in its last row.
@@ -279,7 +279,7 @@ def measure_shape(xy: Array, surface: Surface) -> RoadUnevenness:
         xy: (C, 2) position of the cells [m].
         surface: The plane and the cells.
     """
-    seen = np.isfinite(surface.residuals) & (surface.weights > _LEAST_WEIGHT)
+    seen = np.isfinite(surface.residuals) & (surface.weights > LEAST_WEIGHT)
     x, y = xy[seen].T
     along, across = np.ptp(x) / 2.0, np.ptp(y) / 2.0
     if len(x) < _LEAST_CELLS_OF_SHAPE or along == 0.0 or across == 0.0:

@@ -16,8 +16,9 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
 from ..estimators.texture_alignment import TextureFit, align_texture
-from ..geometry.plane import plane_from_pose, pose_from_plane
+from ..geometry.plane import DisparityPlane, PlaneCamera, plane_from_pose, pose_from_plane
 from ..geometry.pose import Extrinsics
+from ..geometry.rays import pixel_rays
 from ..lanes.hypotheses import Points
 from ..lanes.lane_pair import ImageLine, LanePattern
 from ..lanes.line_fit import refit_line
@@ -34,7 +35,7 @@ from ..lanes.matching import (
     similarity,
 )
 from ..tolerances import MAX_LINE_HEIGHT_M
-from ..types import Array, Image
+from ..types import Image
 
 # Starts that get an alignment each: the clearest lines.
 _MOST_STARTS = 3
@@ -65,7 +66,7 @@ def roads_of_single_lines(
         disparity = left.column_at(v) - right.column_at(v)
         ray = np.column_stack([np.ones(2), -(v - rig.cy) / rig.fy])
         p0, p2 = np.linalg.solve(ray, disparity)
-        road = pose_from_plane(np.array([p0, 0.0, p2]), rig)
+        road = pose_from_plane(DisparityPlane(np.array([p0, 0.0, p2]), PlaneCamera.MIDDLE), rig)
         inside = box.height_min_m <= road.height_m <= box.height_max_m
         if p2 < 0.0 and inside and abs(road.pitch_rad) <= box.pitch_max_rad:
             yield road
@@ -130,16 +131,17 @@ def lines_on_road(
     return [sample_pattern(pair, rig, config) for pair in pairs[:_MOST_PATTERNS]]
 
 
-def _gap(pair: MatchedLines, plane: Array, rig: StereoRig) -> float:
+def _gap(pair: MatchedLines, plane: DisparityPlane, rig: StereoRig) -> float:
     """Return the rows from the horizon of a road down to the point where two lines meet."""
     u, v = pair.vanishing_point
-    horizon = rig.cy + rig.fy * (plane[0] - plane[1] * (u - rig.cx) / rig.fx) / plane[2]
+    ahead, aside, down = plane.coefficients
+    horizon = rig.cy + rig.fy * (ahead - aside * (u - rig.cx) / rig.fx) / down
     return float(v - horizon)
 
 
 def _seen_by_both(
     candidate: Candidate,
-    plane: Array,
+    plane: DisparityPlane,
     points: Points,
     images: tuple[Image, Image],
     rig: StereoRig,
@@ -167,25 +169,21 @@ def _seen_by_both(
     return Match(Candidate(left, candidate.votes), Candidate(right, candidate.votes), alike)
 
 
-def _horizon(line: ImageLine, plane: Array, rig: StereoRig) -> float:
+def _horizon(line: ImageLine, plane: DisparityPlane, rig: StereoRig) -> float:
     """Return the row where a line of the left image leaves a road: where its disparity is none."""
     intercept, slope = _disparity_along(line, plane, rig)
     return float(np.clip(-intercept / slope, 0.0, rig.height - 2.0)) if slope > 0.0 else 0.0
 
 
-def _disparity_along(line: ImageLine, plane: Array, rig: StereoRig) -> tuple[float, float]:
+def _disparity_along(line: ImageLine, plane: DisparityPlane, rig: StereoRig) -> tuple[float, float]:
     """Return a and b of the disparity a + b v of a road along a line of the left image."""
     v = np.array([0.0, rig.height - 1.0])
-    # The plane is that of the camera in the middle, half a disparity beside: d = p . ray(u - d / 2).
-    across = -plane[1] / rig.fx
-    u = line.column_at(v)
-    at_left = plane[0] - plane[1] * (u - rig.cx) / rig.fx - plane[2] * (v - rig.cy) / rig.fy
-    d = at_left / (1.0 + across / 2.0)
+    d = plane.of_camera(PlaneCamera.LEFT, rig).disparities(pixel_rays(rig, line.column_at(v), v))
     slope = float(d[1] - d[0]) / float(v[1])
     return float(d[0]), slope
 
 
-def _in_right_camera(line: ImageLine, plane: Array, rig: StereoRig) -> ImageLine:
+def _in_right_camera(line: ImageLine, plane: DisparityPlane, rig: StereoRig) -> ImageLine:
     intercept, slope = _disparity_along(line, plane, rig)
     return replace(line, u_mid=line.u_mid - intercept - slope * line.v_mid, slope=line.slope - slope)
 
@@ -224,7 +222,7 @@ def line_on_road(
     return None
 
 
-def _yaw(line: ImageLine, plane: Array, rig: StereoRig) -> float:
+def _yaw(line: ImageLine, plane: DisparityPlane, rig: StereoRig) -> float:
     """Return the heading of the camera against a line [rad], > 0: left of it."""
     leaves = float(line.column_at(np.array(_horizon(line, plane, rig))))
     return float(np.arctan((leaves - rig.cx) / rig.fx))

@@ -31,7 +31,7 @@ from stereo_selfcal.core.evidence.nuisances import (
 )
 from stereo_selfcal.core.evidence.profile import Profile, profile_of_asphalt
 from stereo_selfcal.core.geometry.homography import apply_homography, road_from_image
-from stereo_selfcal.core.geometry.plane import plane_from_pose, pose_from_plane
+from stereo_selfcal.core.geometry.plane import DisparityPlane, PlaneCamera, plane_from_pose, pose_from_plane
 from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm, total_covariance
 from stereo_selfcal.core.road.surface import RoadUnevenness, kernels
 from stereo_selfcal.core.tolerances import AGREEMENT, MAX_LINE_HEIGHT_M, WRONG
@@ -108,15 +108,13 @@ def test_shape_of_many_roads_scatters_the_lines_as_claimed():
             [np.ones(len(rows)), -(u - PAPER_RIG.cx) / PAPER_RIG.fx, -(rows - PAPER_RIG.cy) / PAPER_RIG.fy]
         )[seen]
         rays.append(ray)
-        disparity.append(ray @ plane_from_pose(POSE, PAPER_RIG))
+        disparity.append(plane_from_pose(POSE, PAPER_RIG).disparities(ray))
     ray, disparity = np.concatenate(rays), np.concatenate(disparity)
     ray, disparity = ray[disparity > 1], disparity[disparity > 1]
-    poses = [
-        pose_from_plane(
-            np.linalg.lstsq(ray, disparity + rng.normal(0, 0.1, len(ray)), rcond=None)[0], PAPER_RIG
-        )
-        for _ in range(600)
+    planes = [
+        np.linalg.lstsq(ray, disparity + rng.normal(0, 0.1, len(ray)), rcond=None)[0] for _ in range(600)
     ]
+    poses = [pose_from_plane(DisparityPlane(plane, PlaneCamera.MIDDLE), PAPER_RIG) for plane in planes]
     scatter = np.cov([pose.as_array() for pose in poses], rowvar=False)
     np.testing.assert_allclose(np.sqrt(np.diag(scatter)), np.sqrt(np.diag(claimed)), rtol=0.15)
 
