@@ -46,7 +46,7 @@ from .lanes.line_geometry import BelowPlane
 from .lanes.matching import Match
 from .lanes.stripe_points import find_stripe_points
 from .numerics.genetic import GeneticResult, maximise_each
-from .rejection import Rejection, RejectReason
+from .rejection import RejectReason
 from .results import CalibrationResult, announce, rejected
 from .search.texture_guided_lines import find_road, line_on_road, lines_on_road
 from .types import Image
@@ -114,7 +114,7 @@ class Calibrator:
         if not self._accepted:
             if self._last is not None:
                 return self._last
-            return rejected(Rejection(RejectReason.NO_FRAMES, "frames", 0, 1, "", "add a stereo frame first"))
+            return rejected(frame_checks.no_frames())
         return fuse_frames(self._accepted, self.rig)
 
     def calibrate_frame(self, left: Image, right: Image, stamp_s: float = 0.0) -> CalibrationResult:
@@ -292,7 +292,7 @@ class Calibrator:
         evidence = replace(evidence, bends=bends, lines=fit)
         gates, refusal = evaluate_gates(evidence, already=gates)
         if refusal or fit is None:
-            # The gate "determined" has made sure that there is a refusal where there is no fit.
+            # The gate `determined` has made sure that there is a refusal where there is no fit.
             return rejected(refusal, gates=gates, **known)  # type: ignore[arg-type]
         notes = compare_stages(pattern, self.rig, extrinsics, fit.covariance, known["stages"])
         refined = refine(images, pattern, self.rig, extrinsics)
