@@ -354,7 +354,8 @@ def _gates(result: CalibrationResult, width: int) -> Image:
     for number, gate in enumerate(result.gates):
         column, row = divmod(number, n_rows)
         unit = _UNITS.get(gate.unit, gate.unit)
-        text = f"{gate.label}: {_short(gate.value)} {unit} ({gate.bound} {_short(gate.threshold)})"
+        value = f"{_short(gate.value)} {unit}".rstrip()
+        text = f"{gate.label}: {value} ({gate.bound} {_short(gate.threshold)})"
         x = (column + 0.03) * width / _GATE_COLUMNS
         mark, colour = ("+", GREEN) if gate.passed else ("x", VERMILION)
         x += strip.text(mark, x, (row + 1) * step, colour, size=0.8) + 0.3 * step
