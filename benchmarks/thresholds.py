@@ -63,7 +63,7 @@ THRESHOLDS = (
     Threshold("_MAX_CLIPPED", measurements),
     Threshold("_MAX_VERTICAL_PX", measurements),
     Threshold("_SHAPE_SIGMAS", measurements),
-    Threshold("_MAX_RIM", measurements),
+    Threshold("_MAX_BORDER_STEP", measurements),
     Threshold("_MAX_OWN_TONE", measurements),
     Threshold("_MAX_FACE", measurements),
     Threshold("_SURELY_SIGMAS", measurements),

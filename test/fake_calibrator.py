@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from stereo_selfcal.core.geometry.pose import Extrinsics
-from stereo_selfcal.core.rejection import Rejection, RejectReason
+from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import CalibrationResult, describe, rejected
 from stereo_selfcal.offline import run as run_module
 
@@ -15,7 +15,7 @@ COVARIANCE = np.diag([1e-6, 1e-8, 1e-8])
 
 
 def refusal(stamp_s=0.0):
-    rejection = Rejection(RejectReason.NO_LINES_FOUND, "lines found", 0, 2, "", "paint some")
+    rejection = Rejection(RejectReason.NO_LINES_FOUND, "lines found", 0, Bound.LEAST, 2, "", "paint some")
     return rejected(rejection, stamp_s)
 
 

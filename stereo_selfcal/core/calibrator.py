@@ -12,7 +12,6 @@ from .lanes import frame_checks
 from .lanes.hypotheses import NoPattern, find_hypotheses, unused_lines
 from .lanes.lane_pair import LanePattern
 from .lanes.stripe_points import find_stripe_points
-from .rejection import Rejection, RejectReason
 from .results import CalibrationResult, rejected, result_of
 from .search.attempt import Attempt
 from .search.solve import solve
@@ -66,7 +65,7 @@ class Calibrator:
         if not self._accepted:
             if self._last is not None:
                 return self._last
-            return rejected(Rejection(RejectReason.NO_FRAMES, "frames", 0, 1, "", "add a stereo frame first"))
+            return rejected(frame_checks.no_frames())
         return fuse_frames(self._accepted, self.rig)
 
     def calibrate_frame(self, left: Image, right: Image, stamp_s: float = 0.0) -> CalibrationResult:

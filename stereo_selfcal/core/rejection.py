@@ -1,4 +1,4 @@
-"""Why there is no calibration: the reasons, and what a gate read beside its limit."""
+"""Why there is no calibration: the reasons, and the value of a gate beside its limit."""
 
 from __future__ import annotations
 
@@ -39,14 +39,32 @@ class RejectReason(Enum):
         return self.value
 
 
+class Bound(Enum):
+    """Which side of a limit is good; ``str(bound)`` are the words before the limit."""
+
+    LEAST = "at least"
+    MOST = "at most"
+    EXACTLY = "exactly"  # of what has one right value, such as the bits of a pixel
+
+    def __str__(self) -> str:
+        return self.value
+
+
+_VERBS = {Bound.LEAST: "needed", Bound.MOST: "allowed", Bound.EXACTLY: "needed"}
+# Where a sentence about a measurement has its numbers.
+_VALUE, _LIMIT = "{value}", "{limit}"
+
+
 @dataclass(frozen=True, slots=True)
 class Rejection:
     """One reason for a refusal, with everything needed to understand and mend it.
 
     Attributes:
         reason: The kind of refusal.
-        what: What was measured, in words.
+        what: What was measured: a name, or a sentence with ``{value}`` where the value belongs. A sentence
+            that says what is needed as well has ``{limit}`` where the limit belongs.
         value: The measured value.
+        bound: Whether the limit is the least or the most that is good.
         threshold: The limit it missed.
         unit: Unit of both ("" for counts).
         remedy: What the user can do.
@@ -55,20 +73,38 @@ class Rejection:
     reason: RejectReason
     what: str
     value: float
+    bound: Bound
     threshold: float
     unit: str
     remedy: str
 
     @property
+    def measured(self) -> str:
+        """What was measured, and the value."""
+        text = self.what if _VALUE in self.what else f"{self.what}: {_VALUE}"
+        return text.replace(_VALUE, self._with_unit(self.value)).replace(
+            _LIMIT, self._with_unit(self.threshold)
+        )
+
+    @property
+    def limit(self) -> str:
+        """The limit and which side of it is good."""
+        return f"{self.bound} {self._with_unit(self.threshold)}"
+
+    @property
     def finding(self) -> str:
-        """What was measured, the value and the threshold."""
-        unit = f" {self.unit}" if self.unit else ""
-        return f"{self.what}: {self.value:.4g}{unit}, limit {self.threshold:.4g}{unit}"
+        """What was measured, the value and the limit."""
+        if _LIMIT in self.what:
+            return self.measured
+        return f"{self.measured}, {self.limit} {_VERBS[self.bound]}"
 
     @property
     def message(self) -> str:
-        """One sentence: what, the measured value, the threshold, the remedy."""
+        """One sentence: what, the measured value, the limit, the remedy."""
         return f"{self.finding}; {self.remedy}"
+
+    def _with_unit(self, number: float) -> str:
+        return f"{number:.4g} {self.unit}".rstrip()
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,15 +112,19 @@ class GateReading:
     """One gate of a frame: what it measured beside its limit.
 
     Attributes:
-        name: Name of the gate (`core.evidence.gates`).
+        name: Key of the gate (`core.evidence.gates`), a snake_case word.
+        label: What people read in its place.
         value: Measured value.
-        threshold: Its limit.
+        bound: Whether the limit is the least or the most that is good.
+        threshold: The limit.
         unit: Unit of both ("" for counts and ratios).
         passed: Whether the value is good.
     """
 
     name: str
+    label: str
     value: float
+    bound: Bound
     threshold: float
     unit: str
     passed: bool

@@ -13,7 +13,7 @@ from .rows import FrameRow
 _POSE = ("height_m", "pitch_rad", "roll_rad")
 _STD = ("height_std_m", "pitch_std_rad", "roll_std_rad")
 # What every gate measured; the units are those of docs/offline.md.
-_GATE_COLUMNS = {gate.name: f"gate_{gate.name.replace(' ', '_')}" for gate in GATES}
+_GATE_COLUMNS = {gate.key: f"gate_{gate.key}" for gate in GATES}
 
 COLUMNS = (
     "stamp_s",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ..bags import StereoFrame
 from ..core.calibrator import Calibrator
-from ..core.rejection import Rejection, RejectReason
+from ..core.rejection import Bound, Rejection, RejectReason
 from ..core.results import CalibrationResult, rejected
 
 
@@ -36,8 +36,9 @@ def calibrate_frame(calibrator: Calibrator, frame: StereoFrame) -> CalibrationRe
         return calibrator.calibrate_frame(frame.left, frame.right, frame.stamp_s)
     rejection = Rejection(
         RejectReason.IMAGE_UNREADABLE,
-        f"images that can be read ({frame.problem})",
+        f"{{value}} of {{limit}} pairs of images could be read ({frame.problem})",
         0,
+        Bound.LEAST,
         1,
         "",
         "check the camera driver and the disk the recording was made on",

@@ -347,14 +347,15 @@ def numbers(result: CalibrationResult) -> tuple[str, ...]:
 
 
 def _gates(result: CalibrationResult, width: int) -> Image:
-    """Return the strip with what each gate has measured beside its limit; the closed one stands out."""
+    """Return the strip with the value of each gate beside its limit; a gate that refuses stands out."""
     step = 0.8 * dark_strip(width, 1).line_height
     n_rows = -(-len(result.gates) // _GATE_COLUMNS)
     strip = dark_strip(width, (n_rows + 0.8) * step)
     for number, gate in enumerate(result.gates):
         column, row = divmod(number, n_rows)
         unit = _UNITS.get(gate.unit, gate.unit)
-        text = f"{gate.name}: {_short(gate.value)} {unit} (limit {_short(gate.threshold)})"
+        value = f"{_short(gate.value)} {unit}".rstrip()
+        text = f"{gate.label}: {value} ({gate.bound} {_short(gate.threshold)})"
         x = (column + 0.03) * width / _GATE_COLUMNS
         mark, colour = ("+", GREEN) if gate.passed else ("x", VERMILION)
         x += strip.text(mark, x, (row + 1) * step, colour, size=0.8) + 0.3 * step

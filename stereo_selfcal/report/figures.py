@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..core.drive.drive import Drive, clock
+from ..core.rejection import Bound, GateReading
 from ..offline import FrameRow
 from .charts import Array, Level, histogram, time_series
 from .choice import segment_of
@@ -83,35 +84,39 @@ def residuals(rows: Sequence[FrameRow], drive: Drive) -> list[dict[str, str]]:
 
 
 def gates(rows: Sequence[FrameRow]) -> list[dict[str, Any]]:
-    """Return, for every gate, how much of its limit the frames used: median, 90 %, most, and refusals."""
+    """Return, for every gate, how much of its limit the frames used, and how many it refused."""
     used: dict[str, list[float]] = {}
-    closed: dict[str, int] = {}
+    refused: dict[str, int] = {}
+    labels: dict[str, str] = {}
     for row in rows:
         for gate in row.gates:
             if gate.passed and gate.value == gate.threshold:
-                continue  # a count that has to be reached says nothing
-            used.setdefault(gate.name, []).append(_use(gate.value, gate.threshold, gate.passed))
-            closed[gate.name] = closed.get(gate.name, 0) + (not gate.passed)
+                continue  # a count that has to be reached is all or nothing
+            used.setdefault(gate.name, []).append(_use(gate))
+            refused[gate.name] = refused.get(gate.name, 0) + (not gate.passed)
+            labels[gate.name] = gate.label
     found = []
     for name, ratios in used.items():
         median, most = (float(np.quantile(ratios, q)) for q in (0.5, 0.9))
         found.append(
             {
-                "name": name,
+                "label": labels[name],
                 "median": f"{100 * median:.0f} %",
                 "most": f"{100 * most:.0f} %",
                 "bar": f"{min(100 * median, 100):.0f}",
                 "reach": f"{min(100 * most, 100):.0f}",
-                "closed": closed[name],
+                "refused": refused[name],
                 "frames": len(ratios),
             }
         )
     return found
 
 
-def _use(value: float, threshold: float, passed: bool) -> float:
-    """Return how near a value is to its limit, on whichever side: 0 far, 1 there, more beyond."""
+def _use(gate: GateReading) -> float:
+    """Return how much of its limit a gate used: 0 none, 1 all of it, more beyond."""
+    value, threshold = gate.value, gate.threshold
     if value * threshold < 0 or 0.0 in (value, threshold):
-        return 0.0 if passed else 2.0
-    ratio = abs(value / threshold)
-    return min(ratio, 1 / ratio) if passed else max(ratio, 1 / ratio)
+        return 0.0 if gate.passed else 2.0
+    # Towards a greatest limit a value grows; towards a least limit below zero, its magnitude does.
+    grows = (gate.bound is Bound.MOST) == (threshold > 0)
+    return abs(value / threshold) if grows else abs(threshold / value)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from ..core.evidence.gates import GATES
+from ..core.lanes.frame_checks import FIND_LINES
 from ..core.rejection import RejectReason
 from ..offline import FrameRow
 
-_FIND_LINES = "drive on a straight road with painted lines on both sides of the camera, lens clean"
-
-# Of reasons that are found before there is an estimate; those of the gates stand beside the gates.
+# The remedies of the checks before there is an estimate; those of the gates are in GATES.
 _BEFORE_GATES = {
     RejectReason.IMAGE_EMPTY: "check the camera driver: there are no pixels, or too few",
     RejectReason.IMAGE_TYPE: "convert the images to 8-bit grey",
@@ -16,9 +15,9 @@ _BEFORE_GATES = {
     RejectReason.IMAGE_SIZES_DIFFER: "set both cameras to one size",
     RejectReason.RIG_SIZE_MISMATCH: "use the rig (CameraInfo) of these images",
     RejectReason.CAMERAS_SWAPPED: "exchange the topics of the left and the right image",
-    RejectReason.NO_LINES_FOUND: _FIND_LINES,
+    RejectReason.NO_LINES_FOUND: FIND_LINES,
     RejectReason.LINES_NOT_MATCHED: "check that left and right are not swapped and the images are rectified, "
-    f"and {_FIND_LINES}",
+    f"and {FIND_LINES}",
     RejectReason.LINES_NOT_CONVERGING: "the horizon must be in view: pitch the camera up",
     RejectReason.NO_FRAMES: "record stereo frames",
 }

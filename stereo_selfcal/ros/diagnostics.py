@@ -252,11 +252,10 @@ def _frames(frames: FrameStatistics) -> dict[str, str]:
 
 
 def _rejection(rejection: Rejection, age_s: float) -> dict[str, str]:
-    unit = f" {rejection.unit}" if rejection.unit else ""
     return {
         "last_rejection": str(rejection.reason),
-        "last_rejection_measured": f"{rejection.what}: {rejection.value:.4g}{unit}",
-        "last_rejection_limit": f"{rejection.threshold:.4g}{unit}",
+        "last_rejection_measured": rejection.measured,
+        "last_rejection_limit": rejection.limit,
         "last_rejection_remedy": rejection.remedy,
         "last_rejection_age": age_text(age_s),
     }

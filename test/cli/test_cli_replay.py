@@ -136,7 +136,7 @@ def test_nothing_accepted(bag, calibrator, monkeypatch, tmp_path, capsys, as_jso
         assert content["extrinsics"] is content["std"] is content["lane_yaw_rad"] is None
     else:
         assert "0 of 4 frames accepted" in out
-        assert "limit 2; paint some" in out
+        assert "at least 2 needed; paint some" in out
 
 
 def test_max_frames(bag, calibrator, capsys):

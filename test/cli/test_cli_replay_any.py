@@ -224,8 +224,8 @@ def test_csv_has_a_line_per_frame_with_every_digit(bag, calibrator, monkeypatch,
     assert (rows[0]["accepted"], rows[0]["reason"], float(rows[0]["pitch_rad"])) == ("1", "", 0.05)
     assert float(rows[0]["height_std_m"]) == math.sqrt(1e-6)
     assert (rows[1]["accepted"], rows[1]["reason"], rows[1]["height_m"]) == ("0", "no_lines_found", "")
-    assert rows[1]["message"] == "lines found: 0, limit 2; paint some"
-    assert {f"gate_{gate.name.replace(' ', '_')}" for gate in GATES} <= rows[0].keys()
+    assert rows[1]["message"] == "lines found: 0, at least 2 needed; paint some"
+    assert {f"gate_{gate.key}" for gate in GATES} <= rows[0].keys()
 
 
 def test_an_image_that_cannot_be_converted_is_a_refused_frame(bag, calibrator, monkeypatch, capsys):

@@ -10,14 +10,16 @@ from stereo_selfcal.cli.report import FrameRow, as_json, table_header, table_row
 from stereo_selfcal.core.config import CalibratorConfig
 from stereo_selfcal.core.drive.drive import Drive, DriveChange, DriveSegment
 from stereo_selfcal.core.geometry.pose import Extrinsics
-from stereo_selfcal.core.rejection import Rejection, RejectReason
+from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import CalibrationResult, rejected
 from stereo_selfcal.offline import Replay
 from stereo_selfcal.synth.scenes import PAPER_RIG
 
 POSE = Extrinsics(1.0 / 3.0, math.radians(-2.0), 0.1)
 RESULT = CalibrationResult("fine", None, POSE, np.diag([1e-6, 1e-8, 1e-8]), -0.02, n_frames=1)
-REFUSED = rejected(Rejection(RejectReason.LINES_NOT_CONVERGING, "lines", 1, 2, "px", "drive straight"))
+REFUSED = rejected(
+    Rejection(RejectReason.LINES_NOT_CONVERGING, "lines", 1, Bound.LEAST, 2, "px", "drive straight")
+)
 
 
 def replay(rows, drive):

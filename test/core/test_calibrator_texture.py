@@ -47,7 +47,7 @@ def test_without_texture_nothing_is_accepted_where_it_is_required():
     assert result.reason is RejectReason.ROAD_WITHOUT_TEXTURE
     assert result.extrinsics is None
     assert "refined" in result.stages
-    assert [gate.name for gate in result.gates if not gate.passed] == ["witness"]
+    assert [gate.name for gate in result.gates if not gate.passed] == ["texture_sufficient"]
 
 
 def test_with_texture_it_makes_no_difference_that_it_is_required():
@@ -89,7 +89,7 @@ def test_lines_on_another_plane_than_the_asphalt_are_refused(monkeypatch, beyond
     assert result.extrinsics is None
     assert {"genetic", "refined"} <= set(result.stages)
     assert ("textured" in result.stages) == beyond_too  # else that of the lane says otherwise
-    assert "asphalt" in result.message
+    assert "road surface" in result.message
     assert not result.gates[-1].passed and all(gate.passed for gate in result.gates[:-1])
 
 

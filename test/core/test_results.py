@@ -1,14 +1,18 @@
 """Results and rejections: stable words, sentences with value, threshold and remedy."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from stereo_selfcal import CalibrationResult, Extrinsics, Rejection, RejectReason
+from stereo_selfcal.core.rejection import Bound
 from stereo_selfcal.core.results import describe, rejected
 
-REJECTION = Rejection(RejectReason.NO_LINES_FOUND, "rows of the line", 12.0, 40, "px", "clean the lens")
+REJECTION = Rejection(
+    RejectReason.NO_LINES_FOUND, "rows of the line", 12.0, Bound.LEAST, 40, "px", "clean the lens"
+)
 
 # Other people's scripts compare these words: a change here breaks them.
 WORDS = {
@@ -36,12 +40,25 @@ def test_reasons_are_stable_words():
 
 
 def test_message_has_what_value_threshold_unit_and_remedy():
-    assert REJECTION.message == "rows of the line: 12 px, limit 40 px; clean the lens"
+    assert REJECTION.message == "rows of the line: 12 px, at least 40 px needed; clean the lens"
 
 
 def test_message_without_a_unit():
-    rejection = Rejection(RejectReason.FITNESS_TOO_LOW, "fitness", 0.123456, 0.9999, "", "drive on")
-    assert rejection.message == "fitness: 0.1235, limit 0.9999; drive on"
+    rejection = Rejection(
+        RejectReason.FITNESS_TOO_LOW, "fitness", 0.123456, Bound.LEAST, 0.9999, "", "drive on"
+    )
+    assert rejection.message == "fitness: 0.1235, at least 0.9999 needed; drive on"
+
+
+def test_message_of_a_sentence_has_the_numbers_in_it():
+    rejection = replace(REJECTION, what="the line is {value} high", bound=Bound.MOST)
+    assert rejection.message == "the line is 12 px high, at most 40 px allowed; clean the lens"
+    assert (rejection.measured, rejection.limit) == ("the line is 12 px high", "at most 40 px")
+
+
+def test_message_of_a_sentence_with_its_limit_says_no_more():
+    rejection = replace(REJECTION, what="only {value} of {limit} lines {}", value=1, threshold=2, unit="")
+    assert rejection.message == "only 1 of 2 lines {}; clean the lens"
 
 
 def test_rejected_result():

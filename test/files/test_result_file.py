@@ -13,14 +13,16 @@ from result_making import EXTRINSICS, RIG, a_result, write
 
 from stereo_selfcal import Extrinsics
 from stereo_selfcal.core.errors import OutputError
-from stereo_selfcal.core.rejection import Rejection, RejectReason
+from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import rejected
 from stereo_selfcal.files import result_file
 from stereo_selfcal.files.result_file import Restored, format_result, load_result, restore, result_parameters
 
 
 def a_rejection():
-    return rejected(Rejection(RejectReason.NO_LINES_FOUND, "lines found", 0, 2, "", "look at the road"))
+    return rejected(
+        Rejection(RejectReason.NO_LINES_FOUND, "lines found", 0, Bound.LEAST, 2, "", "look at the road")
+    )
 
 
 def names(folder):

@@ -10,7 +10,7 @@ import pytest
 from stereo_selfcal.core.geometry.homography import apply_homography, image_from_road
 from stereo_selfcal.core.geometry.pose import Extrinsics
 from stereo_selfcal.core.lanes.lane_pair import ImageLine, LanePattern
-from stereo_selfcal.core.rejection import GateReading, Rejection, RejectReason
+from stereo_selfcal.core.rejection import Bound, GateReading, Rejection, RejectReason
 from stereo_selfcal.core.results import CalibrationResult, rejected
 from stereo_selfcal.pictures import canvas as canvas_module
 from stereo_selfcal.pictures import picture
@@ -32,7 +32,7 @@ SCENE = named_scene("straight_road")
 POSE = SCENE.scene.extrinsics
 FRAME = SCENE.frame(0)
 COVARIANCE = np.diag([1e-6, 1e-8, 1e-8])
-REJECTION = Rejection(RejectReason.LINES_NOT_STRAIGHT, "bend", 3, 1, "px", "drive straight " * 20)
+REJECTION = Rejection(RejectReason.LINES_NOT_STRAIGHT, "bend", 3, Bound.MOST, 1, "px", "drive straight " * 20)
 
 
 def line(u_mid, slope):
@@ -217,8 +217,10 @@ def test_png_round_trip():
 
 def test_gates_are_shown_and_the_closed_one_stands_out():
     """As a strip below the rest; only a closed gate has the colour of a refusal."""
-    passed = GateReading("straight", 5000.0, 1000.0, "m", True)
-    closed = GateReading("consistent", 12.0, 10.0, "standard deviations", False)
+    passed = GateReading("straight", "straight lane", 5000.0, Bound.LEAST, 1000.0, "m", True)
+    closed = GateReading(
+        "consistent", "consistent lines", 12.0, Bound.MOST, 10.0, "standard deviations", False
+    )
     refused = rejected(REJECTION)
     without = draw_overview(FRAME.left, FRAME.right, RIG, refused)
     for gates, stands_out in (((passed,), False), ((passed, closed), True)):
@@ -278,7 +280,9 @@ def test_words_of_a_verdict_are_there_and_wrapped():
         return (strip[:, 40:] > 150).all(axis=2).sum(), len(strip)
 
     none, short = ink(StripContent("", picture.GREEN)), ink(StripContent("REFUSED", picture.GREEN))
-    long = ink(StripContent("REFUSED", picture.GREEN, ("bend of the road: 320 m, limit 1000 m; " * 6,)))
+    long = ink(
+        StripContent("REFUSED", picture.GREEN, ("bend of the road: 320 m, at least 1000 m needed; " * 6,))
+    )
     assert none[0] == 0 < short[0] < long[0]
     assert none[1] == short[1] < long[1]
     assert draw_notice(StripContent("no picture", picture.GREEN)).shape == (403, 960, 3)
@@ -287,7 +291,7 @@ def test_words_of_a_verdict_are_there_and_wrapped():
 def test_verdict_of_a_refusal_names_reason_and_limit():
     verdict = verdict_of(rejected(REJECTION))
     assert verdict.title == "REFUSED: lines_not_straight"
-    assert "3 px, limit 1 px; drive straight" in verdict.lines[0]
+    assert "3 px, at most 1 px allowed; drive straight" in verdict.lines[0]
 
 
 def test_text_stays_inside_the_picture():

@@ -18,7 +18,7 @@ from stereo_selfcal.cli.replay import main
 from stereo_selfcal.core.drive.drive import estimate_drive, fuse_frames
 from stereo_selfcal.core.evidence.gates import GATES
 from stereo_selfcal.core.geometry.pose import Extrinsics
-from stereo_selfcal.core.rejection import GateReading, RejectReason
+from stereo_selfcal.core.rejection import Bound, GateReading, RejectReason
 from stereo_selfcal.offline import BagSource, calibrate_recording
 from stereo_selfcal.report.page import render_report
 from stereo_selfcal.report.remedies import remedies, remedy_of
@@ -98,7 +98,7 @@ def test_parts_when_nothing_was_accepted(nothing):
     assert page.sections == ["verdict", "pictures", "refusals", "provenance"]
     assert "None of 3 frames could be used: no_lines_found (3)." in page.text
     assert f"What to do: {remedies()['no_lines_found']}" in page.text
-    assert "rows of the longest left lane boundary" in page.text
+    assert "no left lane line was found in the left image: the longest candidate is" in page.text
     assert page.tags.count("img") == 1
 
 
@@ -199,14 +199,25 @@ def test_a_frame_that_cannot_be_read_again_has_no_picture(road):
 
 
 @pytest.mark.parametrize(
-    ("value", "threshold", "passed"), [(0.0, 1.0, True), (-2.0, 1.0, True), (3.0, 2.0, False)]
+    ("value", "bound", "threshold", "used"),
+    [
+        (0.0, Bound.MOST, 1.0, "0 %"),
+        (-2.0, Bound.MOST, 1.0, "0 %"),
+        (3.0, Bound.MOST, 2.0, "150 %"),
+        (1.0, Bound.MOST, 2.0, "50 %"),
+        (4.0, Bound.LEAST, 1.0, "25 %"),
+        (2.0, Bound.LEAST, 3.0, "150 %"),
+        (-0.1, Bound.LEAST, -0.5, "20 %"),  # a pitch, and the least one searched
+        (-2.0, Bound.LEAST, 1.0, "200 %"),
+    ],
 )
-def test_gates_of_any_kind_can_be_shown(road, value, threshold, passed):
+def test_gates_of_any_kind_can_be_shown(road, value, bound, threshold, used):
     source, replay = road
-    gates = (GateReading("a gate", value, threshold, "px", passed),)
+    passed = value >= threshold if bound is Bound.LEAST else value <= threshold
+    gates = (GateReading("a_gate", "a gate", value, bound, threshold, "px", passed),)
     rows = tuple(replace(row, gates=gates) for row in replay.rows)
     page = Page(render_report(source, replace(replay, rows=rows)))
-    assert f"a gate {'0 % 0 % 0' if passed else '150 % 150 % 10'} of 10" in page.text
+    assert f"a gate {used} {used} {0 if passed else 10} of 10" in page.text
 
 
 def test_replay_writes_it(tmp_path, capsys):

@@ -9,7 +9,7 @@ import pytest
 
 from stereo_selfcal import CalibrationResult, CalibratorConfig, Extrinsics
 from stereo_selfcal.core.camera.pairing import PairCounts, StampedPair
-from stereo_selfcal.core.rejection import Rejection, RejectReason
+from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import rejected
 from stereo_selfcal.ros import calibration
 from stereo_selfcal.ros.calibration import CalibrationCall, InputState, Topics
@@ -82,7 +82,9 @@ class FakeCalibrator:
         assert left.shape == right.shape == (3, 4) and left.dtype == np.uint8
         if left[0, 0] <= 50:
             return rejected(
-                Rejection(RejectReason.NO_LINES_FOUND, "lines found", 0, 2, "", "look at the road")
+                Rejection(
+                    RejectReason.NO_LINES_FOUND, "lines found", 0, Bound.LEAST, 2, "", "look at the road"
+                )
             )
         self.frames.append(stamp_s)
         return self.estimate
@@ -134,14 +136,14 @@ def test_too_few_accepted_frames_say_how_many():
     assert outcome.message.startswith(
         "1 of 3 frames accepted, 2 pairs in 0.0 s: raise timeout_s or lower frames"
     )
-    assert "lines found: 0, limit 2; look at the road" in outcome.message
+    assert "lines found: 0, at least 2 needed; look at the road" in outcome.message
 
 
 def test_refusal_is_passed_on_with_the_number_of_pairs():
     outcome = CalibrationCall(Source(pair(left=image(0)), pair(left=image(0))), config()).run()
     assert outcome.result is None
     assert outcome.message.startswith(
-        "no frame accepted, 2 pairs in 0.0 s; last refusal: lines found: 0, limit 2"
+        "no frame accepted, 2 pairs in 0.0 s; last refusal: lines found: 0, at least 2 needed"
     )
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from stereo_selfcal import Extrinsics
 from stereo_selfcal.core.camera.pairing import PairCounts, StampedPair
-from stereo_selfcal.core.rejection import Rejection, RejectReason
+from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import CalibrationResult, rejected
 from stereo_selfcal.ros.calibration import InputState, Topics
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
@@ -20,7 +20,7 @@ IMAGE = np.zeros((2, 2), np.uint8)
 
 
 def refused(reason):
-    return rejected(Rejection(reason, "what", 1.0, 2.0, "px", "remedy"))
+    return rejected(Rejection(reason, "what", 1.0, Bound.LEAST, 2.0, "px", "remedy"))
 
 
 def frame(result, elapsed_s=0.05):

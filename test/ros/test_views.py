@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from stereo_selfcal import Extrinsics
-from stereo_selfcal.core.rejection import Rejection, RejectReason
+from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import CalibrationResult, rejected
 from stereo_selfcal.pictures.canvas import GREEN, SKY_BLUE, VERMILION, YELLOW
 from stereo_selfcal.ros import views as views_module
@@ -23,7 +23,7 @@ CONFIG = NodeConfig.from_values({name: setting.default for name, setting in SETT
 FRAME = named_scene("straight_road").frame(0)
 POSE = named_scene("straight_road").scene.extrinsics
 RESULT = CalibrationResult("good", extrinsics=POSE, covariance=np.diag([1e-6, 1e-8, 1e-8]), n_frames=1)
-REFUSED = rejected(Rejection(RejectReason.NO_LINES_FOUND, "lines", 0, 2, "", "look at the road"))
+REFUSED = rejected(Rejection(RejectReason.NO_LINES_FOUND, "lines", 0, Bound.LEAST, 2, "", "look at the road"))
 REPORT = FrameReport(FRAME.left, FRAME.right, PAPER_RIG, RESULT, 7, 0.05)
 LIVE = LiveFrame(FRAME.left, FRAME.right, PAPER_RIG, "", 9)
 

@@ -386,10 +386,7 @@ def _report(
     )
     return TextureFit(
         extrinsics=pose,
-        terms=propagate_terms(
-            (UncertaintyTerm(name, each) for name, each in surface.covariance_by_cause.items()),
-            jac_pose_plane,
-        ),
+        terms=propagate_terms(terms, jac_pose_plane),
         quality=quality,
         shape=measure_shape(corridor.cell_xy, surface),
         cells_xy_m=corridor.cell_xy,

@@ -1,8 +1,7 @@
 """The gates a calibration has to pass, as data: what is measured, its limit, the reason and the remedy.
 
-Each gate reads one number from what the stages have found. A new gate is one entry in :data:`GATES` and one
-test.
-What stands before there is an estimate (images, lines, matches) is in `core.lanes.frame_checks`.
+Each gate reads one number from the evidence of a frame. A new gate is one entry in :data:`GATES` and one
+test. The checks before there is an estimate (images, lines, matches) are in `core.lanes.frame_checks`.
 """
 
 from __future__ import annotations
@@ -10,12 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from ..lanes.frame_checks import FIND_LINES
 from ..rejection import GateReading, Rejection, RejectReason
 from . import measurements
 from .frame_evidence import Evidence
 from .measurements import Reading
-
-_FIND_LINES = "drive on a straight road with painted lines on both sides of the camera, lens clean"
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,13 +21,15 @@ class Gate:
     """One condition of a calibration.
 
     Attributes:
-        name: For pictures and tables.
+        key: Name for programs, a snake_case word that no other gate has.
+        label: Name for people, in pictures and tables.
         reason: Of a refusal.
         remedy: What the user can do.
-        read: Returns the reading; None where there is nothing to read.
+        read: Function that returns the reading; None where there is nothing to read.
     """
 
-    name: str
+    key: str
+    label: str
     reason: RejectReason
     remedy: str
     read: Callable[[Evidence], Reading | None]
@@ -38,11 +38,11 @@ class Gate:
 def evaluate_gates(
     evidence: Evidence, *, already: tuple[GateReading, ...] = ()
 ) -> tuple[tuple[GateReading, ...], Rejection | None]:
-    """Read all gates for which there is evidence, in order, up to the first that is closed.
+    """Read all gates for which there is evidence, in order, up to the first that refuses the frame.
 
     Args:
         evidence: What the stages have found.
-        already: Readings of before, which are not read again.
+        already: Readings of an earlier call; their gates are not read again.
 
     Returns:
         All readings, and the refusal, if any.
@@ -50,120 +50,189 @@ def evaluate_gates(
     taken = list(already)
     done = {reading.name for reading in already}
     for gate in GATES:
-        if gate.name in done:
+        if gate.key in done:
             continue
         read = gate.read(evidence)
         if read is None:
             continue
-        taken.append(GateReading(gate.name, read.value, read.threshold, read.unit, read.passed))
+        numbers = (read.value, read.bound, read.threshold, read.unit)
+        taken.append(GateReading(gate.key, gate.label, *numbers, read.passed))
         if not read.passed:
-            refusal = Rejection(gate.reason, read.what, read.value, read.threshold, read.unit, gate.remedy)
-            return tuple(taken), refusal
+            return tuple(taken), Rejection(gate.reason, read.what, *numbers, gate.remedy)
     return tuple(taken), None
 
 
 _KERB = "one of them may be a kerb, or slope otherwise: drive on, in the middle of a flat lane"
-_ONE_ROAD = f"check that left and right are not swapped, and {_FIND_LINES}"
+_ONE_ROAD = f"check that left and right are not swapped, and {FIND_LINES}"
 
 GATES: tuple[Gate, ...] = (
     Gate(
         "plausible",
+        "inside the search space",
         RejectReason.SEARCH_SPACE_EDGE,
-        f"widen search.* if the camera is mounted like that, else {_FIND_LINES}",
-        measurements.inside,
+        f"widen search.* if the camera is mounted like that, else {FIND_LINES}",
+        measurements.read_search_edge,
     ),
     Gate(
         "fitness",
+        "fitness of the lines",
         RejectReason.FITNESS_TOO_LOW,
-        f"the lines may not be parallel or not lie in one plane: {_FIND_LINES}",
-        measurements.fitness,
-    ),
-    Gate("straight", RejectReason.LINES_NOT_STRAIGHT, "calibrate on a straight road", measurements.straight),
-    Gate("flat", RejectReason.ROAD_NOT_FLAT, "calibrate where the slope does not change", measurements.flat),
-    Gate(
-        "nothing below",
-        RejectReason.LINE_BELOW_ROAD,
-        f"one of the lines may be a kerb or a rail: {_FIND_LINES}",
-        measurements.lines_below_plane,
-    ),
-    Gate("determined", RejectReason.LINES_NOT_MATCHED, _FIND_LINES, measurements.determined),
-    Gate(
-        "consistent",
-        RejectReason.LINES_INCONSISTENT,
-        "check that the images are rectified: a row of one must be the same row of the other",
-        measurements.consistent,
+        f"the lines may not be parallel or not lie in one plane: {FIND_LINES}",
+        measurements.read_fitness,
     ),
     Gate(
-        "stages agree",
-        RejectReason.STAGES_DISAGREE,
-        f"something else lies beside the lines: {_FIND_LINES}",
-        measurements.stages,
+        "straight",
+        "straight lane",
+        RejectReason.LINES_NOT_STRAIGHT,
+        "calibrate on a straight road",
+        measurements.read_lane_radius,
     ),
-    Gate("stripe width", RejectReason.LINES_NOT_MATCHED, _ONE_ROAD, measurements.stripe_width),
-    Gate("lane width", RejectReason.LINES_NOT_MATCHED, _ONE_ROAD, measurements.lane_width),
     Gate(
-        "near and far",
+        "flat",
+        "flat road",
         RejectReason.ROAD_NOT_FLAT,
         "calibrate where the slope does not change",
-        measurements.near_and_far,
+        measurements.read_vertical_radius,
+    ),
+    Gate(
+        "nothing_below",
+        "no line below the plane",
+        RejectReason.LINE_BELOW_ROAD,
+        f"one of the lines may be a kerb or a rail: {FIND_LINES}",
+        measurements.read_depth_below_plane,
+    ),
+    Gate(
+        "determined",
+        "pose determined",
+        RejectReason.LINES_NOT_MATCHED,
+        FIND_LINES,
+        measurements.read_independent_lines,
+    ),
+    Gate(
+        "consistent",
+        "consistent lines",
+        RejectReason.LINES_INCONSISTENT,
+        "check that the images are rectified: a row of one must be the same row of the other",
+        measurements.read_line_misfit,
+    ),
+    Gate(
+        "stages_agree",
+        "stages agree",
+        RejectReason.STAGES_DISAGREE,
+        f"something else lies beside the lines: {FIND_LINES}",
+        measurements.read_stage_difference,
+    ),
+    Gate(
+        "stripe_width",
+        "stripe width",
+        RejectReason.LINES_NOT_MATCHED,
+        _ONE_ROAD,
+        measurements.read_stripe_width,
+    ),
+    Gate(
+        "lane_width",
+        "lane width",
+        RejectReason.LINES_NOT_MATCHED,
+        _ONE_ROAD,
+        measurements.read_lane_width,
+    ),
+    Gate(
+        "near_and_far",
+        "near and far road agree",
+        RejectReason.ROAD_NOT_FLAT,
+        "calibrate where the slope does not change",
+        measurements.read_profile_change,
     ),
     Gate(
         "sharp",
+        "sharp images",
         RejectReason.IMAGE_BLURRED,
         "focus the lens, clean it, or shorten the exposure",
-        measurements.blur,
+        measurements.read_blur,
     ),
     Gate(
         "exposed",
+        "well exposed",
         RejectReason.IMAGE_EXPOSURE,
         "set the exposure so that the road is neither black nor white",
-        measurements.exposure,
+        measurements.read_clipped_part,
     ),
     Gate(
-        "witness",
+        "texture_sufficient",
+        "enough texture",
         RejectReason.ROAD_WITHOUT_TEXTURE,
         "drive on in daylight with the lens clean, or accept what lines alone say with texture.required: 0",
-        measurements.witness,
+        measurements.read_texture_sufficiency,
     ),
     Gate(
         "rectified",
+        "rectified images",
         RejectReason.IMAGES_NOT_RECTIFIED,
         "calibrate the pair again: a row of one image must be the same row of the other",
-        measurements.rectified,
+        measurements.read_row_offset,
     ),
     Gate(
-        "not turned",
+        "not_turned",
+        "cameras not turned",
         RejectReason.IMAGES_NOT_RECTIFIED,
         "calibrate the pair again: one camera has turned against the other",
-        measurements.turned,
+        measurements.read_camera_turn,
     ),
     Gate(
         "coplanar",
+        "lines in one plane",
         RejectReason.LINES_NOT_COPLANAR,
         "the lines are those of more than one lane, or one is a kerb or a rail: drive on, in the middle of a "
         "flat lane",
-        measurements.coplanar,
+        measurements.read_height_between,
     ),
-    Gate("two edges", RejectReason.LINE_NOT_PAINTED, _FIND_LINES, measurements.fitted),
+    Gate(
+        "two_edges",
+        "two edges of paint",
+        RejectReason.LINE_NOT_PAINTED,
+        FIND_LINES,
+        measurements.read_fitted_stripes,
+    ),
     Gate(
         "painted",
+        "painted lines",
         RejectReason.LINE_NOT_PAINTED,
-        f"it may be a kerb or a rail, or lie in a shadow's edge: {_FIND_LINES}",
-        measurements.painted,
+        f"it may be a kerb or a rail, or lie in a shadow's edge: {FIND_LINES}",
+        measurements.read_border_step,
     ),
     Gate(
+        "level_stripes",
         "level stripes",
         RejectReason.LINE_NOT_PAINTED,
-        f"it may be a kerb with its face, or a rail: {_FIND_LINES}",
-        measurements.level_stripes,
+        f"it may be a kerb with its face, or a rail: {FIND_LINES}",
+        measurements.read_edge_heights,
     ),
     Gate(
         "certain",
+        "certain enough",
         RejectReason.ESTIMATE_UNCERTAIN,
         "drive on, in the middle of a flat lane where more of both lines is seen",
-        measurements.certain,
+        measurements.read_uncertainty,
     ),
-    Gate("lines in lane", RejectReason.TEXTURE_DISAGREES, _KERB, measurements.own_heights),
-    Gate("asphalt", RejectReason.TEXTURE_DISAGREES, _KERB, measurements.asphalt),
-    Gate("lines in asphalt", RejectReason.TEXTURE_DISAGREES, _KERB, measurements.line_heights),
+    Gate(
+        "lines_on_lane_surface",
+        "lines on the lane",
+        RejectReason.TEXTURE_DISAGREES,
+        _KERB,
+        measurements.read_height_over_lane,
+    ),
+    Gate(
+        "surface_agrees",
+        "road surface agrees",
+        RejectReason.TEXTURE_DISAGREES,
+        _KERB,
+        measurements.read_surface_difference,
+    ),
+    Gate(
+        "lines_on_surface",
+        "lines on the surface",
+        RejectReason.TEXTURE_DISAGREES,
+        _KERB,
+        measurements.read_height_over_surface,
+    ),
 )

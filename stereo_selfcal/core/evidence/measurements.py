@@ -1,4 +1,7 @@
-"""What the gates read: one number each, from what the stages have found, beside its limit."""
+"""What the gates read: one number each, from the evidence of a frame, beside its limit.
+
+The sentences are those of :class:`.Rejection`: ``{value}`` and ``{limit}`` stand for the numbers.
+"""
 
 from __future__ import annotations
 
@@ -8,60 +11,63 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..estimators.stripe_fit import BLUR_MAX_PX
+from ..rejection import Bound
 from ..tolerances import AGREEMENT, MAX_DIFFERENCE, MAX_LINE_HEIGHT_M, MAX_STD
 from ..types import Array
 from .frame_evidence import Evidence
 from .stripe_border import LEFT_OF_EDGES
 
-# An estimate this close to a side of the search box, as a fraction of its length, has been
+# An estimate this close to a side of the search space, as a fraction of the length of that side, has been
 # stopped by it: the genetic algorithm ends with its whole population within 1e-7.
 _EDGE_FRACTION = 1e-3
 
-# A curvature counts when it is this many standard deviations from straight: one false alarm
-# in 15 000 frames for normal errors.
+# A curvature counts when it is this many standard deviations from zero: for normal errors, that is one false
+# alarm in 15 000 frames.
 _CURVATURE_SIGMAS = 4.0
 
-# The pixels of a line weigh as the slope of the road 8 m ahead does: with this radius, it differs by 0.25 deg
-# there, which is what stripes and asphalt have to agree within.
+# The pixels of a line have most weight 8 m ahead. With this radius, the slope of the road differs there by
+# 0.25 deg, which is what stripes and road surface have to agree within.
 _MIN_VERTICAL_RADIUS_M = 1800.0
 
-# Lines of one rectified pair over any flat road agree within their standard deviations, which
-# real roads exceed up to five times (edges are not straight to a hundredth of a pixel); 40 % are to spare. A
+# The lines of one rectified pair over any flat road agree within their standard deviations. Real roads exceed
+# these up to five times, as edges are not straight to a hundredth of a pixel; this leaves 40 % to spare. A
 # right camera turned by 0.02 rad about its axis gives 37, a vertical offset of a quarter of a pixel 21.
 _MAX_MISFIT_SIGMAS = 7.0
 
-# The narrowest lines there are, rails of trams; and half of the narrowest lane, where an arrow in its middle
-# is taken for a line.
+# The narrowest lines there are, rails of trams; and half of the narrowest lane, as an arrow in the middle of
+# a lane may be taken for a line.
 _MIN_STRIPE_M, _MIN_LANE_M = 0.05, 1.25
 
-# How far the refinement may lead away from the lines: by what the asphalt can tell apart, or, in noise, by
-# this many standard deviations of the lines' estimate: edges are rough, as above.
+# How far the refinement may lead away from the lines: by what the texture of the road surface can tell
+# apart, or, in noise, by this many standard deviations of both estimates, as edges are rough (see above).
 _MAX_STAGE_SIGMAS = 10.0
 
-# The fit of the stripes ends at its greatest blur: one within 3 % of it may be any.
+# The fit of the stripes stops at BLUR_MAX_PX. A blur within 3 % of it was stopped there: the true one may be
+# greater.
 _MAX_BLUR_PX = 0.97 * BLUR_MAX_PX
 
-# Clipped grey values say nothing; half of the lower half of an image has to be left.
+# A black or white pixel has no usable grey value. Of the lower half of an image, this part may be such.
 _MAX_CLIPPED = 0.5
 
-# A vertical offset moves the lines of either side against each other: half a pixel is 0.7 deg of roll with a
-# rig of 720 px and 0.5 m, nearly what stripes and asphalt have to agree within.
+# A vertical offset changes the disparities of the left and of the right line in opposite directions: half a
+# pixel is 0.7 deg of roll with a rig of 720 px and 0.5 m, nearly what stripes and road surface have to agree
+# within.
 _MAX_VERTICAL_PX = 0.5
 # Half a pixel 300 px beside the middle of the image.
 _MAX_TURN_RAD = math.radians(0.1)
-# An offset or a height counts when it is surely there.
+# An offset, an angle or a height counts when it is this many of its standard deviations from zero.
 _SHAPE_SIGMAS = 3.0
 
-# Between a painted stripe and its lane there is nothing: in random worlds shadows, dapples and noise leave up
-# to 5 % of the paint's contrast, kerbs show a face of 7 % and more.
-_MAX_RIM = 0.06
-# Where both edges of a stripe lie in the road: two lines that pass for one differ by up to 19 % there, the
-# halves of a rail by 24 % and more.
+# The grey value changes in one step from a painted stripe to the lane beside it. In random worlds shadows,
+# dapples and noise leave further steps of up to 5 % of the paint's contrast, the faces of kerbs 7 % and more.
+_MAX_BORDER_STEP = 0.06
+# The same between the two halves of a stripe whose edges both lie in the road: two lines that were taken for
+# one differ by up to 19 %, the halves of a rail by 24 % and more.
 _MAX_OWN_TONE = 0.2
-# What is as narrow as the face of the lowest kerb: 99 % of the roads of random worlds leave less than 7 %
-# there, faces that are seen 12 % and more.
+# The same of a strip as narrow as the face of the lowest kerb: 99 % of the roads of random worlds leave less
+# than 7 %, faces that are seen 12 % and more.
 _MAX_FACE = 0.10
-# What no line and no slope may do by chance, of the standard deviations of what is measured.
+# A difference counts when it is this many of its standard deviations from zero.
 _SURELY_SIGMAS = 4.0
 
 _AXES = ("height", "pitch", "roll")
@@ -74,8 +80,9 @@ class Reading:
     """A measured value beside its limit.
 
     Attributes:
-        what: What was measured, in words.
+        what: What was measured, as in :class:`.Rejection`.
         value: The value.
+        bound: Whether the limit is the least or the most that is good.
         threshold: The limit.
         unit: Unit of both.
         passed: Whether the value is good.
@@ -83,13 +90,14 @@ class Reading:
 
     what: str
     value: float
+    bound: Bound
     threshold: float
     unit: str
     passed: bool
 
 
-def inside(evidence: Evidence) -> Reading | None:
-    """Read how far the estimate is from the border of the search box."""
+def read_search_edge(evidence: Evidence) -> Reading | None:
+    """Read the number of the pose that is nearest to a side of the search space, beside that side."""
     estimate = evidence.genetic or (evidence.texture.extrinsics if evidence.texture else None)
     if estimate is None:
         return None
@@ -97,248 +105,276 @@ def inside(evidence: Evidence) -> Reading | None:
     lower = np.array([search.height_min_m, -search.pitch_max_rad, -search.roll_max_rad])
     upper = np.array([search.height_max_m, search.pitch_max_rad, search.roll_max_rad])
     pose = estimate.as_array()
-    nearest = np.where(pose - lower < upper - pose, lower, upper)
+    at_lower = pose - lower < upper - pose
+    nearest = np.where(at_lower, lower, upper)
     gap = np.abs(pose - nearest) / (upper - lower)
     worst = int(np.argmin(gap))
     value, limit = ((each * _READABLE)[worst] for each in (pose, nearest))
-    what = f"best {_AXES[worst]} is at the edge of the search space"
-    return Reading(what, float(value), float(limit), _UNITS[worst], bool(gap[worst] > _EDGE_FRACTION))
+    bound, end = (Bound.LEAST, "least") if at_lower[worst] else (Bound.MOST, "greatest")
+    what = (
+        f"the best {_AXES[worst]}, {{value}}, is at the edge of the search space: "
+        f"the {end} {_AXES[worst]} searched is {{limit}}"
+    )
+    return Reading(what, float(value), bound, float(limit), _UNITS[worst], bool(gap[worst] > _EDGE_FRACTION))
 
 
-def fitness(evidence: Evidence) -> Reading | None:
+def read_fitness(evidence: Evidence) -> Reading | None:
     """Read the fitness of the lines under the estimate."""
     if evidence.genetic is None:
         return None
     limit_px = evidence.config.fitness.max_misfit_px
     threshold = 1.0 / (limit_px**2 + evidence.config.fitness.k)
-    miss = f"the lines miss every road plane by {evidence.misfit_px:.2f} px, limit {limit_px:g} px"
-    what = f"best fitness ({miss})"
-    return Reading(what, evidence.fitness, threshold, "", evidence.fitness >= threshold)
+    what = (
+        f"the lines miss every road plane by {evidence.misfit_px:.2f} px, at most {limit_px:g} px allowed "
+        "(fitness {value}, at least {limit} needed)"
+    )
+    return Reading(what, evidence.fitness, Bound.LEAST, threshold, "", evidence.fitness >= threshold)
 
 
 def _radius(what: str, curvature_per_m: float, std_per_m: float, least_m: float) -> Reading:
-    """Return the reading of a radius, which may be less where noise alone may have made it."""
+    """Return the reading of a radius; the limit is less where noise alone may have made the curvature."""
     curvature = max(abs(curvature_per_m), 1e-9)  # a million kilometres
     limit = max(1.0 / least_m, _CURVATURE_SIGMAS * std_per_m)
-    return Reading(what, 1.0 / curvature, 1.0 / limit, "m", curvature <= limit)
+    return Reading(what, 1.0 / curvature, Bound.LEAST, 1.0 / limit, "m", curvature <= limit)
 
 
-def straight(evidence: Evidence) -> Reading | None:
-    """Read the radius of the lane."""
+def read_lane_radius(evidence: Evidence) -> Reading | None:
+    """Read the radius of the lane in the plane of the road."""
     if evidence.bends is None:
         return None
     bends = evidence.bends
     side = "left" if bends.lateral_per_m > 0 else "right"
+    what = f"the lane lines bend to the {side} with a radius of {{value}}"
     least_m = evidence.config.extraction.min_radius_m
-    return _radius(
-        f"the lane lines bend to the {side}, radius", bends.lateral_per_m, bends.lateral_std_per_m, least_m
-    )
+    return _radius(what, bends.lateral_per_m, bends.lateral_std_per_m, least_m)
 
 
-def flat(evidence: Evidence) -> Reading | None:
-    """Read the radius of the road's profile, as the lines bend."""
+def read_vertical_radius(evidence: Evidence) -> Reading | None:
+    """Read the radius of the road's profile, from the curvature of the lines."""
     if evidence.bends is None:
         return None
     bends = evidence.bends
     kind = "dip" if bends.vertical_per_m > 0 else "crest"
-    what = f"the road goes over a {kind}, radius"
+    what = f"the road goes over a {kind} with a radius of {{value}}"
     return _radius(what, bends.vertical_per_m, bends.vertical_std_per_m, _MIN_VERTICAL_RADIUS_M)
 
 
-def determined(evidence: Evidence) -> Reading | None:
-    """Two lines that coincide leave one of the six parameters open."""
+def read_independent_lines(evidence: Evidence) -> Reading | None:
+    """Read how many lines are independent: two that coincide determine five of the six parameters only."""
     if evidence.bends is None:  # before the lines are fitted
         return None
     n = 1 if evidence.lines is None else 2
-    return Reading("the lines leave part of the pose undetermined; independent lines", n, 2, "", n == 2)
+    what = "the lines leave part of the pose undetermined: only {value} of {limit} is independent"
+    return Reading(what, n, Bound.LEAST, 2, "", n == 2)
 
 
-def consistent(evidence: Evidence) -> Reading | None:
+def read_line_misfit(evidence: Evidence) -> Reading | None:
     """Read how far the lines are from those of any flat road."""
     if evidence.lines is None:
         return None
     sigmas = evidence.lines.misfit_sigmas
-    what = "the lines of the two cameras contradict each other whatever the road, by"
-    return Reading(what, sigmas, _MAX_MISFIT_SIGMAS, "standard deviations", sigmas <= _MAX_MISFIT_SIGMAS)
+    what = "the lines in the two images contradict each other on any flat road, by {value}"
+    good = sigmas <= _MAX_MISFIT_SIGMAS
+    return Reading(what, sigmas, Bound.MOST, _MAX_MISFIT_SIGMAS, "standard deviations", good)
 
 
-def certain(evidence: Evidence) -> Reading | None:
-    """Read whether an estimate tells anything, by its own account."""
+def read_uncertainty(evidence: Evidence) -> Reading | None:
+    """Read the standard deviations of an estimate from lines alone."""
     if evidence.std is None:
         return None
-    return _difference("the lines alone leave a standard deviation", evidence.std, MAX_STD)
+    what = "the lines alone give the {axis} with a standard deviation of {value}"
+    return _difference(what, evidence.std, MAX_STD)
 
 
 def _difference(what: str, difference: Array, limits: Array) -> Reading:
-    """Return the reading of the worst of height, pitch and roll."""
+    """Return the reading of the worst of height, pitch and roll; ``{axis}`` stands for its name."""
     difference = np.abs(difference)
     worst = int(np.argmax(difference / limits))
     scale, unit = (1e3, "mm") if worst == 0 else (math.degrees(1.0), "deg")
     value, limit = float(difference[worst]), float(limits[worst])
-    return Reading(f"{what} in {_AXES[worst]}", value * scale, limit * scale, unit, value <= limit)
+    text = what.replace("{axis}", _AXES[worst])
+    return Reading(text, value * scale, Bound.MOST, limit * scale, unit, value <= limit)
 
 
-def stages(evidence: Evidence) -> Reading | None:
+def read_stage_difference(evidence: Evidence) -> Reading | None:
     """Read how far the refinement has led away from the lines."""
     if evidence.refined is None or evidence.lines is None or evidence.genetic is None:
         return None
     sigmas = np.sqrt(np.diag(evidence.lines.covariance) + np.diag(evidence.refined.covariance))
     limits = np.maximum(AGREEMENT, _MAX_STAGE_SIGMAS * sigmas)
     change = evidence.refined.extrinsics.as_array() - evidence.genetic.as_array()
-    return _difference("lines and grey values of the stripes differ", change, limits)
+    what = "the lines and the grey values of their stripes differ in {axis} by {value}"
+    return _difference(what, change, limits)
 
 
-def stripe_width(evidence: Evidence) -> Reading | None:
-    """Read the width of the boundaries' stripes on the road."""
+def read_stripe_width(evidence: Evidence) -> Reading | None:
+    """Read the width of the lane lines on the road."""
     if evidence.refined is None or len(evidence.refined.widths_m) < 2:
         return None
     value_m = float(evidence.refined.widths_m[:2].min())
-    what = "the lines of both cameras are those of one road only if they are this narrow"
-    return Reading(what, value_m, _MIN_STRIPE_M, "m", value_m >= _MIN_STRIPE_M)
+    what = "the two images fit one road only if a lane line is as narrow as {value}"
+    return Reading(what, value_m, Bound.LEAST, _MIN_STRIPE_M, "m", value_m >= _MIN_STRIPE_M)
 
 
-def lane_width(evidence: Evidence) -> Reading | None:
-    """Read how far the boundaries are apart on the road."""
+def read_lane_width(evidence: Evidence) -> Reading | None:
+    """Read the distance between the lane lines on the road."""
     if evidence.refined is None or len(evidence.refined.positions_m) < 2:
         return None
     value_m = float(np.ptp(evidence.refined.positions_m[:2]))
-    what = "the lines of both cameras are those of one road only if they are this near to each other"
-    return Reading(what, value_m, _MIN_LANE_M, "m", value_m >= _MIN_LANE_M)
+    what = "the two images fit one road only if the lane lines are as near to each other as {value}"
+    return Reading(what, value_m, Bound.LEAST, _MIN_LANE_M, "m", value_m >= _MIN_LANE_M)
 
 
-def blur(evidence: Evidence) -> Reading | None:
+def read_blur(evidence: Evidence) -> Reading | None:
     """Read the blur of the stripes' edges."""
     if evidence.refined is None:
         return None
     blur_px = float(np.max(evidence.refined.blur_px))
-    return Reading("blur of the stripes' edges", blur_px, _MAX_BLUR_PX, "px", blur_px <= _MAX_BLUR_PX)
+    what = "the blur of the stripes' edges is {value}"
+    return Reading(what, blur_px, Bound.MOST, _MAX_BLUR_PX, "px", blur_px <= _MAX_BLUR_PX)
 
 
-def exposure(evidence: Evidence) -> Reading | None:
-    """Read how much of the images is clipped."""
+def read_clipped_part(evidence: Evidence) -> Reading | None:
+    """Read how much of the images is black or white."""
     if evidence.clipped is None:
         return None
-    what = "part of the road that is black or white in an image"
-    return Reading(what, evidence.clipped, _MAX_CLIPPED, "", evidence.clipped <= _MAX_CLIPPED)
+    what = "the part of the road that is black or white in an image is {value}"
+    good = evidence.clipped <= _MAX_CLIPPED
+    return Reading(what, evidence.clipped, Bound.MOST, _MAX_CLIPPED, "", good)
 
 
-def asphalt(evidence: Evidence) -> Reading | None:
-    """Read how the planes of lines and asphalt differ."""
+def read_surface_difference(evidence: Evidence) -> Reading | None:
+    """Read how the plane of the lines and that of the road surface differ."""
     if evidence.texture is None or evidence.of_lines is None:
         return None
     difference = evidence.of_lines.as_array() - evidence.texture.extrinsics.as_array()
-    return _difference("the lines and the asphalt between them differ", difference, MAX_DIFFERENCE)
+    what = "the lane lines and the road surface between them differ in {axis} by {value}"
+    return _difference(what, difference, MAX_DIFFERENCE)
 
 
-def line_heights(evidence: Evidence) -> Reading | None:
-    """Read how high the lines lie over the asphalt."""
+def read_height_over_surface(evidence: Evidence) -> Reading | None:
+    """Read how high the lines lie over the road surface beside them."""
     if evidence.heights_m is None:
         return None
-    value = float(np.abs(evidence.heights_m).max())
-    what = "the lines and the asphalt between them differ in height of a line over the asphalt"
-    return Reading(what, 1e3 * value, 1e3 * MAX_LINE_HEIGHT_M, "mm", value <= MAX_LINE_HEIGHT_M)
+    value_m = float(np.abs(evidence.heights_m).max())
+    what = "a lane line and the road surface beside it differ in height by {value}"
+    good = value_m <= MAX_LINE_HEIGHT_M
+    return Reading(what, 1e3 * value_m, Bound.MOST, 1e3 * MAX_LINE_HEIGHT_M, "mm", good)
 
 
-def own_heights(evidence: Evidence) -> Reading | None:
-    """Read how high the boundaries lie over the asphalt between them, whatever is beyond."""
+def read_height_over_lane(evidence: Evidence) -> Reading | None:
+    """Read how high the lane lines lie over the road surface between them, aligned by itself."""
     if evidence.own_m is None:
         return None
     heights_m, stds_m = evidence.own_m
     limits_m = np.maximum(MAX_LINE_HEIGHT_M, _SHAPE_SIGMAS * stds_m)
     worst = int(np.argmax(np.abs(heights_m) / limits_m))
     value_m, limit_m = float(abs(heights_m[worst])), float(limits_m[worst])
-    what = "the lines and the asphalt between them, without what is beyond, differ in height of a line"
-    return Reading(what, 1e3 * value_m, 1e3 * limit_m, "mm", value_m <= limit_m)
+    what = (
+        "a lane line and the road surface between the lines, without what is beyond them, differ in "
+        "height by {value}"
+    )
+    return Reading(what, 1e3 * value_m, Bound.MOST, 1e3 * limit_m, "mm", value_m <= limit_m)
 
 
-def witness(evidence: Evidence) -> Reading | None:
-    """Read whether the asphalt can confirm the lines, where that is required."""
+def read_texture_sufficiency(evidence: Evidence) -> Reading | None:
+    """Read whether the texture of the road surface can confirm the lines, where that is required."""
     if evidence.witness is None:
         return None
-    what = "texture and evenness of the asphalt over what makes it a witness"
-    return Reading(what, evidence.witness, 1.0, "", evidence.witness >= 1.0)
+    what = "the road surface has {value} of the texture and evenness that a check of the lines needs"
+    return Reading(what, evidence.witness, Bound.LEAST, 1.0, "", evidence.witness >= 1.0)
 
 
-def rectified(evidence: Evidence) -> Reading | None:
+def read_row_offset(evidence: Evidence) -> Reading | None:
     """Read the vertical offset between the images."""
     if evidence.vertical is None:
         return None
     value = abs(evidence.vertical.offset_px)
     limit = max(_MAX_VERTICAL_PX, _SHAPE_SIGMAS * evidence.vertical.std_px)
-    return Reading("vertical offset between the images", value, limit, "px", value <= limit)
+    what = "the vertical offset between the images is {value}"
+    return Reading(what, value, Bound.MOST, limit, "px", value <= limit)
 
 
-def turned(evidence: Evidence) -> Reading | None:
-    """Read the turn of one camera against the other."""
+def read_camera_turn(evidence: Evidence) -> Reading | None:
+    """Read the angle between the cameras about their optical axes."""
     if evidence.vertical is None:
         return None
     value = abs(evidence.vertical.roll_rad)
     limit = max(_MAX_TURN_RAD, _SHAPE_SIGMAS * evidence.vertical.roll_std_rad)
-    what = "turn of one camera against the other about its axis"
-    return Reading(what, math.degrees(value), math.degrees(limit), "deg", value <= limit)
+    what = "one camera is turned against the other about its optical axis, by {value}"
+    return Reading(what, math.degrees(value), Bound.MOST, math.degrees(limit), "deg", value <= limit)
 
 
-def lines_below_plane(evidence: Evidence) -> Reading | None:
-    """Read how deep another line lies below the plane."""
-    if evidence.below is None or evidence.bends is None:  # what bends is said to bend
+def read_depth_below_plane(evidence: Evidence) -> Reading | None:
+    """Read how deep another line lies below the plane of the lane lines."""
+    if evidence.below is None or evidence.bends is None:  # a bend is refused as such, by an earlier gate
         return None
-    depth, what = evidence.below, "another line lies below the plane of the lines, by"
-    return Reading(what, 1e3 * depth.depth_m, 1e3 * depth.limit_m, "mm", not depth.surely_below)
+    depth, what = evidence.below, "another line lies {value} below the plane of the lane lines"
+    return Reading(what, 1e3 * depth.depth_m, Bound.MOST, 1e3 * depth.limit_m, "mm", not depth.surely_below)
 
 
-def near_and_far(evidence: Evidence) -> Reading | None:
-    """Read how near and far parts of the road differ, as planes."""
+def read_profile_change(evidence: Evidence) -> Reading | None:
+    """Read how the road farther ahead differs from the plane of the lines."""
     profile = evidence.wide_profile
     if profile is None:
         return None
     limits = np.maximum(AGREEMENT[:2], _SURELY_SIGMAS * profile.std)
     change, limits = np.append(profile.change, 0.0), np.append(limits, 1.0)
-    return _difference("the road 5 to 20 m ahead and the plane of the lines differ", change, limits)
+    what = "the road 5 to 20 m ahead and the plane of the lane lines differ in {axis} by {value}"
+    return _difference(what, change, limits)
 
 
-def painted(evidence: Evidence) -> Reading | None:
-    """Read what lies between the stripes and the lane."""
+def read_border_step(evidence: Evidence) -> Reading | None:
+    """Read the steps of grey between the stripes and the lane, and within the stripes."""
     if not evidence.rims:
         return None
     beside, within = "between a stripe and the lane", "within a stripe"
     steps = []
-    for rim in evidence.rims:
+    for border in evidence.rims:
         # Where the edges do not show whether they are level, the strip beside has to be bare.
-        most = LEFT_OF_EDGES if math.isnan(rim.lower.height_m) else _MAX_RIM
-        steps.append((rim.step, rim.step_std, most, beside))
-        level = rim.lower.surely_lower_than(MAX_LINE_HEIGHT_M)  # a shadow, or one of two lines, may end in it
-        tone, most = (rim.own_tone, _MAX_OWN_TONE) if level else (rim.tone, _MAX_RIM)
-        steps.append((tone, rim.tone_std, most, within))
-    steps += [(rim.face, rim.face_std, _MAX_FACE, beside) for rim in evidence.rims if math.isfinite(rim.face)]
+        most = LEFT_OF_EDGES if math.isnan(border.lower.height_m) else _MAX_BORDER_STEP
+        steps.append((border.step, border.step_std, most, beside))
+        # Within a level stripe a shadow may end, or it may be two lines that were taken for one.
+        level = border.lower.surely_lower_than(MAX_LINE_HEIGHT_M)
+        tone, most = (border.own_tone, _MAX_OWN_TONE) if level else (border.tone, _MAX_BORDER_STEP)
+        steps.append((tone, border.tone_std, most, within))
+    steps += [
+        (each.face, each.face_std, _MAX_FACE, beside) for each in evidence.rims if math.isfinite(each.face)
+    ]
     limits = [(abs(step), max(most, _SURELY_SIGMAS * std), where) for step, std, most, where in steps]
     step, limit, where = max(limits, key=lambda each: each[0] / each[1])
-    return Reading(f"step of grey {where}, over the contrast of the stripe", step, limit, "", step <= limit)
+    what = f"the grey value changes {where} by {{value}} of the contrast of the stripe"
+    return Reading(what, step, Bound.MOST, limit, "", step <= limit)
 
 
-def level_stripes(evidence: Evidence) -> Reading | None:
-    """Read how low the edges of the stripes towards the lane lie below their others."""
-    faces = [rim.lower for rim in evidence.rims if math.isfinite(rim.lower.height_m)]
+def read_edge_heights(evidence: Evidence) -> Reading | None:
+    """Read how low the edges of the stripes towards the lane lie below their other edges."""
+    faces = [border.lower for border in evidence.rims if math.isfinite(border.lower.height_m)]
     if not faces:
         return None
     limits = [(abs(face.height_m), max(MAX_LINE_HEIGHT_M, _SURELY_SIGMAS * face.std_m)) for face in faces]
     value_m, limit_m = max(limits, key=lambda each: each[0] / each[1])
-    what = "one edge of a stripe lies lower than the other, by"
-    return Reading(what, 1e3 * value_m, 1e3 * limit_m, "mm", value_m <= limit_m)
+    what = "the two edges of a stripe differ in height by {value}"
+    return Reading(what, 1e3 * value_m, Bound.MOST, 1e3 * limit_m, "mm", value_m <= limit_m)
 
 
-def fitted(evidence: Evidence) -> Reading | None:
-    """Read whether the stripes' grey values could be fitted."""
+def read_fitted_stripes(evidence: Evidence) -> Reading | None:
+    """Read whether the grey values of both stripes could be fitted."""
     if evidence.fitted is None:
         return None
     n = 2 if evidence.fitted else 0
-    return Reading("lines that show both edges of a painted stripe in enough rows", n, 2, "", evidence.fitted)
+    what = (
+        "{value} of {limit} lane lines could be fitted to the grey values: too few rows show both edges of a "
+        "painted stripe"
+    )
+    return Reading(what, n, Bound.LEAST, 2, "", evidence.fitted)
 
 
-def coplanar(evidence: Evidence) -> Reading | None:
-    """Read how far a line between the boundaries lies beside their plane."""
+def read_height_between(evidence: Evidence) -> Reading | None:
+    """Read how far a line between the lane lines lies above or below their plane."""
     if evidence.between_m is None:
         return None
     height_m, std_m = evidence.between_m
     limit_m = max(MAX_LINE_HEIGHT_M, _SURELY_SIGMAS * std_m)
-    what = "a line between the two lies beside their plane, by"
-    return Reading(what, 1e3 * abs(height_m), 1e3 * limit_m, "mm", abs(height_m) <= limit_m)
+    what = "a line between the two lane lines lies {value} above or below their plane"
+    return Reading(what, 1e3 * abs(height_m), Bound.MOST, 1e3 * limit_m, "mm", abs(height_m) <= limit_m)

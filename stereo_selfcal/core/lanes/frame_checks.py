@@ -1,6 +1,6 @@
 """Reasons to refuse a frame before there is an estimate: images, lines, matches.
 
-More: `core.evidence.gates`.
+The conditions that an estimate has to meet are in `core.evidence.gates`.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ import numpy as np
 
 from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
-from ..rejection import Rejection, RejectReason
+from ..rejection import Bound, Rejection, RejectReason
 from .lane_pair import ImageLine
 from .matching import Candidate, MatchedLines
 
 # The widest filter of the extraction spans 33 px; nothing can be found in less.
 _MIN_IMAGE_PX = 64
 
-_FIND_LINES = "drive on a straight road with painted lines on both sides of the camera, lens clean"
+FIND_LINES = "drive on a straight road with painted lines on both sides of the camera, lens clean"
 
 
 def check_images(left: Any, right: Any, rig: StereoRig) -> Rejection | None:
@@ -26,7 +26,13 @@ def check_images(left: Any, right: Any, rig: StereoRig) -> Rejection | None:
     for side, image in (("left", left), ("right", right)):
         if image is None or (isinstance(image, np.ndarray) and image.size == 0):
             return Rejection(
-                RejectReason.IMAGE_EMPTY, f"pixels of the {side} image", 0, 1, "px", "check the camera driver"
+                RejectReason.IMAGE_EMPTY,
+                f"the {side} image is empty: it has {{value}}",
+                0,
+                Bound.LEAST,
+                1,
+                "px",
+                "check the camera driver",
             )
         if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 2:
             array = isinstance(image, np.ndarray)
@@ -34,8 +40,10 @@ def check_images(left: Any, right: Any, rig: StereoRig) -> Rejection | None:
             flat = array and image.ndim == 2
             return Rejection(
                 RejectReason.IMAGE_TYPE,
-                f"the {side} image is {found}, not 2-D uint8; its {'bits a pixel' if flat else 'dimensions'}",
+                f"the {side} image is {found}, not 2-D uint8: it has {{value}} "
+                + ("bits per pixel" if flat else "dimensions"),
                 8 * image.itemsize if flat else np.ndim(image) if array else 0,
+                Bound.EXACTLY,
                 8 if flat else 2,
                 "",
                 "convert it to 8-bit grey first",
@@ -43,8 +51,10 @@ def check_images(left: Any, right: Any, rig: StereoRig) -> Rejection | None:
     if left.shape != right.shape:
         return Rejection(
             RejectReason.IMAGE_SIZES_DIFFER,
-            f"left image is {_size(left.shape)}, right image is {_size(right.shape)}; difference",
+            f"the left image is {_size(left.shape)}, the right image is {_size(right.shape)}: "
+            "they differ by {value}",
             float(np.abs(np.subtract(left.shape, right.shape)).max()),
+            Bound.MOST,
             0,
             "px",
             "set both cameras to one size",
@@ -52,8 +62,10 @@ def check_images(left: Any, right: Any, rig: StereoRig) -> Rejection | None:
     if left.shape != (rig.height, rig.width):
         return Rejection(
             RejectReason.RIG_SIZE_MISMATCH,
-            f"images are {_size(left.shape)}, the rig is {rig.width} x {rig.height}; difference",
+            f"the images are {_size(left.shape)}, the rig is {rig.width} x {rig.height}: "
+            "they differ by {value}",
             float(np.abs(np.subtract(left.shape, (rig.height, rig.width))).max()),
+            Bound.MOST,
             0,
             "px",
             "use the rig (CameraInfo) of these images",
@@ -61,8 +73,9 @@ def check_images(left: Any, right: Any, rig: StereoRig) -> Rejection | None:
     if min(left.shape) < _MIN_IMAGE_PX:
         return Rejection(
             RejectReason.IMAGE_EMPTY,
-            "shorter side of the images",
+            "the shorter side of the images has {value}",
             min(left.shape),
+            Bound.LEAST,
             _MIN_IMAGE_PX,
             "px",
             "use larger images",
@@ -73,42 +86,55 @@ def check_images(left: Any, right: Any, rig: StereoRig) -> Rejection | None:
 def check_lines_found(
     candidates: list[tuple[list[Candidate], list[Candidate]]], config: CalibratorConfig
 ) -> Rejection | None:
-    """Refuse a frame in which a camera sees no line on one side."""
+    """Refuse a frame in which an image shows no line on one side."""
     for camera, sides in zip(("left", "right"), candidates, strict=True):
         for side, lines in zip(("left", "right"), sides, strict=True):
             longest = max((candidate.line.n_rows for candidate in lines), default=0)
             if longest < config.extraction.min_line_rows:
                 return Rejection(
                     RejectReason.NO_LINES_FOUND,
-                    f"no two lines found: rows of the longest {side} lane boundary in the {camera} image",
+                    f"no {side} lane line was found in the {camera} image: the longest candidate is "
+                    "{value} high",
                     longest,
+                    Bound.LEAST,
                     config.extraction.min_line_rows,
                     "px",
-                    _FIND_LINES,
+                    FIND_LINES,
                 )
     return None
 
 
 def lines_not_matched(n_matched: tuple[int, int]) -> Rejection:
-    """Refuse lines that the two cameras do not see alike."""
+    """Refuse lines of which no two are in both images and can bound one lane.
+
+    Args:
+        n_matched: How many left and how many right lane lines were found in both images.
+    """
     if all(n_matched):
+        n_found = 0
         what = (
-            "no two of the lines both cameras see can bound one lane on a road rolled by less than search.*"
+            "{value} of {limit} lane lines were found: no two lines that are in both images can bound "
+            "one lane on a road whose roll is within search.*"
         )
     else:
-        what = "lane boundaries that both cameras see, of the two sides"
+        n_found = sum(n > 0 for n in n_matched)
+        counted = (
+            "only {value} of {limit} lane lines was" if n_found else "{value} of {limit} lane lines were"
+        )
+        what = f"{counted} found in both images"
     return Rejection(
         RejectReason.LINES_NOT_MATCHED,
         what,
-        sum(n > 0 for n in n_matched) if not all(n_matched) else 0,
+        n_found,
+        Bound.LEAST,
         2,
         "",
-        f"check that left and right are not swapped and the images are rectified, and {_FIND_LINES}",
+        f"check that left and right are not swapped and the images are rectified, and {FIND_LINES}",
     )
 
 
 def cameras_swapped(pairs: list[MatchedLines]) -> Rejection:
-    """Refuse images whose lines match with the cameras exchanged, and only then.
+    """Refuse images whose lines match only if the left and the right image change places.
 
     Args:
         pairs: Pairs of lane boundaries of the exchanged images, best first.
@@ -117,8 +143,9 @@ def cameras_swapped(pairs: list[MatchedLines]) -> Rejection:
     disparities = [a.column_at(np.array(a.v_mid)) - b.column_at(np.array(a.v_mid)) for a, b in _both(best)]
     return Rejection(
         RejectReason.CAMERAS_SWAPPED,
-        "the left and the right image are exchanged: disparity of the lane lines",
+        "the left and the right image are exchanged: the disparity of the lane lines is {value}",
         -float(np.mean(disparities)),
+        Bound.LEAST,
         0.0,
         "px",
         "exchange the topics, or the order of the cameras in their calibration",
@@ -130,30 +157,38 @@ def _both(lines: MatchedLines) -> list[tuple[ImageLine, ImageLine]]:
 
 
 def lines_too_short(config: CalibratorConfig) -> Rejection:
-    """Refuse lines of which too little lies below the vanishing point."""
+    """Refuse lines that are seen in too few rows below the vanishing point."""
     return Rejection(
         RejectReason.NO_LINES_FOUND,
-        "no two lines found: one of them is seen below the horizon in too few rows",
+        "a lane line is seen in too few rows below the horizon: {value}",
         0,
+        Bound.LEAST,
         config.extraction.min_line_rows,
         "px",
-        _FIND_LINES,
+        FIND_LINES,
     )
 
 
 def check_converging(matched: MatchedLines) -> Rejection | None:
-    """Refuse lines that do not meet below the top of the image."""
+    """Refuse lines whose vanishing point lies above the image."""
     row = float(matched.vanishing_point[1])
     if row >= 0.0:
         return None
     return Rejection(
         RejectReason.LINES_NOT_CONVERGING,
-        "row where the lane lines meet, counted from the top of the image",
+        "the lane lines meet above the image: the row of their vanishing point, counted from the top of the "
+        "image, is {value}",
         row,
+        Bound.LEAST,
         0.0,
         "px",
-        "the horizon must be in view: pitch the camera up, or " + _FIND_LINES,
+        "the horizon must be in view: pitch the camera up, or " + FIND_LINES,
     )
+
+
+def no_frames() -> Rejection:
+    """Refuse an estimate before there is a frame."""
+    return Rejection(RejectReason.NO_FRAMES, "frames", 0, Bound.LEAST, 1, "", "add a stereo frame first")
 
 
 def _size(shape: tuple[int, ...]) -> str:

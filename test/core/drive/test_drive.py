@@ -10,7 +10,7 @@ from drive_making import POSE, make_drive
 from stereo_selfcal.core.camera.rig import StereoRig
 from stereo_selfcal.core.drive.drive import clock, estimate_drive, fuse_frames
 from stereo_selfcal.core.geometry.pose import Extrinsics
-from stereo_selfcal.core.rejection import Rejection, RejectReason
+from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import CalibrationResult, rejected
 
 RIG = StereoRig(640, 480, 516.6, 516.6, 319.5, 239.5, 0.1481)
@@ -86,7 +86,7 @@ def test_the_order_of_the_frames_does_not_matter():
 
 
 def test_without_an_accepted_frame_it_is_the_refusal():
-    refusal = rejected(Rejection(RejectReason.NO_LINES_FOUND, "rows", 0, 40, "px", "find lines"))
+    refusal = rejected(Rejection(RejectReason.NO_LINES_FOUND, "rows", 0, Bound.LEAST, 40, "px", "find lines"))
     drive = estimate_drive([], RIG, refusal)
     assert drive.estimate is refusal
     assert (drive.segments, drive.changes, drive.judged) == ((), (), False)

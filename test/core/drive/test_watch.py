@@ -10,7 +10,7 @@ from stereo_selfcal import CalibrationResult, Extrinsics, StereoRig
 from stereo_selfcal.core.drive import watch as watch_module
 from stereo_selfcal.core.drive.drift import LEAST_FRAMES, LEAST_SPAN_S
 from stereo_selfcal.core.drive.watch import LIMITS, PROPOSAL_FRAMES, PROPOSAL_SPAN_S, Watch
-from stereo_selfcal.core.rejection import Rejection, RejectReason
+from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import rejected
 
 RIG = StereoRig(640, 480, 516.6, 516.6, 319.5, 239.5, 0.1481)
@@ -23,7 +23,7 @@ BUMPS = {
     "roll": np.array([0.0, 0.0, math.radians(-0.5)]),
 }
 STEP_S = 3.0
-REFUSED = rejected(Rejection(RejectReason.NO_LINES_FOUND, "rows", 3, 40, "px", "clean the lens"))
+REFUSED = rejected(Rejection(RejectReason.NO_LINES_FOUND, "rows", 3, Bound.LEAST, 40, "px", "clean the lens"))
 
 
 def frame(pose, stamp_s):

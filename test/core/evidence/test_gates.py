@@ -1,10 +1,12 @@
 """Every gate from both sides of its limit, with value, threshold, reason and remedy."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from refusal_words import assert_says_everything
 
 from stereo_selfcal import CalibratorConfig, Extrinsics, RejectReason
 from stereo_selfcal.core.estimators.line_covariance import Bends, LineFit
@@ -18,6 +20,7 @@ from stereo_selfcal.core.evidence.row_offset import VerticalOffset
 from stereo_selfcal.core.evidence.stripe_border import StripeBorder
 from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
 from stereo_selfcal.core.lanes.line_geometry import BelowPlane
+from stereo_selfcal.core.rejection import Bound
 from stereo_selfcal.core.road.surface import RoadUnevenness
 
 CONFIG = CalibratorConfig()
@@ -77,11 +80,7 @@ def assert_refuses(rejection, reason, value, threshold, *words):
     assert rejection.reason is reason
     assert rejection.value == pytest.approx(value)
     assert rejection.threshold == pytest.approx(threshold)
-    assert rejection.remedy
-    message = rejection.message
-    for word in (f"{rejection.value:.4g}", f"limit {rejection.threshold:.4g}", rejection.remedy, *words):
-        assert word in message, message
-    assert "\n" not in message
+    assert_says_everything(rejection, *words)
 
 
 def moved(axis, by):
@@ -93,13 +92,66 @@ def moved(axis, by):
 def test_good_evidence_passes_every_gate_once():
     readings, rejection = evaluate_gates(GOOD)
     assert rejection is None
-    assert [reading.name for reading in readings] == [gate.name for gate in GATES]
+    assert [(each.name, each.label) for each in readings] == [(gate.key, gate.label) for gate in GATES]
     assert all(reading.passed and math.isfinite(reading.value) for reading in readings)
+    assert all(is_good(reading) for reading in readings)
+
+
+def is_good(reading):
+    """Whether a value is on the good side of its limit, by the bound that the reading names."""
+    if reading.bound is Bound.LEAST:
+        return reading.value >= reading.threshold
+    return reading.bound is Bound.MOST and reading.value <= reading.threshold
 
 
 def test_names_are_unique_and_every_gate_has_a_remedy():
-    assert len({gate.name for gate in GATES}) == len(GATES)
+    assert len({gate.key for gate in GATES}) == len({gate.label for gate in GATES}) == len(GATES)
+    assert all(re.fullmatch(r"[a-z]+(_[a-z]+)*", gate.key) for gate in GATES)
     assert all(gate.remedy for gate in GATES)
+
+
+BAD = {
+    "plausible": {"genetic": replace(POSE, roll_rad=CONFIG.search.roll_max_rad)},
+    "fitness": {"fitness": 0.5},
+    "straight": {"bends": replace(STRAIGHT, lateral_per_m=0.01)},
+    "flat": {"bends": replace(STRAIGHT, vertical_per_m=0.01)},
+    "nothing_below": {"below": BelowPlane(0.1)},
+    "determined": {"lines": None},
+    "consistent": {"lines": replace(LINES, chi2=200.0)},
+    "stages_agree": {"genetic": replace(POSE, height_m=1.6)},
+    "stripe_width": {"refined": replace(REFINED, widths_m=np.array([0.2, 0.04]))},
+    "lane_width": {"refined": replace(REFINED, positions_m=np.array([0.2, -1.0]))},
+    "near_and_far": {"wide_profile": replace(FLAT, change=np.array([0.1, 0.0]))},
+    "sharp": {"refined": replace(REFINED, blur_px=np.array([2.95, 0.5]))},
+    "exposed": {"clipped": 0.6},
+    "texture_sufficient": {"witness": 0.5},
+    "rectified": {"vertical": VerticalOffset(0.7, 0.02, 0.0, 0.0, 40)},
+    "not_turned": {"vertical": VerticalOffset(0.0, 0.02, 0.01, 1e-4, 40)},
+    "coplanar": {"between_m": (0.1, 0.001)},
+    "two_edges": {"fitted": False},
+    "painted": {"rims": (StripeBorder(0.2, 0.001),)},
+    "level_stripes": {"rims": (StripeBorder(0.0, 0.002, lower=EdgeStep(0.1, 0.001)),)},
+    "certain": {"std": np.array([0.2, 1e-4, 1e-3])},
+    "lines_on_lane_surface": {"own_m": (np.array([0.1, 0.0]), np.full(2, 0.005))},
+    "surface_agrees": {"texture": replace(ASPHALT, extrinsics=replace(POSE, height_m=1.6))},
+    "lines_on_surface": {"heights_m": np.array([0.1, 0.0])},
+}
+
+
+@pytest.mark.parametrize("gate", GATES, ids=lambda gate: gate.key)
+def test_every_gate_refuses_with_the_words_of_its_bound(gate):
+    """Nobody has to guess from a value and its limit which side of it is good."""
+    readings, rejection = evaluate_gates(replace(GOOD, **BAD[gate.key]))
+    reading = readings[-1]
+    assert (reading.name, reading.passed) == (gate.key, False)
+    assert (rejection.reason, rejection.remedy) == (gate.reason, gate.remedy)
+    assert (reading.value, reading.bound, reading.threshold) == (
+        rejection.value,
+        rejection.bound,
+        rejection.threshold,
+    )
+    assert not is_good(reading) or gate.key == "plausible"  # there the limit itself is bad
+    assert_says_everything(rejection)
 
 
 def test_gates_without_evidence_are_not_read_and_those_of_before_not_again():
@@ -117,7 +169,7 @@ def test_gates_without_evidence_are_not_read_and_those_of_before_not_again():
 
 def test_asphalt_alone_is_plausible_rectified_and_not_turned():
     alone = Evidence(CONFIG, texture=ASPHALT, vertical=GOOD.vertical)
-    assert [reading.name for reading in evaluate_gates(alone)[0]] == ["plausible", "rectified", "not turned"]
+    assert [reading.name for reading in evaluate_gates(alone)[0]] == ["plausible", "rectified", "not_turned"]
     outside = replace(ASPHALT, extrinsics=moved(0, 2.5))
     assert evaluate_gates(replace(alone, texture=outside))[1].reason is RejectReason.SEARCH_SPACE_EDGE
 
@@ -150,7 +202,8 @@ def test_edge_of_the_search_space(axis, edge, inwards, name, readable):
         return pose[axis], evaluate_gates(early)[1]
 
     value, rejection = at(0.0009)
-    words = f"best {name}", "widen search.*"
+    end = "least" if inwards > 0 else "greatest"
+    words = f"best {name}, ", f"{end} {name} searched is", "widen search.*"
     assert_refuses(rejection, RejectReason.SEARCH_SPACE_EDGE, value * readable, edge * readable, *words)
     assert at(0.0011)[1] is None
 
@@ -160,7 +213,7 @@ def test_fitness_is_compared_with_that_of_the_greatest_misfit():
     threshold = 1 / (4.0 + 1e-4)
     assert refusal(config=config, fitness=threshold) is None
     rejection = refusal(config=config, fitness=0.999 * threshold, misfit_px=2.001)
-    words = "miss every road plane by 2.00 px", "limit 2 px", "may not be parallel"
+    words = "miss every road plane by 2.00 px", "at most 2 px", "may not be parallel"
     assert_refuses(rejection, RejectReason.FITNESS_TOO_LOW, 0.999 * threshold, threshold, *words)
 
 
@@ -168,7 +221,7 @@ def test_fitness_is_compared_with_that_of_the_greatest_misfit():
 def test_bend_tighter_than_a_thousand_metres(sign, side):
     assert refusal(bends=replace(STRAIGHT, lateral_per_m=sign / 1001)) is None
     rejection = refusal(bends=replace(STRAIGHT, lateral_per_m=sign / 999))
-    words = f"bend to the {side}, radius: 999 m", "limit 1000 m", "on a straight road"
+    words = f"bend to the {side} with a radius of 999 m", "at least 1000 m", "on a straight road"
     assert_refuses(rejection, RejectReason.LINES_NOT_STRAIGHT, 999, 1000, *words)
 
 
@@ -182,7 +235,7 @@ def test_bend_that_noise_may_have_made_is_let_pass():
 def test_crest_and_dip(sign, kind):
     assert refusal(bends=replace(STRAIGHT, vertical_per_m=sign / 1801)) is None
     rejection = refusal(bends=replace(STRAIGHT, vertical_per_m=sign / 1799))
-    words = f"over a {kind}, radius", "where the slope does not change"
+    words = f"over a {kind} with a radius of 1799 m", "where the slope does not change"
     assert_refuses(rejection, RejectReason.ROAD_NOT_FLAT, 1799, 1800, *words)
 
 
@@ -242,7 +295,7 @@ def test_witness():
     assert refusal(witness=1.0) is None
     assert refusal(witness=None) is None  # not required
     assert_refuses(
-        refusal(witness=0.99), RejectReason.ROAD_WITHOUT_TEXTURE, 0.99, 1.0, "asphalt", "lines alone"
+        refusal(witness=0.99), RejectReason.ROAD_WITHOUT_TEXTURE, 0.99, 1.0, "road surface", "lines alone"
     )
 
 
@@ -278,7 +331,7 @@ def test_turned_camera(sign):
         return refusal(vertical=VerticalOffset(0.0, 0.02, sign * math.radians(degrees), std_rad, 40))
 
     assert turned(0.099) is None
-    assert_refuses(turned(0.101), RejectReason.IMAGES_NOT_RECTIFIED, 0.101, 0.1, "turn of one camera")
+    assert_refuses(turned(0.101), RejectReason.IMAGES_NOT_RECTIFIED, 0.101, 0.1, "one camera is turned")
     assert turned(0.2, std=0.08) is None
 
 
@@ -307,7 +360,7 @@ def test_lines_lie_in_the_asphalt(sign):
     """Either line counts, above or below, wherever its lever leads the pose."""
     assert refusal(heights_m=np.array([0.0, sign * 0.0299])) is None
     rejection = refusal(heights_m=np.array([sign * 0.0301, 0.0]))
-    words = "height of a line over the asphalt", "kerb"
+    words = "a lane line and the road surface beside it differ in height", "kerb"
     assert_refuses(rejection, RejectReason.TEXTURE_DISAGREES, 30.1, 30.0, *words)
 
 
@@ -318,7 +371,7 @@ def test_lines_lie_in_the_asphalt_between_them(sign, std_m, limit_m):
     stds_m = np.full(2, std_m)
     assert refusal(own_m=(np.array([0.0, sign * 0.99 * limit_m]), stds_m)) is None
     rejection = refusal(own_m=(np.array([sign * 1.01 * limit_m, 0.0]), stds_m))
-    words = "without what is beyond", "kerb"
+    words = "without what is beyond", "road surface between the lines", "kerb"
     assert_refuses(rejection, RejectReason.TEXTURE_DISAGREES, 1010.0 * limit_m, 1e3 * limit_m, *words)
 
 

@@ -147,7 +147,7 @@ def test_a_turned_camera_is_seen_at_the_horizon_where_the_road_does_not_show_it(
     monkeypatch.setattr(solve, "vertical_offset", lambda *_, **__: None)
     result = Calibrator(scene.rig).add(*images)
     assert result.reason is RejectReason.IMAGES_NOT_RECTIFIED
-    assert result.gates[-1].name == "not turned"
+    assert result.gates[-1].name == "not_turned"
 
 
 @pytest.mark.parametrize("index", [13, 242])
