@@ -39,6 +39,8 @@ PROCESSES = 2
 SAME = 1e-6
 # Where nothing says how sure a value is (a stage of a refused frame), that of a usual frame [m, rad, rad].
 USUAL_STD = np.array([2e-3, 2e-4, 1e-3])
+# Gates that read a radius. Of a straight road it is any great number, so its inverse is compared: the curvature.
+RADII = ("straight", "flat")
 SUM_OF_TERMS = 1e-12  # the terms of an uncertainty add up to its covariance
 
 Task = tuple[str, str, int]  # kind, where, which
@@ -138,8 +140,10 @@ def differences(before: dict[str, Any], after: dict[str, Any]) -> Iterator[str]:
         yield f"readings: {len(before['readings'])} -> {len(after['readings'])}"
         return
     for (name, *of_before), (_, *of_after) in zip(before["readings"], after["readings"], strict=True):
-        scale = max(abs(of_before[0]), abs(of_before[1])) or 1.0
-        yield from _apart(f"reading {name}", of_before[:2], of_after[:2], scale)
+        was, now = of_before[:2], of_after[:2]
+        if name in RADII:
+            was, now = [1.0 / value for value in was], [1.0 / value for value in now]
+        yield from _apart(f"reading {name}", was, now, max(map(abs, was)) or 1.0)
         if of_before[2] != of_after[2]:
             yield f"reading {name}: passed {of_before[2]} -> {of_after[2]}"
     if before["notes"] != after["notes"]:
@@ -151,7 +155,7 @@ def _apart(what: str, before: Any, after: Any, scale: Any) -> Iterator[str]:
     # Neither infinity nor NaN may hide a change.
     same = (off <= SAME) | (np.asarray(before) == np.asarray(after)) | (np.isnan(before) & np.isnan(after))
     if not np.all(same):
-        yield f"{what}: off by {np.max(off):.1e} of a standard deviation"
+        yield f"{what}: off by {np.max(off):.1e} of its scale"
 
 
 def compare(before: Path, after: Path, say: Callable[[str], object]) -> bool:
