@@ -1,20 +1,22 @@
-"""One call of ``~/calibrate``: waits for fresh pairs, calibrates, and says what is missing. Needs no ROS."""
+"""One call of ``~/calibrate``: waits for new pairs, calibrates, and says what is missing. Needs no ROS."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 from ..core.calibrator import Calibrator
 from ..core.camera.image_messages import message_to_grey
-from ..core.camera.pairing import PairCounts, StampedPair, stamp_to_s, suggest_tolerance_s
+from ..core.camera.pairing import PairCounts, StampedPair, suggest_tolerance_s
 from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
 from ..core.errors import ImageError, RigError
 from ..core.results import CalibrationResult
 from ..core.types import Image
 from .config import NodeConfig
+from .record import FrameReport, calibrate_timed
 
 _CLOCK_STEP_S = 1e-3  # a call that ends at once (shutdown) must not divide by zero
 # A camera with one image per second has not stopped; one that is silent for longer is said to have.
@@ -99,10 +101,17 @@ class CalibrationCall:
     Args:
         source: Where the frames come from.
         config: Parameters at the start of the call.
+        report: Told of every frame that was calibrated, in the thread of the call. It must return at once.
     """
 
-    def __init__(self, source: PairSource, config: NodeConfig) -> None:
+    def __init__(
+        self,
+        source: PairSource,
+        config: NodeConfig,
+        report: Callable[[FrameReport], None] | None = None,
+    ) -> None:
         self._source = source
+        self._report = report
         self._config = config
         self._calibrator: Calibrator | None = None
         self._rectifier: StereoRectifier | None = None
@@ -136,7 +145,7 @@ class CalibrationCall:
         if self._source.stopped:
             return CallOutcome("interrupted: the node shuts down")
         elapsed_s = max(time.monotonic() - start_s, _CLOCK_STEP_S)
-        return CallOutcome(self._reason(before, elapsed_s) + self._doubts())
+        return CallOutcome(self._failure(before, elapsed_s) + self._doubts())
 
     def _notice_other_cameras(self) -> None:
         """Begin anew when CameraInfo has changed: frames of two rigs must not be fused."""
@@ -165,7 +174,10 @@ class CalibrationCall:
             self._last_rejection = str(error)
             return
         left, right = self._rectifier.apply(left, right)
-        result = self._calibrator.add(left, right, stamp_to_s(pair.stamp_ns))
+        frame = calibrate_timed(self._calibrator, left, right, pair.stamp_ns)
+        if self._report is not None:
+            self._report(frame)
+        result = frame.result
         if result.accepted:
             self._accepted += 1
         else:
@@ -184,7 +196,7 @@ class CalibrationCall:
         """Return what is strange about the CameraInfo, to be added to a message."""
         return "" if self._rectifier is None else "".join(f"; {d.message}" for d in self._rectifier.doubts)
 
-    def _reason(self, before: PairCounts, elapsed_s: float) -> str:
+    def _failure(self, before: PairCounts, elapsed_s: float) -> str:
         """Return why the call ends without a result."""
         if not self._pairs:
             return no_pair_reason(self._source, self._config, before, elapsed_s)

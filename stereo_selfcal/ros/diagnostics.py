@@ -24,7 +24,8 @@ from ..core.camera.rig import StereoRig
 from ..core.rejection import Rejection
 from ..core.results import describe
 from .calibration import Topics
-from .record import ActiveCalibration, FrameStatistics
+from .calibration_keeper import ActiveCalibration
+from .record import FrameStatistics
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -41,7 +42,7 @@ class CalibrationReport:
     Attributes:
         state: Word of the state: uncalibrated, calibrating, calibrated, suspect, invalid.
         reason: Why it is in this state, one sentence.
-        in_force: The calibration the node stands by, None if there is none.
+        active: The calibration the node stands by, None if there is none.
         age_s: Its age [s].
         last_answer: What the last call answered.
         last_success: Whether that was a result, None before the first call.
@@ -51,7 +52,7 @@ class CalibrationReport:
 
     state: str
     reason: str = ""
-    in_force: ActiveCalibration | None = None
+    active: ActiveCalibration | None = None
     age_s: float = 0.0
     last_answer: str = "not called yet"
     last_success: bool | None = None
@@ -82,7 +83,7 @@ class ImagesReport:
     counts: PairCounts
     added: PairCounts
     elapsed_s: float
-    listening: bool = True
+    receiving: bool = True
     age_s: float = 0.0
     no_pair: str = ""
     nearest_s: float | None = None
@@ -195,45 +196,45 @@ def _verdict(report: CalibrationReport) -> tuple[bytes, str]:
     """Return level and sentence of the calibration."""
     level = _STATE_LEVELS.get(report.state, WARN)
     refused = report.last_success is False
-    if report.in_force is None:
+    if report.active is None:
         if report.state == "calibrating":
             return level, "calibrating"
         return level, f"{report.state}: {report.last_answer if refused else report.reason}"
-    text = f"{report.state}: {_described(report.in_force)}, {age_text(report.age_s)} old"
+    text = f"{report.state}: {_described(report.active)}, {age_text(report.age_s)} old"
     if level != OK:
-        text = f"{report.state}: {report.reason}; {_described(report.in_force)}"
+        text = f"{report.state}: {report.reason}; {_described(report.active)}"
     if level == OK and report.state != "calibrating":
         if refused:
             return (
                 WARN,
                 f"the last call was refused: {report.last_answer}; what was found before stays in force",
             )
-        if report.in_force.save_failed:
-            return WARN, f"{text}; {report.in_force.saved}"
+        if report.active.save_failed:
+            return WARN, f"{text}; {report.active.saved}"
     return level, text
 
 
-def _described(in_force: ActiveCalibration) -> str:
-    extrinsics, std = in_force.result.extrinsics, in_force.result.std
+def _described(active: ActiveCalibration) -> str:
+    extrinsics, std = active.result.extrinsics, active.result.std
     return "no numbers" if extrinsics is None or std is None else describe(extrinsics, std)
 
 
 def _estimate(report: CalibrationReport) -> dict[str, str]:
     """Return the calibration in force, in units for people."""
-    in_force = report.in_force
-    pose, std = (None, None) if in_force is None else (in_force.result.extrinsics, in_force.result.std)
-    if in_force is None or pose is None or std is None:
+    active = report.active
+    pose, std = (None, None) if active is None else (active.result.extrinsics, active.result.std)
+    if active is None or pose is None or std is None:
         return dict.fromkeys(("age", "height", "pitch", "roll"), "none")
     values = {
         "age": age_text(report.age_s),
         "height": f"{pose.height_m:.4f} m (std {std.height_m * 1e3:.1f} mm)",
         "pitch": f"{math.degrees(pose.pitch_rad):+.4f} deg (std {math.degrees(std.pitch_rad):.4f})",
         "roll": f"{math.degrees(pose.roll_rad):+.4f} deg (std {math.degrees(std.roll_rad):.4f})",
-        "from_frames": str(in_force.result.n_frames),
-        "saved": in_force.saved or "no",
+        "from_frames": str(active.result.n_frames),
+        "saved": active.saved or "no",
     }
-    if in_force.result.notes:
-        values["notes"] = "; ".join(in_force.result.notes)
+    if active.result.notes:
+        values["notes"] = "; ".join(active.result.notes)
     return values
 
 
@@ -269,7 +270,7 @@ def _images(report: ImagesReport) -> _Part:
     values |= {f"dropped_{reason}": str(count) for reason, count in report.drops.items()}
     nearest = "not measured" if report.nearest_s is None else f"{report.nearest_s * 1e3:.3f} ms"
     values["nearest_stamp_difference"] = nearest
-    values["rates_measured"] = "now" if report.listening else f"{age_text(report.age_s)} ago"
+    values["rates_measured"] = "now" if report.receiving else f"{age_text(report.age_s)} ago"
     values |= {f"{side}_format": text for side, text in report.formats.items()}
     if report.topics is not None:
         values |= {"left_topic": report.topics.left, "right_topic": report.topics.right}
@@ -279,9 +280,9 @@ def _images(report: ImagesReport) -> _Part:
     faults = (*report.incompatible_qos, *report.unusable)
     if faults:
         return ERROR, "; ".join(faults), values
-    ago = "" if report.listening else f"; looked at {age_text(report.age_s)} ago, as nobody wants images"
+    ago = "" if report.receiving else f"; looked at {age_text(report.age_s)} ago, as nobody wants images"
     if not added.pairs:
-        if not report.listening and not report.no_pair:
+        if not report.receiving and not report.no_pair:
             return OK, "not listening: images are read when they are wanted", values
         return WARN, (report.no_pair or f"no pairs: left {rates[0]} Hz, right {rates[1]} Hz") + ago, values
     return OK, f"{rates[2]} pairs per second (left {rates[0]} Hz, right {rates[1]} Hz){ago}", values

@@ -9,11 +9,10 @@ from collections.abc import Callable
 from typing import Any
 
 from ..core.calibrator import Calibrator
-from ..core.camera.pairing import stamp_to_s
 from .config import NodeConfig
 from .live import LiveFrame, NoFrame
 from .memory import trim_heap
-from .record import FrameReport
+from .record import FrameReport, calibrate_timed
 
 # How soon a changed period is noticed, and cameras that are others than before.
 _TICK_S = 0.5
@@ -70,13 +69,9 @@ class Monitor:
         frame = self._take(config.monitor_period_s)
         if not isinstance(frame, LiveFrame) or frame.rig is None:
             return
-        start_s = time.monotonic()
-        # A new one for each frame: it would gather all it has accepted.
-        result = Calibrator(frame.rig, config.calibrator).add(
-            frame.left, frame.right, stamp_to_s(frame.stamp_ns)
-        )
-        elapsed_s = time.monotonic() - start_s
-        self._report(FrameReport(frame.left, frame.right, frame.rig, result, frame.stamp_ns, elapsed_s))
+        # A new calibrator for each frame: it would fuse all frames it has accepted.
+        calibrator = Calibrator(frame.rig, config.calibrator)
+        self._report(calibrate_timed(calibrator, frame.left, frame.right, frame.stamp_ns))
 
     def _run(self) -> None:
         last_s, delay_s = -float("inf"), 0.0

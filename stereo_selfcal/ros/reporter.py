@@ -15,10 +15,12 @@ from rclpy.node import Node
 from ..core.camera.image_messages import SUPPORTED_ENCODINGS
 from ..core.camera.pairing import PairCounts
 from ..core.errors import RigError
+from ..core.geometry.homography import SIDES
 from .calibration import known_rectifier, no_pair_reason
 from .config import NodeConfig
 from .diagnostics import CalibrationReport, CameraInfoReport, ImagesReport, Snapshot, diagnostics_message
-from .inputs import SIDES, Look, StereoInput
+from .inputs import StereoInput
+from .intake import IntakeWindow
 from .live import missing_info
 
 PERIOD_S = 1.0
@@ -48,6 +50,7 @@ class DiagnosticsReporter:
         source: Its input.
         config: Returns its parameters.
         calibration: Returns what is known of the calibration.
+        clock: Steady time [s], for tests.
     """
 
     def __init__(
@@ -56,13 +59,15 @@ class DiagnosticsReporter:
         source: StereoInput,
         config: Callable[[], NodeConfig],
         calibration: Callable[[], CalibrationReport],
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._node = node
         self._source = source
         self._config = config
         self._calibration = calibration
+        self._clock = clock
         self._seen: deque[tuple[PairCounts, float]] = deque(maxlen=_WINDOW)
-        self._look: Look | None = None
+        self._window: IntakeWindow | None = None
         self._measured: _Measured | None = None
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 1)
         # On the steady clock: a simulation that stands still must not silence the diagnostics.
@@ -87,38 +92,40 @@ class DiagnosticsReporter:
         )
 
     def _images(self, config: NodeConfig) -> ImagesReport:
-        state, now_s, look = self._source.state, time.monotonic(), self._source.look
+        state, now_s, window = self._source.state, self._clock(), self._source.window
         topics, formats = self._source.topics, self._source.formats
         measured = self._measured or _Measured(PairCounts(), 0.0, "", now_s)
         return ImagesReport(
             counts=state.counts,
             added=measured.added,
             elapsed_s=measured.elapsed_s,
-            listening=look is not None,
+            receiving=window is not None,
             age_s=now_s - measured.at_s,
             no_pair=measured.no_pair,
             nearest_s=state.nearest_s,
             topics=topics,
             publishers=(self._source.publishers(topics.left), self._source.publishers(topics.right)),
-            formats={side: _format_text(*formats[side]) for side in SIDES if side in formats},
+            formats={side: str(formats[side]) for side in SIDES if side in formats},
             incompatible_qos=measured.mismatches,
             unusable=tuple(
-                f"{topic}: image encoding {formats[side][2]!r} is not supported: publish one of "
+                f"{topic}: image encoding {formats[side].encoding!r} is not supported: publish one of "
                 f"{', '.join(SUPPORTED_ENCODINGS)}"
                 for side, topic in zip(SIDES, topics[:2], strict=True)
-                if side in formats and formats[side][0] and formats[side][2] not in SUPPORTED_ENCODINGS
+                if side in formats
+                and formats[side].is_raw
+                and formats[side].encoding not in SUPPORTED_ENCODINGS
             ),
         )
 
     def _measure(self) -> None:
         """Measure rates since the last reports, as far as the node has listened since then."""
-        state, now_s, look = self._source.state, time.monotonic(), self._source.look
-        if look is None:
+        state, now_s, window = self._source.state, self._clock(), self._source.window
+        if window is None:
             return
-        if look is not self._look:
-            self._look = look
+        if window is not self._window:
+            self._window = window
             self._seen.clear()
-            self._seen.append((look.counts, look.since_s))
+            self._seen.append((window.counts, window.since_s))
         before, before_s = self._seen[0]
         counts = state.counts
         added, elapsed_s = counts.since(before), now_s - before_s
@@ -139,7 +146,8 @@ class DiagnosticsReporter:
             return CameraInfoReport(source, faults=(f"{reason}: {error}" if reason else str(error),))
         if rectifier is None:
             return CameraInfoReport(source, missing=missing_info(self._source))
-        sizes = {side: (width, height) for side, (width, height, _) in self._source.formats.items() if width}
+        formats = self._source.formats.items()
+        sizes = {side: (found.width, found.height) for side, found in formats if found.is_raw}
         return CameraInfoReport(
             source,
             rectifier.rig,
@@ -148,7 +156,7 @@ class DiagnosticsReporter:
         )
 
     def _on_timer(self) -> None:
-        self._measure()  # before the tick that ends a look: the last second is a part of it
+        self._measure()  # before the tick that ends a probe: the last second is a part of it
         self._source.tick()
         message = diagnostics_message(self._node.get_clock().now().to_msg(), self.snapshot())
         try:
@@ -156,7 +164,3 @@ class DiagnosticsReporter:
         except RuntimeError:  # rcl's errors
             if self._node.context.ok():  # Ctrl-C may come at any moment; then there is nobody to tell
                 raise
-
-
-def _format_text(width: int, height: int, encoding: str) -> str:
-    return f"{width} x {height} {encoding}" if width else encoding

@@ -10,14 +10,14 @@ from ..core.errors import OutputError
 from ..files.exports import write_exports
 from ..files.node_settings import NODE_SETTINGS
 from ..files.result_file import SavedResult, write_result
+from .calibration_keeper import ActiveCalibration
 from .config import NodeConfig
-from .record import ActiveCalibration
 
 # Of a stamp of another clock (a simulation, a recording) the age is not known.
 _LONGEST_AGE_S = 50 * 365.25 * 86400.0
 
 
-def as_in_force(saved: SavedResult, path: Path, now_s: float) -> ActiveCalibration:
+def restored_calibration(saved: SavedResult, path: Path, now_s: float) -> ActiveCalibration:
     """Return a calibration of an earlier run as the one in force.
 
     Args:
@@ -31,11 +31,11 @@ def as_in_force(saved: SavedResult, path: Path, now_s: float) -> ActiveCalibrati
     return ActiveCalibration(saved.as_result(), saved.rig, time.monotonic() - age_s, f"restored from {path}")
 
 
-def save(in_force: ActiveCalibration, config: NodeConfig, source: str) -> tuple[str, bool]:
+def save(active: ActiveCalibration, config: NodeConfig, source: str) -> tuple[str, bool]:
     """Save a calibration, and export it as far as that is wanted.
 
     Args:
-        in_force: The calibration.
+        active: The calibration.
         config: Parameters: where, and what.
         source: Where the images came from.
 
@@ -50,7 +50,7 @@ def save(in_force: ActiveCalibration, config: NodeConfig, source: str) -> tuple[
         if path == _default_output_path():
             _make_folder(path.parent)
         write_result(
-            path, in_force.result, in_force.rig, source=source, seed=config.calibrator.seed, keep_others=True
+            path, active.result, active.rig, source=source, seed=config.calibrator.seed, keep_others=True
         )
 
     problem = _tried(write)
@@ -58,10 +58,10 @@ def save(in_force: ActiveCalibration, config: NodeConfig, source: str) -> tuple[
         return f"in effect, but not saved: {problem}", True
     if not config.exports:
         return f"saved to {path}", False
-    extrinsics = in_force.result.extrinsics
+    extrinsics = active.result.extrinsics
     assert extrinsics is not None  # it was written
     frames = config.road_frame, config.camera_frame
-    problem = _tried(lambda: write_exports(path, config.exports, extrinsics, in_force.rig, *frames))
+    problem = _tried(lambda: write_exports(path, config.exports, extrinsics, active.rig, *frames))
     if problem:
         return f"saved to {path}, but not exported: {problem}", True
     return f"saved to {path} and exported as {', '.join(config.exports)}", False

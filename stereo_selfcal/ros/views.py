@@ -32,11 +32,12 @@ from ..pictures.picture import (
     shown_extrinsics,
     verdict_of,
 )
+from .calibration_keeper import ActiveCalibration
 from .config import NodeConfig
 from .diagnostics import age_text
 from .live import LiveFrame, NoFrame
 from .messages import image_message
-from .record import ActiveCalibration, FrameReport
+from .record import FrameReport
 
 # Whoever turns a camera or waits for a line sees enough with one picture a second, and drawing (25 ms
 # for both views of 1280 x 720) takes no more than some percent of a core then.
@@ -56,7 +57,7 @@ class Views:
         node: The node.
         take: Returns a current frame, why there is none, or None while a call has them all; its
             argument is how long it may wait [s].
-        in_force: Returns the calibration in force.
+        active: Returns the calibration in force.
         config: Returns the parameters.
         clock: Steady time [s], for tests.
     """
@@ -65,13 +66,13 @@ class Views:
         self,
         node: Node,
         take: Callable[[float], LiveFrame | NoFrame | None],
-        in_force: Callable[[], ActiveCalibration | None],
+        active: Callable[[], ActiveCalibration | None],
         config: Callable[[], NodeConfig],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._node = node
         self._take = take
-        self._in_force = in_force
+        self._active = active
         self._config = config
         self._clock = clock
         self._debug_image, self._birds_eye = (
@@ -121,38 +122,38 @@ class Views:
         return bool(self._debug_image.get_subscription_count() or self._birds_eye.get_subscription_count())
 
     def _draw_current(self, frame: LiveFrame | NoFrame | None) -> None:
-        in_force = self._in_force()
+        active = self._active()
         if isinstance(frame, NoFrame):
             notice = draw_notice(StripContent("NO PICTURE", VERMILION, (frame.reason,)))
             stamp_ns = int(self._node.get_clock().now().nanoseconds)
             for publisher in (self._debug_image, self._birds_eye):
                 self._publish(publisher, notice, stamp_ns)
         elif frame is not None:
-            rig, result, verdict = self._judge(frame, in_force)
+            rig, result, verdict = self._judge(frame, active)
             self._draw(frame.left, frame.right, rig, result, verdict, frame.stamp_ns)
 
     def _judge(
-        self, frame: LiveFrame, in_force: ActiveCalibration | None
+        self, frame: LiveFrame, active: ActiveCalibration | None
     ) -> tuple[StereoRig | None, CalibrationResult | None, StripContent]:
         """Return what to draw over a frame that was not calibrated, and what to say of it."""
-        if in_force is None:
+        if active is None:
             text = frame.problem or "call ~/calibrate on a straight road with painted lines"
             return (
                 frame.rig,
                 None,
                 StripContent("NOT CALIBRATED", VERMILION if frame.problem else YELLOW, (text,)),
             )
-        age = age_text(self._clock() - in_force.since_s)
-        if frame.left.shape != (in_force.rig.height, in_force.rig.width):
+        age = age_text(self._clock() - active.since_s)
+        if frame.left.shape != (active.rig.height, active.rig.width):
             found = f"the images have {frame.left.shape[1]} x {frame.left.shape[0]} px"
-            wanted = f"the calibration is for {in_force.rig.width} x {in_force.rig.height} px"
+            wanted = f"the calibration is for {active.rig.width} x {active.rig.height} px"
             return (
                 None,
                 None,
                 StripContent("OTHER CAMERA", VERMILION, (f"{found}, {wanted}: calibrate again",)),
             )
-        verdict = StripContent(f"CALIBRATION IN FORCE, {age} old", SKY_BLUE, numbers(in_force.result))
-        return in_force.rig, in_force.result, verdict
+        verdict = StripContent(f"CALIBRATION IN FORCE, {age} old", SKY_BLUE, numbers(active.result))
+        return active.rig, active.result, verdict
 
     def _draw(
         self,

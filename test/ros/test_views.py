@@ -13,9 +13,10 @@ from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import CalibrationResult, rejected
 from stereo_selfcal.pictures.canvas import GREEN, SKY_BLUE, VERMILION, YELLOW
 from stereo_selfcal.ros import views as views_module
+from stereo_selfcal.ros.calibration_keeper import ActiveCalibration
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
 from stereo_selfcal.ros.live import LiveFrame, NoFrame
-from stereo_selfcal.ros.record import ActiveCalibration, FrameReport
+from stereo_selfcal.ros.record import FrameReport
 from stereo_selfcal.ros.views import HOLD_S, PERIOD_S, Views
 from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene
 
@@ -44,12 +45,12 @@ class Stage:
 
     def __init__(self):
         self.publishers, self.now_s, self.frame, self.taken = {}, 100.0, LIVE, []
-        self.in_force = None
+        self.active = None
         node = SimpleNamespace(
             create_publisher=lambda kind, topic, qos, **_: self.publishers.setdefault(topic, Publisher()),
             get_clock=lambda: SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=11)),
         )
-        self.views = Views(node, self.take, lambda: self.in_force, lambda: CONFIG, lambda: self.now_s)
+        self.views = Views(node, self.take, lambda: self.active, lambda: CONFIG, lambda: self.now_s)
         self.image, self.above = self.publishers["~/debug_image"], self.publishers["~/birds_eye"]
 
     def take(self, timeout_s):
@@ -95,7 +96,7 @@ def test_only_what_is_watched_is_drawn(stage, monkeypatch, lonely):
 
 def test_calibrated_frame_is_shown_for_a_while_then_the_current_one(stage):
     stage.views.show(REPORT)
-    stage.in_force = ActiveCalibration(RESULT, PAPER_RIG, 100.0)
+    stage.active = ActiveCalibration(RESULT, PAPER_RIG, 100.0)
     assert stage.bars() == [GREEN, GREEN]
     assert stage.image.sent[-1].header.stamp.nanosec == 7
     stage.now_s += HOLD_S - 0.1
@@ -138,7 +139,7 @@ def test_what_there_is_before_the_first_calibration(stage, frame, bar):
 
 def test_other_camera_than_the_one_calibrated(stage):
     """The pose says nothing about images of another size."""
-    stage.in_force = ActiveCalibration(RESULT, replace(PAPER_RIG, width=320), 0.0)
+    stage.active = ActiveCalibration(RESULT, replace(PAPER_RIG, width=320), 0.0)
     assert stage.bars() == [VERMILION, VERMILION]
 
 
@@ -146,7 +147,7 @@ def test_calibration_that_became_wrong_shows(stage):
     """Drawn over the current image is what is in force, not what would be right for it."""
 
     def fringes(pose):
-        stage.in_force = ActiveCalibration(replace(RESULT, extrinsics=pose), PAPER_RIG, 0.0)
+        stage.active = ActiveCalibration(replace(RESULT, extrinsics=pose), PAPER_RIG, 0.0)
         assert stage.bars() == [SKY_BLUE, SKY_BLUE]
         message = stage.above.sent[-1]
         picture = np.frombuffer(message.data, np.uint8).reshape(message.height, message.width, 3).astype(int)
