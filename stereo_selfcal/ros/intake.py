@@ -220,7 +220,7 @@ class ImageIntake:
             timeout_s: How long to wait [s]; 0 returns at once.
         """
         pair = self._queue.get(timeout_s)
-        if pair is not None or self.stopped:
+        if pair is not None:
             return pair
         # A pair may be waiting for a nearer partner that will not come.
         with self._lock:

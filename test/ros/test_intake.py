@@ -113,6 +113,24 @@ def test_a_pair_that_waits_for_a_nearer_partner_is_handed_over_when_none_comes()
     assert late.intake.state.nearest_s is None
 
 
+def test_begin_forgets_pairs_from_before():
+    late = Intake(approximate_sync=True, approximate_sync_tolerance_seconds=0.01)
+    late.tick()
+    late.send(1000, late_ms=5)  # in the probe of the start; waits for a nearer partner
+    late.intake.begin()
+    assert late.intake.next_pair(0.0) is None
+    late.send(2000)
+    late.intake.begin()
+    assert late.intake.next_pair(0.0) is None
+
+
+def test_images_that_arrive_while_none_are_taken_open_no_window(closed):
+    """They do where qos_overrides ask DDS to keep them all."""
+    closed.intake.begin()
+    closed.send(1000)
+    assert not closed.intake.is_open
+
+
 def test_window_begins_with_the_first_image(closed):
     intake = closed.intake
     before = intake.state.counts

@@ -110,3 +110,24 @@ def test_no_image_where_one_was_wanted_begins_a_probe():
     assert schedule.update(now_s + 2.0, CAMERA)
     assert schedule.taking
     assert all(schedule.update(now_s + t, CAMERA) and schedule.taking for t in range(3, 1000))
+
+
+def test_a_wish_does_not_restart_a_probe():
+    schedule = SubscriptionSchedule()
+    schedule.update(0.0, CAMERA)
+    assert schedule.image_arrived(5.0, True)
+    schedule.want()
+    assert not schedule.image_arrived(5.5, True)
+    schedule.release(5.6)
+    assert schedule.taking
+    schedule.update(5.0 + PROBE_S, CAMERA)
+    assert not schedule.taking
+
+
+def test_one_pair_is_enough_for_a_short_probe():
+    schedule = SubscriptionSchedule()
+    schedule.update(0.0, CAMERA)
+    schedule.image_arrived(5.0, True)
+    schedule.image_arrived(5.5, False)
+    schedule.update(5.0 + PROBE_S, CAMERA)
+    assert not schedule.taking
