@@ -139,7 +139,7 @@ def test_restored_has_the_age_of_its_stamp(tmp_path):
     assert restored.saved == f"restored from {path}"
     assert (restored.rig, restored.result.extrinsics) == (RIG, EXTRINSICS)
     for now_s in (saved.stamp_s - 5.0, saved.stamp_s + 1e10):  # of another clock
-        assert time.monotonic() - restored_calibration(saved, path, now_s).since_s < 60.0
+        assert -1.0 < time.monotonic() - restored_calibration(saved, path, now_s).since_s < 60.0
 
 
 def test_saved_with_its_exports(tmp_path):
