@@ -18,10 +18,10 @@ from ..core.types import Image
 from .config import NodeConfig
 from .record import FrameReport, calibrate_timed
 
-_CLOCK_STEP_S = 1e-3  # a call that ends at once (shutdown) must not divide by zero
-# A camera with one image per second has not stopped; one that is silent for longer is said to have.
+_CLOCK_STEP_S = 1e-3  # a call that ends at once must not divide by zero
+# After this time without a pair, the camera is said to have stopped. It may send one image per second.
 _SILENCE_S = 1.5
-# What of a CameraInfo says which camera it is; the header changes with every message.
+# The fields of a CameraInfo that identify a camera; the header changes with every message.
 _INFO_FIELDS = ("width", "height", "distortion_model", "d", "k", "r", "p")
 
 
@@ -36,10 +36,10 @@ class Topics(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class InputState:
-    """What has arrived so far.
+    """What the source has received so far.
 
     Attributes:
-        counts: Images, pairs, drops.
+        counts: Images, pairs and drops.
         nearest_s: Least difference of a left and a right stamp since the call began [s].
         mismatches: Sentences about publishers that nothing can be received from.
     """
@@ -50,7 +50,7 @@ class InputState:
 
 
 class PairSource(Protocol):
-    """Where a call gets its frames from."""
+    """Where a call gets its pairs of image messages from."""
 
     @property
     def topics(self) -> Topics:
@@ -58,11 +58,11 @@ class PairSource(Protocol):
 
     @property
     def state(self) -> InputState:
-        """Counts so far."""
+        """Counts so far, and what may be wrong with the publishers."""
 
     @property
     def stopped(self) -> bool:
-        """Whether the node shuts down: no frames will come any more."""
+        """Whether the node shuts down: no pairs will come any more."""
 
     @property
     def camera_infos(self) -> tuple[Any, Any]:
@@ -72,7 +72,7 @@ class PairSource(Protocol):
         """Return how many publishers a topic has."""
 
     def next_pair(self, timeout_s: float) -> StampedPair[Any] | None:
-        """Wait for a pair of image messages."""
+        """Wait for the next pair and return it, None when none came in time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,8 +95,8 @@ class CallOutcome:
 class CalibrationCall:
     """Calibrates from the frames that arrive within the timeout.
 
-    Frames that are refused do not end the call: the next one may be better. It ends with the
-    configured number of accepted frames, or with the timeout and the last reason.
+    A frame that is refused does not end the call: the next one may be better. The call ends with the
+    configured number of accepted frames, or at the timeout with the reason of the last refusal.
 
     Args:
         source: Where the frames come from.
@@ -148,7 +148,7 @@ class CalibrationCall:
         return CallOutcome(self._failure(before, elapsed_s) + self._doubts())
 
     def _notice_other_cameras(self) -> None:
-        """Begin anew when CameraInfo has changed: frames of two rigs must not be fused."""
+        """Start again when CameraInfo has changed: frames of two rigs must not be fused."""
         cameras = tuple(_camera(info) for info in self._source.camera_infos)
         if self._calibrator is not None and not self._config.rig and cameras != self._cameras:
             self._camera_changes += 1
@@ -193,7 +193,7 @@ class CalibrationCall:
         raise RigError(f"no CameraInfo on {named}: publish it or set the parameters rig.*")
 
     def _doubts(self) -> str:
-        """Return what is strange about the CameraInfo, to be added to a message."""
+        """Return what is unusual about the CameraInfo, to be added to a message."""
         return "" if self._rectifier is None else "".join(f"; {d.message}" for d in self._rectifier.doubts)
 
     def _failure(self, before: PairCounts, elapsed_s: float) -> str:
@@ -228,7 +228,7 @@ class CalibrationCall:
 
 
 def _camera(info: Any) -> tuple[str, ...]:
-    """Return what of a CameraInfo tells one camera from another; as text, in which NaN equals itself."""
+    """Return the identity of a camera. It is text, in which NaN equals itself."""
     values = (getattr(info, name, None) for name in _INFO_FIELDS)
     return tuple(repr(value if isinstance(value, int | str | None) else list(value)) for value in values)
 
@@ -237,7 +237,7 @@ def known_rectifier(source: PairSource, config: NodeConfig) -> StereoRectifier |
     """Return the cameras of the parameters or of CameraInfo, None before both have come.
 
     Raises:
-        RigError: They cannot be right.
+        RigError: They are invalid.
     """
     rig = config.rig_from_parameters()
     if rig is not None:
@@ -254,8 +254,8 @@ def no_pair_reason(source: PairSource, config: NodeConfig, before: PairCounts, e
     Args:
         source: Where the frames should have come from.
         config: Parameters of the node.
-        before: Counts at the beginning.
-        elapsed_s: Time since then [s].
+        before: Counts at the beginning of the wait.
+        elapsed_s: Length of the wait [s].
     """
     state, topics = source.state, source.topics
     added = state.counts.since(before)

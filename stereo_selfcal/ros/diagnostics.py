@@ -1,13 +1,13 @@
-"""What goes to ``/diagnostics``, from a plain snapshot of the node; needs no graph.
+"""The message for ``/diagnostics``, made from a plain snapshot of the node; needs no graph.
 
-There is one status for each thing a person can mend, and its level says who is needed:
+There is one status for each thing a person can mend. Its level says what is to be done:
 
-* OK: nobody.
-* WARN: somebody should look: nothing arrives, nothing is calibrated yet, the last call was refused.
-* ERROR: it cannot work before somebody changes something: a CameraInfo that contradicts itself, a
-  QoS that does not match, an encoding that cannot be read, an invalid calibration.
-* STALE is never sent: it is what diagnostic_aggregator and rqt_robot_monitor make of a node that is
-  silent for some seconds.
+* OK: nothing.
+* WARN: somebody should look. Nothing arrives, nothing is calibrated yet, or the last call was refused.
+* ERROR: it cannot work before somebody changes something. A CameraInfo contradicts itself, a QoS does not
+  match, an encoding cannot be read, or the calibration is invalid.
+* STALE is never sent. diagnostic_aggregator and rqt_robot_monitor show it for a node that is silent for some
+  seconds.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from .record import FrameStatistics
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
-# By the word of the state. What is not known is nothing to rely on.
+# By the word of the state; an unknown state is a warning.
 _STATE_LEVELS = {"calibrating": OK, "calibrated": OK, "uncalibrated": WARN, "suspect": WARN, "invalid": ERROR}
 _LEAST_ELAPSED_S = 1e-3  # two reports at once must not divide by zero
 _AGE_UNITS = ((86400, "d"), (3600, "h"), (60, "min"), (1, "s"))
@@ -37,17 +37,17 @@ _AGE_UNITS = ((86400, "d"), (3600, "h"), (60, "min"), (1, "s"))
 
 @dataclass(frozen=True, slots=True)
 class CalibrationReport:
-    """The calibration and how it came about.
+    """The state of the calibration.
 
     Attributes:
         state: Word of the state: uncalibrated, calibrating, calibrated, suspect, invalid.
         reason: Why it is in this state, one sentence.
-        active: The calibration the node stands by, None if there is none.
+        active: The active calibration, None if there is none.
         age_s: Its age [s].
         last_answer: What the last call answered.
-        last_success: Whether that was a result, None before the first call.
+        last_success: Whether the last call found a result, None before the first call.
         frames: Frames so far.
-        watch: What the watch has to say, one sentence.
+        watch: What the watch has found, one sentence.
     """
 
     state: str
@@ -62,19 +62,19 @@ class CalibrationReport:
 
 @dataclass(frozen=True, slots=True)
 class ImagesReport:
-    """What arrives.
+    """The images that arrive.
 
     Attributes:
         counts: Images and pairs so far.
         added: The same within the last ``elapsed_s``.
         elapsed_s: Time over which rates are measured [s].
-        listening: False while images are not wanted, so that none arrive.
+        receiving: Whether images are taken now; they are not while nobody wants them.
         age_s: Time since the rates were measured [s].
         no_pair: Why there was no pair within that time, "" if there was one.
         nearest_s: Least difference of a left and a right stamp [s], None before the first.
         topics: Names of the topics.
         publishers: Publishers of the left and of the right images.
-        drops: Images that were not used, by reason, besides those without a partner.
+        drops: Number of images that were not used, by reason, besides those without a partner.
         formats: Size and encoding of the images by side.
         incompatible_qos: Sentences about publishers whose QoS does not match, with both policies.
         unusable: Sentences about images that cannot be read.
@@ -97,14 +97,14 @@ class ImagesReport:
 
 @dataclass(frozen=True, slots=True)
 class CameraInfoReport:
-    """What is known of the cameras.
+    """The cameras, as far as they are known.
 
     Attributes:
         source: "CameraInfo", or "parameters rig.*".
         rig: The rig, None as long as it is not known.
-        missing: Sentence about a CameraInfo that has not come yet, "" when it has.
-        faults: Sentences about what cannot be right.
-        doubts: Sentences about what is strange, though it can be worked with.
+        missing: Sentence about each CameraInfo that has not come yet, "" when both have.
+        faults: Sentences about what is invalid.
+        doubts: Sentences about what is unusual, but usable.
     """
 
     source: str
@@ -116,15 +116,15 @@ class CameraInfoReport:
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """What the node knows of itself when it reports.
+    """The state of the node at the time of a report.
 
     Attributes:
         node: Full name of the node.
         road_frame: Frame of the road.
-        camera_frame: Frame of the camera: the hardware the report is about.
+        camera_frame: Frame of the camera, reported as the hardware id.
         calibration: The calibration.
-        images: What arrives.
-        camera_info: What is known of the cameras.
+        images: The images that arrive.
+        camera_info: The cameras.
     """
 
     node: str
@@ -140,7 +140,7 @@ def diagnostics_message(stamp: Time, snapshot: Snapshot) -> DiagnosticArray:
 
     Args:
         stamp: Time of the report.
-        snapshot: What is to be reported.
+        snapshot: State of the node.
     """
     parts = {
         "calibration": _calibration(snapshot),
@@ -163,12 +163,12 @@ def diagnostics_message(stamp: Time, snapshot: Snapshot) -> DiagnosticArray:
 
 
 def age_text(age_s: float) -> str:
-    """Return a time for people: the two largest units, ``5 min 12 s``."""
+    """Return a time as text of its two largest units: ``5 min 12 s``."""
     if not math.isfinite(age_s):
         return "unknown"
-    left_s, parts = max(0, int(age_s)), []
+    remainder_s, parts = max(0, int(age_s)), []
     for size_s, unit in _AGE_UNITS:
-        number, left_s = divmod(left_s, size_s)
+        number, remainder_s = divmod(remainder_s, size_s)
         if number or unit == "s":
             parts.append(f"{number} {unit}")
         elif parts:
@@ -220,7 +220,7 @@ def _described(active: ActiveCalibration) -> str:
 
 
 def _estimate(report: CalibrationReport) -> dict[str, str]:
-    """Return the calibration in force, in units for people."""
+    """Return the active calibration as text."""
     active = report.active
     pose, std = (None, None) if active is None else (active.result.extrinsics, active.result.std)
     if active is None or pose is None or std is None:

@@ -1,4 +1,4 @@
-"""What the node does: listens to a stereo camera, calibrates on request, watches over what it found."""
+"""What the node does: it calibrates a stereo camera on request, and watches the active calibration."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ _BUSY = "busy: a calibration is running; call again when it has answered"
 class SelfcalNode:
     """Calibrates a stereo camera on request; README.md describes its topics and parameters.
 
-    It has a node instead of being one, as rclpy's Node claims names such as ``_parameters`` and ``_clock``.
+    It has a node instead of being one: rclpy's Node uses names such as ``_parameters`` and ``_clock``.
 
-    Images are paired in their own callback group. A call of ``~/calibrate`` waits and computes in
-    its own thread of the executor, so images, parameter services and diagnostics go on meanwhile.
-    The watch computes in a thread of its own as well.
+    Images are paired in their own callback group. A call of ``~/calibrate`` waits and computes in its own
+    thread of the executor. Images, parameter services and diagnostics go on meanwhile. The watch computes in
+    a thread of its own, too.
 
     Args:
         **kwargs: Passed to rclpy's Node.
@@ -59,7 +59,7 @@ class SelfcalNode:
     def __init__(self, **kwargs: Any) -> None:
         self.node = Node(NODE_NAME, **kwargs)
         with ExitStack() as failed:
-            failed.callback(self.node.destroy_node)  # half a node would answer to its name
+            failed.callback(self.node.destroy_node)  # else half a node would answer under its name
             self._parameters = NodeParameters(self.node, self._on_parameters)
             self._input = StereoInput(self.node, self._parameters.config)
             self._live = LiveFrames(self._input, lambda: self._parameters.config)
@@ -68,7 +68,7 @@ class SelfcalNode:
             self._record = FrameRecord()
             self._last_lines: tuple[LanePattern, StereoRig] | None = None
             self._keeper = CalibrationKeeper()
-            self._publishing = threading.Lock()  # calls and the watch
+            self._publishing = threading.Lock()  # a call and the watch may publish at the same time
             self._last_answer = "not called yet"
             self._last_success: bool | None = None
             self._views = Views(
@@ -81,8 +81,8 @@ class SelfcalNode:
                 Trigger,
                 "~/calibrate",
                 self._on_calibrate,
-                # As the parameter services have it, a queue of 1000: with the 10 of other services, ten of
-                # twenty calls at once got no answer.
+                # The queue of the parameter services, 1000. With that of other services, 10, ten of twenty
+                # simultaneous calls got no answer.
                 qos_profile=qos_profile_parameters,
                 callback_group=ReentrantCallbackGroup(),
             )
@@ -105,7 +105,7 @@ class SelfcalNode:
         """End a running call, the watch and the pictures: the node shuts down."""
         self._input.stop()
         self._monitor.cancel()
-        self._outputs.stop()  # whom the watch may be waiting for
+        self._outputs.stop()  # the watch may be waiting for them
         self._monitor.stop()
         self._views.stop()
 
@@ -113,7 +113,7 @@ class SelfcalNode:
         self._input.configure(config)
 
     def _restore(self, config: NodeConfig) -> None:
-        """Stand by the calibration of the last run; before the node is spun."""
+        """Activate the calibration of the last run; to be called before the node is spun."""
         if config.output_path is None:
             return
         restored = restore(config.output_path)
@@ -140,16 +140,16 @@ class SelfcalNode:
         try:
             self._keeper.begin()
             response.success, response.message = self._calibrate(self._parameters.config)
-        except Exception as error:  # noqa: BLE001 - whatever it is, the caller gets an answer and the node lives
-            if self.node.context.ok():  # after a shutdown everything fails, which is no news
+        except Exception as error:  # noqa: BLE001 - the caller gets an answer and the node goes on
+            if self.node.context.ok():  # after a shutdown everything fails
                 self.node.get_logger().error(traceback.format_exc())
             response.success = False
             response.message = f"internal error, see the node's log: {type(error).__name__}: {error}"
         finally:
-            self._keeper.fail()  # means nothing where it was accepted
+            self._keeper.fail()  # does nothing after a success
             self._last_success, self._last_answer = response.success, response.message
             self._calibrating.release()
-        # Two lines on purpose: rclpy refuses to log with another severity from the same line.
+        # Two calls, because rclpy refuses to log with another severity from the same line.
         if response.success:
             self.node.get_logger().info(response.message)
         else:
@@ -176,10 +176,10 @@ class SelfcalNode:
         config: NodeConfig,
         settled: bool = False,
     ) -> str:
-        """Publish and save a result; return what came of saving it."""
+        """Publish, activate and save a result; return where it was saved, or why it was not."""
         with self._publishing:
             self._outputs.publish(Publication(result, config, stamp_ns, self._lanes(result)))
-            # In effect from here on, saved or not.
+            # It is active from here on, even if it cannot be saved.
             active = ActiveCalibration(result, rig, time.monotonic(), saved="not yet")
             self._keeper.accept(active, settled)
             topics = self._input.topics
@@ -188,7 +188,7 @@ class SelfcalNode:
             return saved
 
     def _check_cameras(self) -> bool:
-        """Take a calibration back that other cameras were calibrated with; return whether to watch."""
+        """Withdraw the active calibration if it is of other cameras. Return whether to watch."""
         config, active = self._parameters.config, self._keeper.active
         if self._keeper.state is State.CALIBRATING:
             return False
@@ -205,11 +205,11 @@ class SelfcalNode:
     def _known_rig(self, config: NodeConfig) -> StereoRig | None:
         try:
             return known_rig(self._input, config)
-        except RigError:  # /diagnostics says so
+        except RigError:  # /diagnostics reports it
             return None
 
     def _on_frame(self, report: FrameReport) -> None:
-        """Remember a frame that was calibrated; called by the thread of the call."""
+        """Count and show a frame that was calibrated; called by the thread of the call."""
         self._record.add(report)
         self._views.show(report)
         self._remember_lines(report)
@@ -239,7 +239,7 @@ class SelfcalNode:
             self._last_lines = report.result.pattern, report.rig
 
     def _lanes(self, result: CalibrationResult) -> tuple[Array, ...]:
-        """Return the lane lines of the last accepted frame on the road of the result."""
+        """Return the lane lines of the last accepted frame, projected to the road by the result."""
         if self._last_lines is None or result.extrinsics is None:
             return ()
         return lanes_on_road(*self._last_lines, result.extrinsics)
@@ -259,15 +259,15 @@ class SelfcalNode:
 
 
 def _rig_of(config: NodeConfig) -> StereoRig | None:
-    """Return the rig of the parameters; None where it comes from CameraInfo, or cannot be right."""
+    """Return the rig of the parameters; None where it comes from CameraInfo, or is invalid."""
     try:
         return config.rig_from_parameters()
-    except RigError:  # told when it is needed
+    except RigError:  # reported when the rig is needed
         return None
 
 
 def _other_cameras(calibrated: StereoRig, rig: StereoRig | None) -> str:
-    """Return why a calibration is not of these cameras, "" if it is or they are not known."""
+    """Return why a calibration is not of these cameras; "" if it is, or if they are not known."""
     if rig is None:
         return ""
     try:

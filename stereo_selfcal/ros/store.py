@@ -1,4 +1,4 @@
-"""Where a calibration is kept between two runs of the node: the result file, and what is exported beside."""
+"""Saves the active calibration to the result file, and restores it in the next run."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from ..files.result_file import SavedResult, write_result
 from .calibration_keeper import ActiveCalibration
 from .config import NodeConfig
 
-# Of a stamp of another clock (a simulation, a recording) the age is not known.
+# A greater age means that the stamp is of another clock (a simulation, a recording): the age is unknown then.
 _LONGEST_AGE_S = 50 * 365.25 * 86400.0
 
 
 def restored_calibration(saved: SavedResult, path: Path, now_s: float) -> ActiveCalibration:
-    """Return a calibration of an earlier run as the one in force.
+    """Return a calibration of an earlier run as an active one.
 
     Args:
         saved: The calibration.
@@ -32,15 +32,15 @@ def restored_calibration(saved: SavedResult, path: Path, now_s: float) -> Active
 
 
 def save(active: ActiveCalibration, config: NodeConfig, source: str) -> tuple[str, bool]:
-    """Save a calibration, and export it as far as that is wanted.
+    """Save a calibration, and export it to the formats of ``exports``.
 
     Args:
         active: The calibration.
-        config: Parameters: where, and what.
+        config: Parameters of the node.
         source: Where the images came from.
 
     Returns:
-        What came of it, in words, and whether it failed.
+        Where it was saved or why not, in words; and whether saving or exporting failed.
     """
     path = config.output_path
     if path is None:
@@ -76,7 +76,7 @@ def _tried(write: Callable[[], object]) -> str:
 
 
 def _make_folder(folder: Path) -> None:
-    """Make the folder of ROS, which ROS makes when it first logs, perhaps later. Others are the user's."""
+    """Make the folder of ROS if ROS has not made it yet. Other folders are up to the user."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

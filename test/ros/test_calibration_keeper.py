@@ -1,4 +1,4 @@
-"""What the node stands by, and where it keeps it; without a graph."""
+"""The active calibration, and where it is saved; without a graph."""
 
 import dataclasses
 import errno
@@ -55,13 +55,13 @@ def calibrated():
     return keeper
 
 
-def test_nothing_is_in_force_at_first():
+def test_no_calibration_is_active_at_first():
     keeper = CalibrationKeeper()
     assert (keeper.state, keeper.active, keeper.wants_another) == (State.UNCALIBRATED, None, True)
     assert keeper.reason == "call ~/calibrate on a straight road with painted lines"
 
 
-def test_a_call_puts_a_result_in_force():
+def test_a_call_activates_its_result():
     keeper = CalibrationKeeper()
     keeper.begin()
     assert keeper.state is State.CALIBRATING
@@ -80,7 +80,7 @@ def test_a_call_that_finds_nothing_leaves_what_was(calibrated):
     assert (calibrated.state, calibrated.active) == (State.CALIBRATED, ACTIVE)
 
 
-def test_the_last_good_calibration_stays_in_force_while_it_is_doubted(calibrated):
+def test_the_last_good_calibration_stays_active_while_it_is_suspect(calibrated):
     assert drive(calibrated, 60) == []
     events = drive(calibrated, 60, shift=(0.1, 0.0, 0.0), start_s=200.0)
     assert events == [Event.DOUBTED, Event.REFUTED]

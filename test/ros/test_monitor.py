@@ -1,4 +1,4 @@
-"""When the watch looks at a frame, and that it waits in between; with a clock that only waiting advances."""
+"""When the watch takes a frame, and that it waits in between; with a clock that only waiting advances."""
 
 from types import SimpleNamespace
 

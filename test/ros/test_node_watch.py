@@ -1,4 +1,4 @@
-"""The node over its life: restored, doubted, recalibrated, taken back; in this process."""
+"""The node over its life: restored, suspect, recalibrated, withdrawn; in this process."""
 
 import dataclasses
 import threading

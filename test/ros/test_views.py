@@ -1,4 +1,4 @@
-"""The streamed pictures: what is drawn when, and that nothing is done while nobody looks."""
+"""The streamed pictures: what is drawn when, and that nothing is drawn without subscribers."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -190,7 +190,7 @@ def test_other_camera_than_the_one_calibrated(stage):
 
 
 def test_calibration_that_became_wrong_shows(stage):
-    """Drawn over the current image is what is in force, not what would be right for it."""
+    """The active calibration is drawn over the current image, not the one that would be right for it."""
 
     def fringes(pose):
         stage.active = ActiveCalibration(replace(RESULT, extrinsics=pose), PAPER_RIG, 0.0)
