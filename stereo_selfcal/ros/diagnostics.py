@@ -23,8 +23,8 @@ from ..core.camera.pairing import PairCounts
 from ..core.camera.rig import StereoRig
 from ..core.rejection import Rejection
 from ..core.results import describe
-from .calibration import Topics
 from .calibration_keeper import ActiveCalibration
+from .pair_source import Topics
 from .record import FrameStatistics
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR

@@ -10,10 +10,10 @@ from rclpy.node import Node
 
 from ..core.camera.pairing import StampedPair
 from ..core.geometry.homography import Side
-from .calibration import InputState, Topics
 from .config import NodeConfig
 from .intake import ImageFormat, ImageIntake, IntakeWindow
 from .memory import HeapTrimmer
+from .pair_source import InputState, Topics
 from .subscriptions import CameraSubscriptions
 
 

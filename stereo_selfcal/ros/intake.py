@@ -11,8 +11,8 @@ from typing import Any
 
 from ..core.camera.pairing import PairCounts, StampedPair, StampPairer, message_stamp_ns
 from ..core.geometry.homography import Side
-from .calibration import InputState
 from .config import NodeConfig
+from .pair_source import InputState
 from .subscription_schedule import SubscriptionSchedule
 
 _MAX_ENCODING_LENGTH = 80  # of what is reported once a second; a message may hold any text

@@ -13,9 +13,9 @@ from ..core.camera.image_messages import message_to_grey
 from ..core.camera.rig import StereoRig
 from ..core.errors import ImageError, RigError
 from ..core.types import Image
-from .calibration import PairSource, known_rectifier, no_pair_reason
 from .config import NodeConfig
 from .inputs import StereoInput
+from .pair_source import PairSource, known_rectifier, no_pair_reason
 
 # While somebody waits for a single frame, a call takes the input over after this time at most.
 _SLICE_S = 0.05

@@ -16,12 +16,12 @@ from ..core.camera.image_messages import SUPPORTED_ENCODINGS
 from ..core.camera.pairing import PairCounts
 from ..core.errors import RigError
 from ..core.geometry.homography import SIDES
-from .calibration import known_rectifier, no_pair_reason
 from .config import NodeConfig
 from .diagnostics import CalibrationReport, CameraInfoReport, ImagesReport, Snapshot, diagnostics_message
 from .inputs import StereoInput
 from .intake import IntakeWindow
 from .live import missing_info
+from .pair_source import known_rectifier, no_pair_reason
 
 PERIOD_S = 1.0
 # Rates are means over this number of reports at most: a camera with one image per second must not seem to

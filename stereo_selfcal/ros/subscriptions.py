@@ -21,8 +21,8 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from ..core.geometry.homography import SIDES, Side
-from .calibration import Topics
 from .config import NodeConfig
+from .pair_source import Topics
 
 # What rmw calls the node of a publisher that was discovered before its node was.
 _UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"

@@ -12,8 +12,9 @@ from stereo_selfcal.core.camera.pairing import PairCounts, StampedPair
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import rejected
 from stereo_selfcal.ros import calibration
-from stereo_selfcal.ros.calibration import CalibrationCall, InputState, Topics
+from stereo_selfcal.ros.calibration import CalibrationCall
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
+from stereo_selfcal.ros.pair_source import InputState, Topics, no_pair_reason
 
 RIG = {"width": 4, "height": 3, "fx": 5.0, "fy": 5.0, "cx": 1.5, "cy": 1.0, "baseline_m": 0.2}
 ARRIVED = PairCounts(10, 10)
@@ -335,7 +336,7 @@ def test_impossible_rig_by_parameters_is_explained():
 def test_why_there_is_no_pair(state, changes, words):
     source = Source(**state)
     source.states.popleft()  # the state in which the call began
-    reason = calibration.no_pair_reason(source, config(**changes), ARRIVED, elapsed_s=5.0)
+    reason = no_pair_reason(source, config(**changes), ARRIVED, elapsed_s=5.0)
     assert words in reason
 
 

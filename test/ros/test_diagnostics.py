@@ -15,7 +15,6 @@ from builtin_interfaces.msg import Time
 from stereo_selfcal import CalibrationResult, Extrinsics, StereoRig
 from stereo_selfcal.core.camera.pairing import PairCounts
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
-from stereo_selfcal.ros.calibration import Topics
 from stereo_selfcal.ros.calibration_keeper import ActiveCalibration, CalibrationKeeper
 from stereo_selfcal.ros.diagnostics import (
     ERROR,
@@ -28,6 +27,7 @@ from stereo_selfcal.ros.diagnostics import (
     age_text,
     diagnostics_message,
 )
+from stereo_selfcal.ros.pair_source import Topics
 from stereo_selfcal.ros.record import FrameStatistics
 
 RIG = StereoRig(640, 480, 516.6, 516.6, 319.5, 239.5, 0.1481)

@@ -13,9 +13,9 @@ from ros_graph import image_message, info_message
 from stereo_selfcal import RigError
 from stereo_selfcal.core.camera.pairing import PairCounts, StampedPair
 from stereo_selfcal.ros import live as live_module
-from stereo_selfcal.ros.calibration import InputState, Topics
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
 from stereo_selfcal.ros.live import LiveFrame, LiveFrames, NoFrame, known_rig, missing_info
+from stereo_selfcal.ros.pair_source import InputState, Topics
 from stereo_selfcal.synth.scenes import PAPER_RIG
 
 CONFIG = NodeConfig.from_values({name: setting.default for name, setting in SETTINGS.items()})

@@ -10,8 +10,9 @@ from stereo_selfcal import Extrinsics
 from stereo_selfcal.core.camera.pairing import PairCounts, StampedPair
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import CalibrationResult, rejected
-from stereo_selfcal.ros.calibration import CalibrationCall, InputState, Topics
+from stereo_selfcal.ros.calibration import CalibrationCall
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
+from stereo_selfcal.ros.pair_source import InputState, Topics
 from stereo_selfcal.ros.record import FrameRecord, FrameReport
 from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene
 

@@ -9,10 +9,10 @@ pytest.importorskip("rclpy")
 from ros_graph import info_message
 
 from stereo_selfcal.core.camera.pairing import PairCounts
-from stereo_selfcal.ros.calibration import InputState, Topics
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
 from stereo_selfcal.ros.diagnostics import CalibrationReport
 from stereo_selfcal.ros.intake import ImageFormat, IntakeWindow
+from stereo_selfcal.ros.pair_source import InputState, Topics
 from stereo_selfcal.ros.reporter import DiagnosticsReporter
 
 CONFIG = NodeConfig.from_values({name: setting.default for name, setting in SETTINGS.items()})
