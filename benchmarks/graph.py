@@ -25,8 +25,9 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
 from stereo_selfcal import StereoRig
-from stereo_selfcal.ros import inputs, node
-from stereo_selfcal.ros.listening import SubscriptionSchedule
+from stereo_selfcal.ros import node
+from stereo_selfcal.ros.subscription_schedule import SubscriptionSchedule
+from stereo_selfcal.ros.subscriptions import CameraSubscriptions, Stream
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import PAPER_RIG, random_scene
 
@@ -129,26 +130,29 @@ def variant(kind: str) -> None:
     same, but images are not deserialised, and no use is made of them.
     """
     if kind == "kept":
-        due = SubscriptionSchedule.due
+        update = SubscriptionSchedule.update
         # What is to differ cannot be said to mypy.
-        SubscriptionSchedule.due = lambda *arguments: due(*arguments) or True  # type: ignore[method-assign]
+        SubscriptionSchedule.update = lambda *arguments: update(*arguments) or True  # type: ignore[method-assign]
     elif kind not in ("lazy", "watch"):
-        SubscriptionSchedule.due = lambda self, now_s, publishers: True  # type: ignore[method-assign]  # as above
+        SubscriptionSchedule.update = lambda *_: True  # type: ignore[method-assign]  # as above
         SubscriptionSchedule.taking = property(lambda self: True)  # type: ignore[assignment]  # as above
     if kind == "bytes":
-        subscribe: Callable = inputs.StereoInput._subscribe
+        subscribe: Callable = CameraSubscriptions._subscribe
 
-        def as_bytes(
-            self: inputs.StereoInput, message_type: type, name: str, topic: str, callback: Any, group: Any
-        ) -> Subscription:
-            if message_type is CameraInfo:
-                return subscribe(self, message_type, name, topic, callback, group)
-            self._profiles[topic] = _SENSOR_DATA
+        def as_bytes(self: CameraSubscriptions, stream: Stream, group: Any) -> Subscription:
+            if stream.message_type is CameraInfo:
+                return subscribe(self, stream, group)
+            self._profiles[stream.topic] = _SENSOR_DATA
             return self._node.create_subscription(
-                message_type, name, lambda data: None, _SENSOR_DATA, callback_group=group, raw=True
+                stream.message_type,
+                stream.name,
+                lambda data: None,
+                _SENSOR_DATA,
+                callback_group=group,
+                raw=True,
             )
 
-        inputs.StereoInput._subscribe = as_bytes
+        CameraSubscriptions._subscribe = as_bytes
     sys.exit(node.main(["--ros-args", "-p", "output_path:=''"]))
 
 

@@ -28,12 +28,12 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_srvs.srv import Trigger
 
+from stereo_selfcal.core.geometry.homography import SIDES
 from stereo_selfcal.files.result_file import RESULT_NAMES
 from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene
 
 ROOT = Path(__file__).resolve().parent.parent
 NAME = "/stereo_selfcal"
-SIDES = ("left", "right")
 RIG = PAPER_RIG
 RESULTS = [f"extrinsics.{name}" for name in RESULT_NAMES]
 

@@ -1,76 +1,29 @@
-"""One call of ``~/calibrate``: waits for fresh pairs, calibrates, and says what is missing. Needs no ROS."""
+"""One call of ``~/calibrate``: waits for new pairs, calibrates, and says what is missing. Needs no ROS."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
 from ..core.calibrator import Calibrator
 from ..core.camera.image_messages import message_to_grey
-from ..core.camera.pairing import PairCounts, StampedPair, stamp_to_s, suggest_tolerance_s
+from ..core.camera.pairing import PairCounts, StampedPair
 from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
 from ..core.errors import ImageError, RigError
 from ..core.results import CalibrationResult
 from ..core.types import Image
 from .config import NodeConfig
+from .pair_source import PairSource, known_rectifier, no_pair_reason, publishers_text
+from .record import FrameReport, calibrate_timed
 
-_CLOCK_STEP_S = 1e-3  # a call that ends at once (shutdown) must not divide by zero
-# A camera with one image per second has not stopped; one that is silent for longer is said to have.
+_CLOCK_STEP_S = 1e-3  # a call that ends at once must not divide by zero
+# After this time without a pair, the camera is said to have stopped. It may send one image per second.
 _SILENCE_S = 1.5
-# What of a CameraInfo says which camera it is; the header changes with every message.
+# The fields of a CameraInfo that identify a camera; the header changes with every message.
 _INFO_FIELDS = ("width", "height", "distortion_model", "d", "k", "r", "p")
-
-
-class Topics(NamedTuple):
-    """Full names of the topics the node listens to."""
-
-    left: str
-    right: str
-    left_info: str
-    right_info: str
-
-
-@dataclass(frozen=True, slots=True)
-class InputState:
-    """What has arrived so far.
-
-    Attributes:
-        counts: Images, pairs, drops.
-        nearest_s: Least difference of a left and a right stamp since the call began [s].
-        mismatches: Sentences about publishers that nothing can be received from.
-    """
-
-    counts: PairCounts
-    nearest_s: float | None
-    mismatches: tuple[str, ...] = ()
-
-
-class PairSource(Protocol):
-    """Where a call gets its frames from."""
-
-    @property
-    def topics(self) -> Topics:
-        """Topics of the source."""
-
-    @property
-    def state(self) -> InputState:
-        """Counts so far."""
-
-    @property
-    def stopped(self) -> bool:
-        """Whether the node shuts down: no frames will come any more."""
-
-    @property
-    def camera_infos(self) -> tuple[Any, Any]:
-        """Last CameraInfo of both cameras, None where none came."""
-
-    def publishers(self, topic: str) -> int:
-        """Return how many publishers a topic has."""
-
-    def next_pair(self, timeout_s: float) -> StampedPair[Any] | None:
-        """Wait for a pair of image messages."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,16 +46,23 @@ class CallOutcome:
 class CalibrationCall:
     """Calibrates from the frames that arrive within the timeout.
 
-    Frames that are refused do not end the call: the next one may be better. It ends with the
-    configured number of accepted frames, or with the timeout and the last reason.
+    A frame that is refused does not end the call: the next one may be better. The call ends with the
+    configured number of accepted frames, or at the timeout with the reason of the last refusal.
 
     Args:
         source: Where the frames come from.
         config: Parameters at the start of the call.
+        report: Told of every frame that was calibrated, in the thread of the call. It must return at once.
     """
 
-    def __init__(self, source: PairSource, config: NodeConfig) -> None:
+    def __init__(
+        self,
+        source: PairSource,
+        config: NodeConfig,
+        report: Callable[[FrameReport], None] | None = None,
+    ) -> None:
         self._source = source
+        self._report = report
         self._config = config
         self._calibrator: Calibrator | None = None
         self._rectifier: StereoRectifier | None = None
@@ -136,10 +96,10 @@ class CalibrationCall:
         if self._source.stopped:
             return CallOutcome("interrupted: the node shuts down")
         elapsed_s = max(time.monotonic() - start_s, _CLOCK_STEP_S)
-        return CallOutcome(self._reason(before, elapsed_s) + self._doubts())
+        return CallOutcome(self._failure(before, elapsed_s) + self._doubts())
 
     def _notice_other_cameras(self) -> None:
-        """Begin anew when CameraInfo has changed: frames of two rigs must not be fused."""
+        """Start again when CameraInfo has changed: frames of two rigs must not be fused."""
         cameras = tuple(_camera(info) for info in self._source.camera_infos)
         if self._calibrator is not None and not self._config.rig and cameras != self._cameras:
             self._camera_changes += 1
@@ -165,7 +125,10 @@ class CalibrationCall:
             self._last_rejection = str(error)
             return
         left, right = self._rectifier.apply(left, right)
-        result = self._calibrator.add(left, right, stamp_to_s(pair.stamp_ns))
+        frame = calibrate_timed(self._calibrator, left, right, pair.stamp_ns)
+        if self._report is not None:
+            self._report(frame)
+        result = frame.result
         if result.accepted:
             self._accepted += 1
         else:
@@ -177,14 +140,14 @@ class CalibrationCall:
             return rectifier
         topics, (left, right) = self._source.topics, self._source.camera_infos
         missing = [t for t, info in ((topics.left_info, left), (topics.right_info, right)) if info is None]
-        named = " and ".join(f"{topic} ({_publishers(self._source, topic)})" for topic in missing)
+        named = " and ".join(f"{topic} ({publishers_text(self._source, topic)})" for topic in missing)
         raise RigError(f"no CameraInfo on {named}: publish it or set the parameters rig.*")
 
     def _doubts(self) -> str:
-        """Return what is strange about the CameraInfo, to be added to a message."""
+        """Return what is unusual about the CameraInfo, to be added to a message."""
         return "" if self._rectifier is None else "".join(f"; {d.message}" for d in self._rectifier.doubts)
 
-    def _reason(self, before: PairCounts, elapsed_s: float) -> str:
+    def _failure(self, before: PairCounts, elapsed_s: float) -> str:
         """Return why the call ends without a result."""
         if not self._pairs:
             return no_pair_reason(self._source, self._config, before, elapsed_s)
@@ -216,73 +179,9 @@ class CalibrationCall:
 
 
 def _camera(info: Any) -> tuple[str, ...]:
-    """Return what of a CameraInfo tells one camera from another; as text, in which NaN equals itself."""
+    """Return the identity of a camera. It is text, in which NaN equals itself."""
     values = (getattr(info, name, None) for name in _INFO_FIELDS)
     return tuple(repr(value if isinstance(value, int | str | None) else list(value)) for value in values)
-
-
-def known_rectifier(source: PairSource, config: NodeConfig) -> StereoRectifier | None:
-    """Return the cameras of the parameters or of CameraInfo, None before both have come.
-
-    Raises:
-        RigError: They cannot be right.
-    """
-    rig = config.rig_from_parameters()
-    if rig is not None:
-        return StereoRectifier(rig)
-    left, right = source.camera_infos
-    if left is None or right is None:
-        return None
-    return StereoRectifier.from_camera_info(left, right, config.rectified)
-
-
-def no_pair_reason(source: PairSource, config: NodeConfig, before: PairCounts, elapsed_s: float) -> str:
-    """Return why no pair was formed: which side is missing, or how far the stamps are apart.
-
-    Args:
-        source: Where the frames should have come from.
-        config: Parameters of the node.
-        before: Counts at the beginning.
-        elapsed_s: Time since then [s].
-    """
-    state, topics = source.state, source.topics
-    added = state.counts.since(before)
-    text = (
-        f"no pair in {elapsed_s:.1f} s: left {added.left / elapsed_s:.1f} Hz, "
-        f"right {added.right / elapsed_s:.1f} Hz; "
-    )
-    silent = [topic for topic, count in ((topics.left, added.left), (topics.right, added.right)) if not count]
-    if silent:
-        named = " and ".join(f"{topic} ({_publishers(source, topic)})" for topic in silent)
-        why = "; ".join(state.mismatches) or "start the camera, remap the topic or check its QoS"
-        return f"{text}nothing arrives on {named}: {why}"
-    if state.nearest_s is None:
-        return f"{text}left and right never waited for each other: raise queue_size from {config.queue_size}"
-    nearest = f"{text}the nearest stamps differ by {state.nearest_s * 1e3:.3f} ms"
-    rate_hz = max(added.left, added.right) / elapsed_s
-    suggested_s = suggest_tolerance_s(state.nearest_s, rate_hz)
-    tolerance_s = config.approximate_sync_tolerance_seconds if config.approximate_sync else 0.0
-    if state.nearest_s > tolerance_s and suggested_s is None:
-        return (
-            f"{nearest}, more than half a frame at {rate_hz:.1f} Hz: no tolerance helps, the clocks of the "
-            "cameras have to be set alike"
-        )
-    if not config.approximate_sync:
-        return (
-            f"{nearest}: set approximate_sync, and approximate_sync_tolerance_seconds to {suggested_s:g} "
-            f"(half a frame is {500 / rate_hz:.1f} ms), or synchronise the cameras"
-        )
-    if state.nearest_s > tolerance_s:
-        return (
-            f"{nearest}, approximate_sync_tolerance_seconds allows {tolerance_s * 1e3:.3f} ms: raise it to "
-            f"{suggested_s:g} (half a frame is {500 / rate_hz:.1f} ms), or synchronise the cameras"
-        )
-    return f"{nearest}, which is tolerated, but none was formed: raise queue_size from {config.queue_size}"
-
-
-def _publishers(source: PairSource, topic: str) -> str:
-    count = source.publishers(topic)
-    return "1 publisher" if count == 1 else f"{count} publishers"
 
 
 def _grey(message: Any, topic: str) -> Image:

@@ -13,21 +13,21 @@ from ..core.errors import ConfigError, RigError
 from ..files.exports import parse_exports
 from ..files.node_settings import RIG_PREFIX, all_settings, is_calibrator_setting
 
-# Parameters whose value here is not the text that was given.
+# Parameters that are text and have another type here.
 _CONVERTED = ("output_path", "exports")
 SETTINGS = {setting.name: setting for setting in all_settings()}
 
 
 @dataclass(frozen=True, slots=True)
 class NodeConfig:
-    """The parameters at one moment; the names are theirs.
+    """The values of the parameters at one moment, under the same names.
 
     Attributes:
         approximate_sync: Whether the stamps of a pair may differ.
-        approximate_sync_tolerance_seconds: By how much [s].
+        approximate_sync_tolerance_seconds: Greatest difference of the stamps of a pair [s].
         queue_size: Images of each side that wait for a partner, and pairs for the calibrator.
         image_transport: "raw" or "compressed".
-        rectified: Whether the images are; False: they are undistorted and rectified here.
+        rectified: Whether the images are rectified. If not, the node undistorts and rectifies them.
         output_path: The result file, None for none.
         timeout_s: How long a call waits for usable frames [s].
         frames: Accepted frames fused per call.
@@ -63,8 +63,8 @@ class NodeConfig:
         """Build from all parameter values by dotted name.
 
         Raises:
-            ConfigError: A value is not one of its choices, empty where a name is needed, or does not
-                go with another.
+            ConfigError: A value is not one of its choices, is empty where a name is needed, or
+                contradicts another.
         """
         for name, setting in SETTINGS.items():
             if setting.choices and values[name] not in setting.choices:
@@ -99,7 +99,7 @@ class NodeConfig:
         """Return the rig of ``rig.*``, None when it is to come from CameraInfo.
 
         Raises:
-            RigError: Some values are given and others not, or they cannot be right.
+            RigError: Some values are given and others not, or they are invalid.
         """
         if not self.rig:
             return None
@@ -122,7 +122,7 @@ def _exports(text: str, output_path: str) -> tuple[str, ...]:
 
 
 def _check_tf_frames(road_frame: str, camera_frame: str) -> None:
-    """Refuse frames that tf2 would refuse, or that would make the tree a loop."""
+    """Refuse frames that tf2 would refuse, or that would make a loop of the tree."""
     if road_frame == camera_frame:
         raise ConfigError(
             f"road_frame and camera_frame are both {road_frame!r}: with publish_tf they must differ"

@@ -91,7 +91,7 @@ def run_demo(bag: Path, output_dir: Path) -> int:
 
 def _calibrate_live(bag: Path, result_path: Path) -> Answer:
     """Start the node, play the recording, call the service, end everything."""
-    # Nothing leaves this machine, and nothing on it is disturbed, unless the user chose a domain.
+    # By default nothing leaves this machine, and no other node on it is disturbed.
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % _HIGHEST_DOMAIN))
     rclpy.init(args=[])
@@ -121,7 +121,7 @@ def _node_process(player: BagPlayer, result_path: Path) -> Iterator[subprocess.P
         "right/camera_info": right.camera_info,
     }
     parameters = {
-        # Values of -p are YAML: a quoted word stays a word whatever is in it.
+        # Values of -p are YAML: a quoted value stays text.
         "output_path": "'" + str(result_path.absolute()).replace("'", "''") + "'",
         "image_transport": "compressed" if compressed else "raw",
         "timeout_s": str(_CALL_TIMEOUT_S),

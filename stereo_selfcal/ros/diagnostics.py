@@ -1,13 +1,13 @@
-"""What goes to ``/diagnostics``, from a plain snapshot of the node; needs no graph.
+"""The message for ``/diagnostics``, made from a plain snapshot of the node; needs no graph.
 
-There is one status for each thing a person can mend, and its level says who is needed:
+There is one status for each thing a person can mend. Its level says what is to be done:
 
-* OK: nobody.
-* WARN: somebody should look: nothing arrives, nothing is calibrated yet, the last call was refused.
-* ERROR: it cannot work before somebody changes something: a CameraInfo that contradicts itself, a
-  QoS that does not match, an encoding that cannot be read, an invalid calibration.
-* STALE is never sent: it is what diagnostic_aggregator and rqt_robot_monitor make of a node that is
-  silent for some seconds.
+* OK: nothing.
+* WARN: somebody should look. Nothing arrives, nothing is calibrated yet, or the last call was refused.
+* ERROR: it cannot work before somebody changes something. A CameraInfo contradicts itself, a QoS does not
+  match, an encoding cannot be read, or the calibration is invalid.
+* STALE is never sent. diagnostic_aggregator and rqt_robot_monitor show it for a node that is silent for some
+  seconds.
 """
 
 from __future__ import annotations
@@ -23,12 +23,13 @@ from ..core.camera.pairing import PairCounts
 from ..core.camera.rig import StereoRig
 from ..core.rejection import Rejection
 from ..core.results import describe
-from .calibration import Topics
-from .record import ActiveCalibration, FrameStatistics
+from .calibration_keeper import ActiveCalibration
+from .pair_source import Topics
+from .record import FrameStatistics
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
-# By the word of the state. What is not known is nothing to rely on.
+# By the word of the state; an unknown state is a warning.
 _STATE_LEVELS = {"calibrating": OK, "calibrated": OK, "uncalibrated": WARN, "suspect": WARN, "invalid": ERROR}
 _LEAST_ELAPSED_S = 1e-3  # two reports at once must not divide by zero
 _AGE_UNITS = ((86400, "d"), (3600, "h"), (60, "min"), (1, "s"))
@@ -36,22 +37,22 @@ _AGE_UNITS = ((86400, "d"), (3600, "h"), (60, "min"), (1, "s"))
 
 @dataclass(frozen=True, slots=True)
 class CalibrationReport:
-    """The calibration and how it came about.
+    """The state of the calibration.
 
     Attributes:
         state: Word of the state: uncalibrated, calibrating, calibrated, suspect, invalid.
         reason: Why it is in this state, one sentence.
-        in_force: The calibration the node stands by, None if there is none.
+        active: The active calibration, None if there is none.
         age_s: Its age [s].
         last_answer: What the last call answered.
-        last_success: Whether that was a result, None before the first call.
+        last_success: Whether the last call found a result, None before the first call.
         frames: Frames so far.
-        watch: What the watch has to say, one sentence.
+        watch: What the watch has found, one sentence.
     """
 
     state: str
     reason: str = ""
-    in_force: ActiveCalibration | None = None
+    active: ActiveCalibration | None = None
     age_s: float = 0.0
     last_answer: str = "not called yet"
     last_success: bool | None = None
@@ -61,19 +62,19 @@ class CalibrationReport:
 
 @dataclass(frozen=True, slots=True)
 class ImagesReport:
-    """What arrives.
+    """The images that arrive.
 
     Attributes:
         counts: Images and pairs so far.
         added: The same within the last ``elapsed_s``.
         elapsed_s: Time over which rates are measured [s].
-        listening: False while images are not wanted, so that none arrive.
+        receiving: Whether images are taken now; they are not while nobody wants them.
         age_s: Time since the rates were measured [s].
         no_pair: Why there was no pair within that time, "" if there was one.
         nearest_s: Least difference of a left and a right stamp [s], None before the first.
         topics: Names of the topics.
         publishers: Publishers of the left and of the right images.
-        drops: Images that were not used, by reason, besides those without a partner.
+        drops: Number of images that were not used, by reason, besides those without a partner.
         formats: Size and encoding of the images by side.
         incompatible_qos: Sentences about publishers whose QoS does not match, with both policies.
         unusable: Sentences about images that cannot be read.
@@ -82,7 +83,7 @@ class ImagesReport:
     counts: PairCounts
     added: PairCounts
     elapsed_s: float
-    listening: bool = True
+    receiving: bool = True
     age_s: float = 0.0
     no_pair: str = ""
     nearest_s: float | None = None
@@ -96,14 +97,14 @@ class ImagesReport:
 
 @dataclass(frozen=True, slots=True)
 class CameraInfoReport:
-    """What is known of the cameras.
+    """The cameras, as far as they are known.
 
     Attributes:
         source: "CameraInfo", or "parameters rig.*".
         rig: The rig, None as long as it is not known.
-        missing: Sentence about a CameraInfo that has not come yet, "" when it has.
-        faults: Sentences about what cannot be right.
-        doubts: Sentences about what is strange, though it can be worked with.
+        missing: Sentence about each CameraInfo that has not come yet, "" when both have.
+        faults: Sentences about what is invalid.
+        doubts: Sentences about what is unusual, but usable.
     """
 
     source: str
@@ -115,15 +116,15 @@ class CameraInfoReport:
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """What the node knows of itself when it reports.
+    """The state of the node at the time of a report.
 
     Attributes:
         node: Full name of the node.
         road_frame: Frame of the road.
-        camera_frame: Frame of the camera: the hardware the report is about.
+        camera_frame: Frame of the camera, reported as the hardware id.
         calibration: The calibration.
-        images: What arrives.
-        camera_info: What is known of the cameras.
+        images: The images that arrive.
+        camera_info: The cameras.
     """
 
     node: str
@@ -139,7 +140,7 @@ def diagnostics_message(stamp: Time, snapshot: Snapshot) -> DiagnosticArray:
 
     Args:
         stamp: Time of the report.
-        snapshot: What is to be reported.
+        snapshot: State of the node.
     """
     parts = {
         "calibration": _calibration(snapshot),
@@ -162,12 +163,12 @@ def diagnostics_message(stamp: Time, snapshot: Snapshot) -> DiagnosticArray:
 
 
 def age_text(age_s: float) -> str:
-    """Return a time for people: the two largest units, ``5 min 12 s``."""
+    """Return a time as text of its two largest units: ``5 min 12 s``."""
     if not math.isfinite(age_s):
         return "unknown"
-    left_s, parts = max(0, int(age_s)), []
+    remainder_s, parts = max(0, int(age_s)), []
     for size_s, unit in _AGE_UNITS:
-        number, left_s = divmod(left_s, size_s)
+        number, remainder_s = divmod(remainder_s, size_s)
         if number or unit == "s":
             parts.append(f"{number} {unit}")
         elif parts:
@@ -195,45 +196,45 @@ def _verdict(report: CalibrationReport) -> tuple[bytes, str]:
     """Return level and sentence of the calibration."""
     level = _STATE_LEVELS.get(report.state, WARN)
     refused = report.last_success is False
-    if report.in_force is None:
+    if report.active is None:
         if report.state == "calibrating":
             return level, "calibrating"
         return level, f"{report.state}: {report.last_answer if refused else report.reason}"
-    text = f"{report.state}: {_described(report.in_force)}, {age_text(report.age_s)} old"
+    text = f"{report.state}: {_described(report.active)}, {age_text(report.age_s)} old"
     if level != OK:
-        text = f"{report.state}: {report.reason}; {_described(report.in_force)}"
+        text = f"{report.state}: {report.reason}; {_described(report.active)}"
     if level == OK and report.state != "calibrating":
         if refused:
             return (
                 WARN,
                 f"the last call was refused: {report.last_answer}; what was found before stays in force",
             )
-        if report.in_force.save_failed:
-            return WARN, f"{text}; {report.in_force.saved}"
+        if report.active.save_failed:
+            return WARN, f"{text}; {report.active.saved}"
     return level, text
 
 
-def _described(in_force: ActiveCalibration) -> str:
-    extrinsics, std = in_force.result.extrinsics, in_force.result.std
+def _described(active: ActiveCalibration) -> str:
+    extrinsics, std = active.result.extrinsics, active.result.std
     return "no numbers" if extrinsics is None or std is None else describe(extrinsics, std)
 
 
 def _estimate(report: CalibrationReport) -> dict[str, str]:
-    """Return the calibration in force, in units for people."""
-    in_force = report.in_force
-    pose, std = (None, None) if in_force is None else (in_force.result.extrinsics, in_force.result.std)
-    if in_force is None or pose is None or std is None:
+    """Return the active calibration as text."""
+    active = report.active
+    pose, std = (None, None) if active is None else (active.result.extrinsics, active.result.std)
+    if active is None or pose is None or std is None:
         return dict.fromkeys(("age", "height", "pitch", "roll"), "none")
     values = {
         "age": age_text(report.age_s),
         "height": f"{pose.height_m:.4f} m (std {std.height_m * 1e3:.1f} mm)",
         "pitch": f"{math.degrees(pose.pitch_rad):+.4f} deg (std {math.degrees(std.pitch_rad):.4f})",
         "roll": f"{math.degrees(pose.roll_rad):+.4f} deg (std {math.degrees(std.roll_rad):.4f})",
-        "from_frames": str(in_force.result.n_frames),
-        "saved": in_force.saved or "no",
+        "from_frames": str(active.result.n_frames),
+        "saved": active.saved or "no",
     }
-    if in_force.result.notes:
-        values["notes"] = "; ".join(in_force.result.notes)
+    if active.result.notes:
+        values["notes"] = "; ".join(active.result.notes)
     return values
 
 
@@ -269,7 +270,7 @@ def _images(report: ImagesReport) -> _Part:
     values |= {f"dropped_{reason}": str(count) for reason, count in report.drops.items()}
     nearest = "not measured" if report.nearest_s is None else f"{report.nearest_s * 1e3:.3f} ms"
     values["nearest_stamp_difference"] = nearest
-    values["rates_measured"] = "now" if report.listening else f"{age_text(report.age_s)} ago"
+    values["rates_measured"] = "now" if report.receiving else f"{age_text(report.age_s)} ago"
     values |= {f"{side}_format": text for side, text in report.formats.items()}
     if report.topics is not None:
         values |= {"left_topic": report.topics.left, "right_topic": report.topics.right}
@@ -279,9 +280,9 @@ def _images(report: ImagesReport) -> _Part:
     faults = (*report.incompatible_qos, *report.unusable)
     if faults:
         return ERROR, "; ".join(faults), values
-    ago = "" if report.listening else f"; looked at {age_text(report.age_s)} ago, as nobody wants images"
+    ago = "" if report.receiving else f"; looked at {age_text(report.age_s)} ago, as nobody wants images"
     if not added.pairs:
-        if not report.listening and not report.no_pair:
+        if not report.receiving and not report.no_pair:
             return OK, "not listening: images are read when they are wanted", values
         return WARN, (report.no_pair or f"no pairs: left {rates[0]} Hz, right {rates[1]} Hz") + ago, values
     return OK, f"{rates[2]} pairs per second (left {rates[0]} Hz, right {rates[1]} Hz){ago}", values

@@ -1,4 +1,4 @@
-"""Single frames from the input for whoever wants to see what is there now, while no call takes them."""
+"""Single current frames, for the watch and the pictures, while no call of ``~/calibrate`` takes them."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ..core.camera.image_messages import message_to_grey
 from ..core.camera.rig import StereoRig
 from ..core.errors import ImageError, RigError
 from ..core.types import Image
-from .calibration import PairSource, known_rectifier, no_pair_reason
 from .config import NodeConfig
 from .inputs import StereoInput
+from .pair_source import PairSource, known_rectifier, no_pair_reason
 
-# A call that comes while a single frame is being waited for takes over after this time at most.
+# While somebody waits for a single frame, a call takes the input over after this time at most.
 _SLICE_S = 0.05
-_CLOCK_STEP_S = 1e-3
+_CLOCK_STEP_S = 1e-3  # a wait that ends at once must not divide by zero
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,10 +27,10 @@ class LiveFrame:
     """A frame that was not calibrated.
 
     Attributes:
-        left: (H, W) uint8 image of the left camera, rectified as soon as the rig is known.
+        left: (H, W) uint8 image of the left camera; rectified where the rig is known.
         right: The same of the right camera.
-        rig: Their rig, None as long as it is not known.
-        problem: Why it is not, "" otherwise.
+        rig: The rig, None as long as it is not known.
+        problem: Why the rig is not known, "" otherwise.
         stamp_ns: Stamp of the frame [ns].
     """
 
@@ -52,21 +52,21 @@ def known_rig(source: PairSource, config: NodeConfig) -> StereoRig | None:
     """Return the rig of the parameters or of CameraInfo, None before both have come.
 
     Raises:
-        RigError: It cannot be right.
+        RigError: The rig is invalid.
     """
     rectifier = known_rectifier(source, config)
     return None if rectifier is None else rectifier.rig
 
 
 def missing_info(source: PairSource) -> str:
-    """Return the sentence about a CameraInfo that has not come, "" when both have."""
+    """Return a sentence about each CameraInfo that has not come, "" when both have."""
     infos = zip((source.topics.left_info, source.topics.right_info), source.camera_infos, strict=True)
     missing = [f"{topic} (publishers: {source.publishers(topic)})" for topic, info in infos if info is None]
     return f"no CameraInfo on {' and '.join(missing)}: publish it or set rig.*" if missing else ""
 
 
 class LiveFrames:
-    """Shares the input between calls, which need every frame, and those that look at one now and then.
+    """Shares the input between calls, which need every frame, and users of single frames. A call goes first.
 
     Args:
         source: The input.
@@ -81,7 +81,7 @@ class LiveFrames:
 
     @contextmanager
     def all(self) -> Iterator[StereoInput]:
-        """Have the input alone, from fresh frames on; one thread at a time."""
+        """Take the input over for a call; its frames arrive from now on. One thread at a time."""
         self._claimed.set()
         with self._taking:
             self._source.begin()
@@ -92,7 +92,7 @@ class LiveFrames:
                 self._claimed.clear()
 
     def one(self, timeout_s: float) -> LiveFrame | NoFrame | None:
-        """Wait for a frame; None when a call has the input, or takes it meanwhile.
+        """Wait for a frame and return it, or why there is none; None when a call has or takes the input.
 
         Args:
             timeout_s: How long to wait [s].

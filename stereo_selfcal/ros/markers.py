@@ -21,8 +21,8 @@ from .messages import quaternion_message, time_message
 _ROAD_THICKNESS_M = 0.01
 _ROAD_OPACITY = 0.5
 _LINE_WIDTH_M = 0.12  # of painted lane lines (RMS and VwV-StVO: 0.12 and 0.15 m)
-_LINE_HEIGHT_M = 0.02  # over the road, so that it is not hidden in it
-_LINE_FAR_M = 2 * GRID_FAR_M  # beyond, a pixel is many metres
+_LINE_HEIGHT_M = 0.02  # over the road, so that the road does not hide it
+_LINE_FAR_M = 2 * GRID_FAR_M  # beyond it, a pixel spans many metres
 _LINE_POINTS = 16
 _ARROW_M = (1.0, 0.08, 0.16)  # length, width, height
 _TEXT_M = 0.25
@@ -50,7 +50,7 @@ def lanes_on_road(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics) 
 def markers_message(
     extrinsics: Extrinsics, lanes: tuple[Array, ...], road_frame: str, stamp_ns: int
 ) -> MarkerArray:
-    """Return the markers of a result; they stay until the next ones take their place.
+    """Return the markers of a result; those of the next result replace them.
 
     Args:
         extrinsics: The calibration.
@@ -60,7 +60,10 @@ def markers_message(
     """
     road = Marker(ns="road", type=Marker.CUBE, color=_colour(DARK, _ROAD_OPACITY))
     road.scale.x, road.scale.y, road.scale.z = GRID_FAR_M, 2 * GRID_HALF_WIDTH_M, _ROAD_THICKNESS_M
-    road.pose.position.x, road.pose.position.z = GRID_FAR_M / 2, -_ROAD_THICKNESS_M / 2  # its top is the road
+    road.pose.position.x, road.pose.position.z = (
+        GRID_FAR_M / 2,
+        -_ROAD_THICKNESS_M / 2,
+    )  # its top is the road surface
 
     arrow = Marker(ns="camera", type=Marker.ARROW, color=_colour(SKY_BLUE))
     arrow.scale.x, arrow.scale.y, arrow.scale.z = _ARROW_M
@@ -81,12 +84,12 @@ def markers_message(
 
 
 def no_markers_message() -> MarkerArray:
-    """Return what deletes all markers."""
+    """Return the message that deletes all markers."""
     return MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
 
 
 def _lane(lanes: tuple[Array, ...], number: int) -> Marker:
-    """Return the marker of one lane line, or what deletes it."""
+    """Return the marker of one lane line, or the one that deletes it."""
     marker = Marker(ns="lane_lines", id=number, type=Marker.LINE_STRIP, color=_colour(VERMILION))
     marker.scale.x = _LINE_WIDTH_M
     points = lanes[number] if number < len(lanes) else ()

@@ -7,21 +7,24 @@ import gc
 from contextlib import suppress
 
 _M_ARENA_MAX = -8  # of mallopt(3), malloc.h of glibc
+# The heap is trimmed one tick after the unsubscribing: until then an image may still be in a callback.
+_TICKS_BEFORE_TRIMMING = 2
 
 
 def use_one_heap() -> None:
     """Have no thread from now on get a heap of its own.
 
-    By default each has one, which keeps what a calibration took for the next one in that thread: the node
-    grew by 30 MiB in its first minutes. Python's own lock lets one thread allocate at a time anyway.
-    (Importing rclpy starts threads that get two heaps before the node can ask: all share these three.)
+    By default each thread has its own heap, which keeps the memory of a calibration for the next one in that
+    thread: the node grew by 30 MiB in its first minutes. One heap costs no time, because Python's lock lets
+    only one thread allocate at a time. (Importing rclpy starts threads that get two heaps before the node can
+    ask. All threads share these three.)
     """
     with suppress(AttributeError, OSError):
         ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 1)
 
 
 def trim_heap() -> None:
-    """Give back what is not in use: 25 MiB after a frame of 1280 x 720, 5 after a look.
+    """Return unused memory to the system: 25 MiB after a frame of 1280 x 720, 5 MiB after a probe.
 
     Takes some milliseconds at most.
     """
@@ -29,11 +32,28 @@ def trim_heap() -> None:
         ctypes.CDLL(None).malloc_trim(0)
 
 
-def spare_what_stays() -> None:
-    """Have the garbage collector leave alone what there is now: modules and the node, which stay to the end.
+class HeapTrimmer:
+    """Trims the heap once after each time the images were unsubscribed."""
 
-    It would go through all of it now and then, for 20 to 60 ms in which Python's lock is held and nothing is
-    answered. What is made from now on is collected as ever.
+    def __init__(self) -> None:
+        self._ticks = 0
+
+    def tick(self, subscribed: bool) -> None:
+        """Count a tick, and trim the heap when it is the one to do so.
+
+        Args:
+            subscribed: Whether the images are subscribed to.
+        """
+        self._ticks = 0 if subscribed else self._ticks + 1
+        if self._ticks == _TICKS_BEFORE_TRIMMING:
+            trim_heap()
+
+
+def spare_what_stays() -> None:
+    """Have the garbage collector ignore what exists now: modules and the node, which stay to the end.
+
+    It would go through all of it now and then. That took 20 to 60 ms, in which Python's lock is held and the
+    node answers nothing. Later objects are collected as usual.
     """
     gc.collect()
     gc.freeze()

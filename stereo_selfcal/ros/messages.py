@@ -1,4 +1,4 @@
-"""The messages the node publishes of a result, and pictures as messages."""
+"""Messages of results and pictures."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from ..core.types import Array, Image
 
 _NS_PER_S = 1_000_000_000
 
-# Rows of (height_m, pitch_rad, roll_rad) in the 6 x 6 covariance of a pose, whose order is
-# x, y, z, rotation about X, about Y, about Z; the rotations are about fixed axes, and
-# R_y(pitch) R_x(roll) turns about the fixed X by roll, then about the fixed Y by pitch.
+# Rows of (height_m, pitch_rad, roll_rad) in the 6 x 6 covariance of a pose. Its order is x, y, z, and the
+# rotations about the fixed axes X, Y, Z. R_y(pitch) R_x(roll) turns about the fixed X by roll, then about the
+# fixed Y by pitch.
 _POSE_ROWS = (2, 4, 3)
 
 
@@ -45,11 +45,11 @@ def extrinsics_message(node: str, stamp_ns: int, parameters: Mapping[str, float]
 
 
 def deleted_message(node: str, stamp_ns: int, names: Iterable[str]) -> ParameterEvent:
-    """Return the parameter event that takes a result back.
+    """Return the parameter event that withdraws a result.
 
     Args:
         node: Full name of the node that held the parameters.
-        stamp_ns: When it is taken back [ns].
+        stamp_ns: Time of the withdrawal [ns].
         names: Full names of the parameters; they are in ``deleted_parameters``.
     """
     deleted = [Parameter(name, Parameter.Type.NOT_SET).to_parameter_msg() for name in names]
@@ -81,8 +81,8 @@ def pose_message(
     message.header.frame_id = road_frame
     message.pose.pose.position.z = float(extrinsics.height_m)
     message.pose.pose.orientation = quaternion_message(extrinsics)
-    # x, y and yaw are not estimated but zero by definition: the road frame lies under the camera
-    # and points along its heading. Their variance is zero, which is exact and not "unknown".
+    # x, y and yaw are zero by definition: the road frame lies under the camera and points along its heading.
+    # Their variance is exactly zero.
     pose_covariance = np.zeros((6, 6))
     pose_covariance[np.ix_(_POSE_ROWS, _POSE_ROWS)] = covariance
     message.pose.covariance = pose_covariance.ravel()
@@ -120,5 +120,5 @@ def image_message(picture: Image, frame: str, stamp_ns: int) -> ImageMessage:
     message = ImageMessage(height=height, width=width, encoding="bgr8", step=3 * width)
     message.header.stamp = time_message(stamp_ns)
     message.header.frame_id = frame
-    message.data = array("B", picture.tobytes())  # anything else is checked byte by byte
+    message.data = array("B", picture.tobytes())  # rclpy checks other types byte by byte
     return message

@@ -1,4 +1,4 @@
-"""The continuous watch: one frame every ``monitor_period_s``, through the same calibrator as all others."""
+"""The continuous watch: calibrates one frame every ``monitor_period_s``, as a call of ~/calibrate would."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from collections.abc import Callable
 from typing import Any
 
 from ..core.calibrator import Calibrator
-from ..core.camera.pairing import stamp_to_s
 from .config import NodeConfig
 from .live import LiveFrame, NoFrame
 from .memory import trim_heap
-from .record import FrameReport
+from .record import FrameReport, calibrate_timed
 
-# How soon a changed period is noticed, and cameras that are others than before.
-_TICK_S = 0.5
+# The longest wait at a time: a changed period, and cameras other than before, are noticed after it.
+TICK_S = 0.5
 
 
 class Monitor:
-    """Calibrates a frame now and then, in a thread of its own.
+    """Calibrates a frame each period, in a thread of its own.
 
     Args:
         take: Returns a current frame, why there is none, or None while a call has them all; its
             argument is how long it may wait [s].
         config: Returns the parameters.
-        check: Called a few times a second, in this thread; returns whether frames are wanted.
-        report: Told every frame that was calibrated, in this thread.
-        alive: Whether the node is: after a shutdown everything fails, which is no news.
-        logger: Of the node, for what should never happen.
+        check: Returns whether frames are wanted. Called a few times a second, in this thread.
+        report: Told of every frame that was calibrated, in this thread.
+        alive: Returns whether the node is alive. After a shutdown everything fails, and no error is logged.
+        logger: Logger of the node, for errors that should never happen.
+        clock: Steady time [s], for tests.
     """
 
     def __init__(
@@ -40,6 +40,7 @@ class Monitor:
         report: Callable[[FrameReport], None],
         alive: Callable[[], bool],
         logger: Any,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._take = take
         self._config = config
@@ -47,6 +48,7 @@ class Monitor:
         self._report = report
         self._alive = alive
         self._logger = logger
+        self._clock = clock
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name="monitor", daemon=True)
 
@@ -55,7 +57,7 @@ class Monitor:
         self._thread.start()
 
     def cancel(self) -> None:
-        """End the watch with the frame it is at; what fails from now on is no news."""
+        """End the watch after the present frame; no error is logged from now on."""
         self._stopped.set()
 
     def stop(self) -> None:
@@ -70,27 +72,23 @@ class Monitor:
         frame = self._take(config.monitor_period_s)
         if not isinstance(frame, LiveFrame) or frame.rig is None:
             return
-        start_s = time.monotonic()
-        # A new one for each frame: it would gather all it has accepted.
-        result = Calibrator(frame.rig, config.calibrator).add(
-            frame.left, frame.right, stamp_to_s(frame.stamp_ns)
-        )
-        elapsed_s = time.monotonic() - start_s
-        self._report(FrameReport(frame.left, frame.right, frame.rig, result, frame.stamp_ns, elapsed_s))
+        # A new calibrator for each frame: it would fuse all frames it has accepted.
+        calibrator = Calibrator(frame.rig, config.calibrator)
+        self._report(calibrate_timed(calibrator, frame.left, frame.right, frame.stamp_ns))
 
     def _run(self) -> None:
         last_s, delay_s = -float("inf"), 0.0
         while not self._stopped.wait(delay_s):
-            delay_s = _TICK_S
+            delay_s = TICK_S
             try:
                 wanted, period_s = self._check(), self._config().monitor_period_s
                 if not wanted or not period_s:
                     continue
-                if time.monotonic() >= last_s + period_s:
-                    last_s = time.monotonic()
+                if self._clock() >= last_s + period_s:
+                    last_s = self._clock()
                     self.step()
                     trim_heap()
-                delay_s = max(0.0, min(last_s + period_s - time.monotonic(), _TICK_S))
+                delay_s = max(0.0, min(last_s + period_s - self._clock(), TICK_S))
             except Exception:  # noqa: BLE001 - a frame that fails must not end the watch
                 if self._alive() and not self._stopped.is_set():
                     self._logger.error(

@@ -17,20 +17,20 @@ from ..files.result_file import NODE_NAME
 from .memory import spare_what_stays, use_one_heap
 from .selfcal import SelfcalNode
 
-# Parameter services, timer, images, one call of ~/calibrate that waits, and one that is told "busy".
+# For: parameter services, timer, images, a call of ~/calibrate that waits, and a second call, told "busy".
 _THREADS = 5
-# Fast DDS crashed in 2 of some 440 measured ends when a service was destroyed while the
-# acknowledgement of its last answer may have been on its way; with the pause in none of 571.
+# Pause between the last answer and the end of the services. Without it, Fast DDS crashed in 2 of some 440
+# shutdowns, probably as the acknowledgement of the answer came late. With it, it crashed in none of 571.
 _CALM_S = 0.2
 _EXIT_BAD_USAGE = 2
 _LOG_PERIOD_S = 5.0
 
 
-class _Executor(MultiThreadedExecutor):  # type: ignore[misc]
-    """Executor that can be waited for."""
+class _Executor(MultiThreadedExecutor):  # type: ignore[misc]  # rclpy has no types
+    """An executor whose callbacks can be waited for."""
 
     def finish(self) -> None:
-        """Wait for the callbacks in flight, before the node is taken from under them.
+        """Wait for the running callbacks, before the node is destroyed.
 
         ``shutdown()`` of rclpy 7 is meant to wait and does not.
         """
@@ -51,7 +51,7 @@ def _spin(executor: MultiThreadedExecutor) -> None:
                 for node in executor.get_nodes():
                     node.get_logger().error(
                         f"a callback failed:\n{traceback.format_exc()}",
-                        throttle_duration_sec=_LOG_PERIOD_S,  # whoever asks wrongly may do so at any rate
+                        throttle_duration_sec=_LOG_PERIOD_S,  # bad requests may come at any rate
                     )
 
 
@@ -82,7 +82,7 @@ def _run(arguments: list[str]) -> None:
 def _without_ros_arguments(arguments: list[str]) -> list[str]:
     try:
         return list(remove_ros_args(arguments))
-    except RuntimeError as error:  # rcl has several, all of them this
+    except RuntimeError as error:  # base class of those of rcl
         raise ConfigError(f"wrong ROS arguments: {_one_line(error)}") from error
 
 

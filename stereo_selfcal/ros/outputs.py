@@ -23,7 +23,7 @@ from .markers import markers_message, no_markers_message
 from .messages import deleted_message, extrinsics_message, pose_message, transform_message
 from .parameters import NodeParameters
 
-# The default callback group runs only short work; longer than this means it hangs.
+# The default callback group runs only short work: after this time it is taken to hang.
 _PUBLISH_TIMEOUT_S = 10.0
 _SHUTDOWN = "the node shuts down: nothing is published any more"
 _LATCHED = QoSProfile(
@@ -39,7 +39,7 @@ class Publication:
         result: An accepted result.
         config: Parameters it is published with.
         stamp_ns: Stamp of the (last) frame [ns].
-        lanes: Lane lines of the last frame on the road, each (N, 2) [m], as far as they are known.
+        lanes: Lane lines of the last frame on the road, each (N, 2) [m]; empty where they are not known.
     """
 
     result: CalibrationResult
@@ -49,8 +49,8 @@ class Publication:
 
 
 @dataclass(slots=True, eq=False)
-class _Order:
-    """A publication on its way from another thread to the default callback group."""
+class _Request:
+    """What the default callback group is to do for another thread: publish, or withdraw where it is None."""
 
     publication: Publication | None
     done: threading.Event = field(default_factory=threading.Event)
@@ -75,15 +75,15 @@ class Outputs:
         self._pose = node.create_publisher(PoseWithCovarianceStamped, "~/pose", _LATCHED)
         self._markers = node.create_publisher(MarkerArray, "~/markers", _LATCHED)
         self._transform = _transform_broadcaster(node) if parameters.config.publish_tf else None
-        # Published from the default callback group, in which the parameter services run.
-        self._order: _Order | None = None
+        # Done in the default callback group, in which the parameter services run.
+        self._request: _Request | None = None
         self._stopped = False
         self._guard = node.create_guard_condition(self._on_guard)
 
     def publish(self, publication: Publication) -> None:
         """Publish from the default callback group, and wait until it is done.
 
-        One thread at a time, and none of that group.
+        To be called by one thread at a time, and from no callback of that group.
 
         Raises:
             OutputError: The result is a rejection, or holds NaN or infinity; or the node shuts down.
@@ -92,23 +92,23 @@ class Outputs:
         self._do(publication)
 
     def withdraw(self) -> None:
-        """Take back what was published; from which thread and with which errors, see :meth:`publish`.
+        """Withdraw what was published; callers and errors as of :meth:`publish`.
 
-        The parameters have no value any more, ``~/extrinsics`` says that they were deleted, and the markers
-        go. ``~/pose`` and ``/tf_static`` have no way to say so.
+        The parameters lose their values, ``~/extrinsics`` says that they were deleted, and the markers are
+        deleted. ``~/pose`` and ``/tf_static`` cannot express it.
         """
         self._do(None)
 
     def _do(self, publication: Publication | None) -> None:
-        order = _Order(publication)
-        self._order = order
-        if self._stopped:  # after the order is given, so that one of both sees the other
+        request = _Request(publication)
+        self._request = request
+        if self._stopped:  # asked after the request is set, so that it is not missed by stop()
             raise OutputError(_SHUTDOWN)
         self._guard.trigger()
-        if not order.done.wait(_PUBLISH_TIMEOUT_S):
+        if not request.done.wait(_PUBLISH_TIMEOUT_S):
             raise TimeoutError(f"the result was not published within {_PUBLISH_TIMEOUT_S} s")
-        if order.error is not None:
-            raise order.error
+        if request.error is not None:
+            raise request.error
 
     def publish_now(self, publication: Publication) -> None:
         """Publish; to be called from the default callback group, or before the node is spun.
@@ -120,7 +120,7 @@ class Outputs:
         parameters = result_parameters(result)
         extrinsics, covariance = result.extrinsics, result.covariance
         assert extrinsics is not None and covariance is not None
-        # All are made before the first goes out.
+        # All messages are made before the first is published: an error leaves nothing half published.
         event = extrinsics_message(self._node.get_fully_qualified_name(), stamp_ns, parameters)
         pose = pose_message(extrinsics, covariance, config.road_frame, stamp_ns)
         markers = markers_message(extrinsics, publication.lanes, config.road_frame, stamp_ns)
@@ -133,15 +133,15 @@ class Outputs:
             self._transform.sendTransform(transform)
 
     def stop(self) -> None:
-        """End the waiting of whoever publishes: the node shuts down, and nobody will do it."""
+        """End the waiting in :meth:`publish`: the node shuts down, and the request will not be served."""
         self._stopped = True
-        order, self._order = self._order, None
-        if order is not None:
-            order.error = OutputError(_SHUTDOWN)
-            order.done.set()
+        request, self._request = self._request, None
+        if request is not None:
+            request.error = OutputError(_SHUTDOWN)
+            request.done.set()
 
     def withdraw_now(self) -> None:
-        """Take back; to be called as :meth:`publish_now`."""
+        """Withdraw what was published; to be called as :meth:`publish_now`."""
         self._parameters.withdraw_result()
         stamp_ns = int(self._node.get_clock().now().nanoseconds)
         names = [RESULT_PREFIX + name for name in RESULT_NAMES]
@@ -149,22 +149,22 @@ class Outputs:
         self._markers.publish(no_markers_message())
 
     def _on_guard(self) -> None:
-        order, self._order = self._order, None
-        if order is None:
+        request, self._request = self._request, None
+        if request is None:
             return
         try:
-            if order.publication is None:
+            if request.publication is None:
                 self.withdraw_now()
             else:
-                self.publish_now(order.publication)
+                self.publish_now(request.publication)
         except Exception as error:  # noqa: BLE001 - raised again in the thread that waits
-            order.error = error
+            request.error = error
         finally:
-            order.done.set()
+            request.done.set()
 
 
 def _transform_broadcaster(node: Node) -> Any:
-    """Return tf2's broadcaster; imported only where it is wanted, as not every system has it."""
+    """Return tf2's broadcaster. It is imported only where it is needed, as not every system has it."""
     try:
         tf2_ros = importlib.import_module("tf2_ros")
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""Parameters of the node: declared from one table, checked as a whole, results set all at once."""
+"""Parameters of the node: declared from one table and checked together; results are set atomically."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _RESULT_DESCRIPTION = {
 
 
 class NodeParameters:
-    """Declares the parameters on a node and watches over them.
+    """Declares the parameters on a node, checks changes, and sets the results.
 
     Args:
         node: The node.
@@ -50,14 +50,14 @@ class NodeParameters:
 
     @property
     def config(self) -> NodeConfig:
-        """The parameters now."""
+        """The present values of the parameters."""
         return self._config
 
     def publish_result(self, parameters: Mapping[str, float]) -> None:
-        """Set the result parameters, all at once.
+        """Set the result parameters atomically.
 
-        To be called from the node's default callback group, where the parameter services run, too:
-        then nobody reads half a result.
+        To be called from the node's default callback group. The parameter services run there, too, so nobody
+        reads half a result.
         """
         self._publishing = True
         try:
@@ -70,7 +70,7 @@ class NodeParameters:
             raise ConfigError(f"the result parameters were not set: {outcome.reason}")
 
     def withdraw_result(self) -> None:
-        """Take the values from the result parameters; from the same callback group as above."""
+        """Remove the values of the result parameters; from the same callback group as above."""
         unset = [Parameter(RESULT_PREFIX + name, Parameter.Type.NOT_SET) for name in RESULT_NAMES]
         self._publishing = True
         try:
@@ -81,9 +81,9 @@ class NodeParameters:
 
     def _declare_result(self) -> None:
         for name in RESULT_NAMES:
-            # Dynamic, as a typed parameter without a value could not be read at all. Not read-only,
-            # as that would bind the node itself; _check keeps others off. A result file among the
-            # node's own parameter files is no result of this run: overrides are ignored.
+            # Dynamically typed: a typed parameter without a value could not be read at all. Not read-only:
+            # the node itself could not set it then; _check refuses others. Overrides are ignored: a result
+            # file among the node's parameter files is no result of this run.
             descriptor = ParameterDescriptor(
                 description=f"Result: {_RESULT_DESCRIPTION[name]}; without value until calibrated",
                 dynamic_typing=True,
@@ -156,7 +156,7 @@ def _override(node: Node, setting: NodeSetting) -> Any:
 
 
 def _whole_numbers_as_floats(parameters: list[Parameter]) -> list[Parameter]:
-    """Take 5 for 5.0: ``ros2 param set`` reads the one as an integer."""
+    """Convert integers to floats where floats are needed: ``ros2 param set`` reads 5 as an integer."""
     return [
         Parameter(p.name, Parameter.Type.DOUBLE, float(p.value))
         if p.type_ is Parameter.Type.INTEGER and _is_float(p.name)

@@ -1,4 +1,4 @@
-"""Plays the stereo camera of a recording on ROS topics, over and over, the messages byte for byte."""
+"""Plays the stereo camera of a recording on ROS topics, in a loop, with unchanged messages."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ _PAUSE_S = 0.1
 class BagPlayer:
     """Publishes images and CameraInfo of a rosbag2 recording under their recorded names.
 
-    Messages are sent as they were recorded, stamps and all, at the pace of the recording; so the
-    stamps jump back with every pass, as with ``ros2 bag play --loop``.
+    Messages are sent as they were recorded, at the pace of the recording. Their stamps are not changed, so
+    they jump back with every pass, as with ``ros2 bag play --loop``.
 
     Args:
         node: Node to publish from.

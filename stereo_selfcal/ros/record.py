@@ -1,4 +1,4 @@
-"""What the node remembers of its frames: counts, times, the last refusal, the calibration in force."""
+"""What the node remembers of its frames: counts, times and the last refusal. Needs no ROS."""
 
 from __future__ import annotations
 
@@ -7,16 +7,13 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 from ..core.calibrator import Calibrator
-from ..core.camera.pairing import StampedPair
+from ..core.camera.pairing import stamp_to_s
 from ..core.camera.rig import StereoRig
 from ..core.rejection import Rejection
 from ..core.results import CalibrationResult
 from ..core.types import Image
-from .calibration import CalibrationCall, PairSource
-from .config import NodeConfig
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,7 +24,7 @@ class FrameReport:
         left: (H, W) uint8 image of the left camera, as it was calibrated.
         right: The same of the right camera.
         rig: The rig both come from.
-        result: What came of it.
+        result: The result of this frame.
         stamp_ns: Stamp of the frame [ns].
         elapsed_s: How long it took [s].
     """
@@ -40,28 +37,23 @@ class FrameReport:
     elapsed_s: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ActiveCalibration:
-    """The calibration the node stands by.
+def calibrate_timed(calibrator: Calibrator, left: Image, right: Image, stamp_ns: int) -> FrameReport:
+    """Calibrate a frame and measure how long that takes.
 
-    Attributes:
-        result: The result.
-        rig: The rig it holds for.
-        since_s: Steady time [s] since when (:func:`time.monotonic`).
-        saved: Where it is saved, or why it is not.
-        save_failed: Whether it should have been saved and could not be.
+    Args:
+        calibrator: The calibrator; it fuses the frame with those it was given before.
+        left: (H, W) uint8 rectified image of the left camera.
+        right: The same of the right camera.
+        stamp_ns: Stamp of the frame [ns].
     """
-
-    result: CalibrationResult
-    rig: StereoRig
-    since_s: float
-    saved: str = ""
-    save_failed: bool = False
+    start_s = time.monotonic()
+    result = calibrator.add(left, right, stamp_to_s(stamp_ns))
+    return FrameReport(left, right, calibrator.rig, result, stamp_ns, time.monotonic() - start_s)
 
 
 @dataclass(frozen=True, slots=True)
 class FrameStatistics:
-    """Frames so far, whoever had them calibrated.
+    """Frames so far, both of calls and of the watch.
 
     Attributes:
         accepted: Accepted frames.
@@ -130,59 +122,3 @@ class FrameRecord:
                 mean_s=self._sum_s / total if total else 0.0,
                 longest_s=self._longest_s,
             )
-
-
-class ReportingCall(CalibrationCall):
-    """A call of ``~/calibrate`` that reports every frame it calibrates.
-
-    Args:
-        source: Where the frames come from.
-        config: Parameters at the start of the call.
-        report: Told every frame, in the thread of the call: it must return at once.
-    """
-
-    def __init__(self, source: PairSource, config: NodeConfig, report: Callable[[FrameReport], None]) -> None:
-        self._report = report
-        self._stamp_ns = 0
-        self._reporting: _ReportingCalibrator | None = None
-        super().__init__(source, config)
-
-    # The call makes its calibrator when the rig is known, and puts it here.
-    @property
-    def _calibrator(self) -> Any:
-        return self._reporting
-
-    @_calibrator.setter
-    def _calibrator(self, calibrator: Calibrator | None) -> None:
-        self._reporting = None if calibrator is None else _ReportingCalibrator(calibrator, self._tell)
-
-    def _take(self, pair: StampedPair[Any]) -> None:
-        self._stamp_ns = pair.stamp_ns
-        super()._take(pair)
-
-    def _tell(
-        self, images: tuple[Image, Image], rig: StereoRig, result: CalibrationResult, elapsed_s: float
-    ) -> None:
-        self._report(FrameReport(*images, rig, result, self._stamp_ns, elapsed_s))
-
-
-class _ReportingCalibrator:
-    """A calibrator, and somebody who is told what it does."""
-
-    def __init__(self, calibrator: Calibrator, tell: Callable[..., None]) -> None:
-        self._calibrator = calibrator
-        self._tell = tell
-
-    @property
-    def rig(self) -> StereoRig:
-        return self._calibrator.rig
-
-    @property
-    def estimate(self) -> CalibrationResult:
-        return self._calibrator.estimate
-
-    def add(self, left: Image, right: Image, stamp_s: float) -> CalibrationResult:
-        start_s = time.monotonic()
-        result = self._calibrator.add(left, right, stamp_s)
-        self._tell((left, right), self.rig, result, time.monotonic() - start_s)
-        return result

@@ -1,4 +1,4 @@
-"""Reports to ``/diagnostics`` once a second: asks the input and the node, and measures rates."""
+"""Reports to ``/diagnostics`` once a second, and measures the rates for it."""
 
 from __future__ import annotations
 
@@ -15,23 +15,36 @@ from rclpy.node import Node
 from ..core.camera.image_messages import SUPPORTED_ENCODINGS
 from ..core.camera.pairing import PairCounts
 from ..core.errors import RigError
-from .calibration import known_rectifier, no_pair_reason
+from ..core.geometry.homography import SIDES
 from .config import NodeConfig
 from .diagnostics import CalibrationReport, CameraInfoReport, ImagesReport, Snapshot, diagnostics_message
-from .inputs import SIDES, Look, StereoInput
+from .inputs import StereoInput
+from .intake import IntakeWindow
 from .live import missing_info
+from .pair_source import known_rectifier, no_pair_reason
 
 PERIOD_S = 1.0
-# Rates are means over so many periods: a camera with one image per second does not seem to stop.
-_WINDOW = 3
-# Shorter ones measure no rate; without a pair yet, a slow camera may have had no time for one.
-_LEAST_S = 0.5
-_LEAST_WITHOUT_PAIR_S = 2.0
+# Rates are means over this number of reports at most: a camera with one image per second must not seem to
+# stop.
+_RATE_REPORTS = 3
+# A rate is measured over at least this time. It is longer without a pair, as a slow camera may have had no
+# time for one.
+_MIN_RATE_TIME_S = 0.5
+_MIN_TIME_WITHOUT_PAIR_S = 2.0
+_CLOCK_STEP_S = 1e-3  # two reports at once must not divide by zero
 
 
 @dataclass(frozen=True, slots=True)
 class _Measured:
-    """What arrived within a time, why no pair was among it, when that was, and what cannot be received."""
+    """What arrived within a span of time.
+
+    Attributes:
+        added: Images and pairs.
+        elapsed_s: Length of the span [s].
+        no_pair: Why there was no pair, "" if there was one.
+        at_s: Steady time of its end [s].
+        mismatches: Sentences about publishers that nothing can be received from.
+    """
 
     added: PairCounts
     elapsed_s: float
@@ -47,7 +60,8 @@ class DiagnosticsReporter:
         node: The node.
         source: Its input.
         config: Returns its parameters.
-        calibration: Returns what is known of the calibration.
+        calibration: Returns the report of the calibration.
+        clock: Steady time [s], for tests.
     """
 
     def __init__(
@@ -56,17 +70,19 @@ class DiagnosticsReporter:
         source: StereoInput,
         config: Callable[[], NodeConfig],
         calibration: Callable[[], CalibrationReport],
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._node = node
         self._source = source
         self._config = config
         self._calibration = calibration
-        self._seen: deque[tuple[PairCounts, float]] = deque(maxlen=_WINDOW)
-        self._look: Look | None = None
+        self._clock = clock
+        self._earlier: deque[tuple[PairCounts, float]] = deque(maxlen=_RATE_REPORTS)
+        self._window: IntakeWindow | None = None
         self._measured: _Measured | None = None
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 1)
-        # On the steady clock: a simulation that stands still must not silence the diagnostics.
-        # And in a group of its own: parameter services must not wait while subscriptions are made.
+        # The timer runs on the steady clock: a simulation that stands still must not silence the diagnostics.
+        # It has its own callback group: parameter services must not wait while subscriptions are made.
         node.create_timer(
             PERIOD_S,
             self._on_timer,
@@ -87,46 +103,48 @@ class DiagnosticsReporter:
         )
 
     def _images(self, config: NodeConfig) -> ImagesReport:
-        state, now_s, look = self._source.state, time.monotonic(), self._source.look
+        state, now_s, window = self._source.state, self._clock(), self._source.window
         topics, formats = self._source.topics, self._source.formats
         measured = self._measured or _Measured(PairCounts(), 0.0, "", now_s)
         return ImagesReport(
             counts=state.counts,
             added=measured.added,
             elapsed_s=measured.elapsed_s,
-            listening=look is not None,
+            receiving=window is not None,
             age_s=now_s - measured.at_s,
             no_pair=measured.no_pair,
             nearest_s=state.nearest_s,
             topics=topics,
             publishers=(self._source.publishers(topics.left), self._source.publishers(topics.right)),
-            formats={side: _format_text(*formats[side]) for side in SIDES if side in formats},
+            formats={side: str(formats[side]) for side in SIDES if side in formats},
             incompatible_qos=measured.mismatches,
             unusable=tuple(
-                f"{topic}: image encoding {formats[side][2]!r} is not supported: publish one of "
+                f"{topic}: image encoding {formats[side].encoding!r} is not supported: publish one of "
                 f"{', '.join(SUPPORTED_ENCODINGS)}"
                 for side, topic in zip(SIDES, topics[:2], strict=True)
-                if side in formats and formats[side][0] and formats[side][2] not in SUPPORTED_ENCODINGS
+                if side in formats
+                and formats[side].is_raw
+                and formats[side].encoding not in SUPPORTED_ENCODINGS
             ),
         )
 
     def _measure(self) -> None:
-        """Measure rates since the last reports, as far as the node has listened since then."""
-        state, now_s, look = self._source.state, time.monotonic(), self._source.look
-        if look is None:
+        """Measure rates over the last reports, within the present window of intake."""
+        state, now_s, window = self._source.state, self._clock(), self._source.window
+        if window is None:
             return
-        if look is not self._look:
-            self._look = look
-            self._seen.clear()
-            self._seen.append((look.counts, look.since_s))
-        before, before_s = self._seen[0]
+        if window is not self._window:
+            self._window = window
+            self._earlier.clear()
+            self._earlier.append((window.counts, window.since_s))
+        before, before_s = self._earlier[0]
         counts = state.counts
         added, elapsed_s = counts.since(before), now_s - before_s
-        if elapsed_s < (_LEAST_S if added.pairs else _LEAST_WITHOUT_PAIR_S):
+        if elapsed_s < (_MIN_RATE_TIME_S if added.pairs else _MIN_TIME_WITHOUT_PAIR_S):
             if self._measured is not None and self._measured.added.pairs:
                 return
-            elapsed_s = max(elapsed_s, 1e-3)
-        self._seen.append((counts, now_s))
+            elapsed_s = max(elapsed_s, _CLOCK_STEP_S)
+        self._earlier.append((counts, now_s))
         no_pair = "" if added.pairs else no_pair_reason(self._source, self._config(), before, elapsed_s)
         self._measured = _Measured(added, elapsed_s, no_pair, now_s, state.mismatches)
 
@@ -139,7 +157,8 @@ class DiagnosticsReporter:
             return CameraInfoReport(source, faults=(f"{reason}: {error}" if reason else str(error),))
         if rectifier is None:
             return CameraInfoReport(source, missing=missing_info(self._source))
-        sizes = {side: (width, height) for side, (width, height, _) in self._source.formats.items() if width}
+        formats = self._source.formats.items()
+        sizes = {side: (found.width, found.height) for side, found in formats if found.is_raw}
         return CameraInfoReport(
             source,
             rectifier.rig,
@@ -148,15 +167,11 @@ class DiagnosticsReporter:
         )
 
     def _on_timer(self) -> None:
-        self._measure()  # before the tick that ends a look: the last second is a part of it
+        self._measure()  # before the tick that may end a probe: the last second belongs to it
         self._source.tick()
         message = diagnostics_message(self._node.get_clock().now().to_msg(), self.snapshot())
         try:
             self._publisher.publish(message)
         except RuntimeError:  # rcl's errors
-            if self._node.context.ok():  # Ctrl-C may come at any moment; then there is nobody to tell
+            if self._node.context.ok():  # after Ctrl-C nothing can be published
                 raise
-
-
-def _format_text(width: int, height: int, encoding: str) -> str:
-    return f"{width} x {height} {encoding}" if width else encoding

@@ -1,4 +1,4 @@
-"""What the node does: listens to a stereo camera, calibrates on request, watches over what it found."""
+"""What the node does: it calibrates a stereo camera on request, and watches the active calibration."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ from ..core.lanes.lane_pair import LanePattern
 from ..core.results import CalibrationResult
 from ..core.types import Array
 from ..files.result_file import NODE_NAME, check_fits, restore
+from .calibration import CalibrationCall
+from .calibration_keeper import ActiveCalibration, CalibrationKeeper
 from .config import NodeConfig
 from .diagnostics import CalibrationReport
 from .inputs import StereoInput
@@ -29,10 +31,9 @@ from .memory import trim_heap
 from .monitor import Monitor
 from .outputs import Outputs, Publication
 from .parameters import NodeParameters
-from .record import ActiveCalibration, FrameRecord, FrameReport, ReportingCall
+from .record import FrameRecord, FrameReport
 from .reporter import DiagnosticsReporter
-from .standing import CalibrationKeeper
-from .store import as_in_force, save
+from .store import restored_calibration, save
 from .views import Views
 
 _RECALIBRATE = "recalibrate"
@@ -42,11 +43,11 @@ _BUSY = "busy: a calibration is running; call again when it has answered"
 class SelfcalNode:
     """Calibrates a stereo camera on request; README.md describes its topics and parameters.
 
-    It has a node instead of being one, as rclpy's Node claims names such as ``_parameters`` and ``_clock``.
+    It has a node instead of being one: rclpy's Node uses names such as ``_parameters`` and ``_clock``.
 
-    Images are paired in their own callback group. A call of ``~/calibrate`` waits and computes in
-    its own thread of the executor, so images, parameter services and diagnostics go on meanwhile.
-    The watch computes in a thread of its own as well.
+    Images are paired in their own callback group. A call of ``~/calibrate`` waits and computes in its own
+    thread of the executor. Images, parameter services and diagnostics go on meanwhile. The watch computes in
+    a thread of its own, too.
 
     Args:
         **kwargs: Passed to rclpy's Node.
@@ -58,7 +59,7 @@ class SelfcalNode:
     def __init__(self, **kwargs: Any) -> None:
         self.node = Node(NODE_NAME, **kwargs)
         with ExitStack() as failed:
-            failed.callback(self.node.destroy_node)  # half a node would answer to its name
+            failed.callback(self.node.destroy_node)  # else half a node would answer under its name
             self._parameters = NodeParameters(self.node, self._on_parameters)
             self._input = StereoInput(self.node, self._parameters.config)
             self._live = LiveFrames(self._input, lambda: self._parameters.config)
@@ -66,12 +67,12 @@ class SelfcalNode:
             self._calibrating = threading.Lock()
             self._record = FrameRecord()
             self._last_lines: tuple[LanePattern, StereoRig] | None = None
-            self._standing = CalibrationKeeper()
-            self._publishing = threading.Lock()  # calls and the watch
+            self._keeper = CalibrationKeeper()
+            self._publishing = threading.Lock()  # a call and the watch may publish at the same time
             self._last_answer = "not called yet"
             self._last_success: bool | None = None
             self._views = Views(
-                self.node, self._live.one, lambda: self._standing.in_force, lambda: self._parameters.config
+                self.node, self._live.one, lambda: self._keeper.active, lambda: self._parameters.config
             )
             self._reporter = DiagnosticsReporter(
                 self.node, self._input, lambda: self._parameters.config, self._calibration_report
@@ -80,8 +81,8 @@ class SelfcalNode:
                 Trigger,
                 "~/calibrate",
                 self._on_calibrate,
-                # As the parameter services have it, a queue of 1000: with the 10 of other services, ten of
-                # twenty calls at once got no answer.
+                # The queue of the parameter services, 1000. With that of other services, 10, ten of twenty
+                # simultaneous calls got no answer.
                 qos_profile=qos_profile_parameters,
                 callback_group=ReentrantCallbackGroup(),
             )
@@ -104,7 +105,7 @@ class SelfcalNode:
         """End a running call, the watch and the pictures: the node shuts down."""
         self._input.stop()
         self._monitor.cancel()
-        self._outputs.stop()  # whom the watch may be waiting for
+        self._outputs.stop()  # the watch may be waiting for them
         self._monitor.stop()
         self._views.stop()
 
@@ -112,43 +113,43 @@ class SelfcalNode:
         self._input.configure(config)
 
     def _restore(self, config: NodeConfig) -> None:
-        """Stand by the calibration of the last run; before the node is spun."""
+        """Activate the calibration of the last run; to be called before the node is spun."""
         if config.output_path is None:
             return
         restored = restore(config.output_path)
         if restored.problem:
             self.node.get_logger().error(restored.problem)
-            self._standing.reject(restored.problem)
+            self._keeper.reject(restored.problem)
         if restored.saved is None:
             return
         now_s = self.node.get_clock().now().nanoseconds / 1e9
-        in_force = as_in_force(restored.saved, config.output_path, now_s)
-        problem = _other_cameras(in_force.rig, _rig_of(config))
+        active = restored_calibration(restored.saved, config.output_path, now_s)
+        problem = _other_cameras(active.rig, _rig_of(config))
         if problem:
             self.node.get_logger().warning(f"{config.output_path} is not used: {problem}")
-            self._standing.reject(problem)
+            self._keeper.reject(problem)
             return
-        self._outputs.publish_now(Publication(in_force.result, config, restored.saved.stamp_ns))
-        self._standing.load(in_force)
-        self.node.get_logger().info(f"{in_force.saved}: {in_force.result.message}")
+        self._outputs.publish_now(Publication(active.result, config, restored.saved.stamp_ns))
+        self._keeper.load(active)
+        self.node.get_logger().info(f"{active.saved}: {active.result.message}")
 
     def _on_calibrate(self, _request: Any, response: Any) -> Any:
         if not self._calibrating.acquire(blocking=False):
             response.success, response.message = False, _BUSY
             return response
         try:
-            self._standing.begin()
+            self._keeper.begin()
             response.success, response.message = self._calibrate(self._parameters.config)
-        except Exception as error:  # noqa: BLE001 - whatever it is, the caller gets an answer and the node lives
-            if self.node.context.ok():  # after a shutdown everything fails, which is no news
+        except Exception as error:  # noqa: BLE001 - the caller gets an answer and the node goes on
+            if self.node.context.ok():  # after a shutdown everything fails
                 self.node.get_logger().error(traceback.format_exc())
             response.success = False
             response.message = f"internal error, see the node's log: {type(error).__name__}: {error}"
         finally:
-            self._standing.fail()  # means nothing where it was accepted
+            self._keeper.fail()  # does nothing after a success
             self._last_success, self._last_answer = response.success, response.message
             self._calibrating.release()
-        # Two lines on purpose: rclpy refuses to log with another severity from the same line.
+        # Two calls, because rclpy refuses to log with another severity from the same line.
         if response.success:
             self.node.get_logger().info(response.message)
         else:
@@ -159,15 +160,15 @@ class SelfcalNode:
         """Return success and message of one call."""
         self._last_lines = None
         with self._live.all() as frames:
-            outcome = ReportingCall(frames, config, self._on_frame).run()
+            outcome = CalibrationCall(frames, config, self._on_frame).run()
         trim_heap()
         result, rig = outcome.result, outcome.rig
         if result is None or rig is None:
             return False, outcome.message
-        saved = self._put_in_force(result, rig, outcome.stamp_ns, config)
+        saved = self._activate(result, rig, outcome.stamp_ns, config)
         return True, f"{outcome.message}; {saved}"
 
-    def _put_in_force(
+    def _activate(
         self,
         result: CalibrationResult,
         rig: StereoRig,
@@ -175,40 +176,40 @@ class SelfcalNode:
         config: NodeConfig,
         settled: bool = False,
     ) -> str:
-        """Publish and save a result; return what came of saving it."""
+        """Publish, activate and save a result; return where it was saved, or why it was not."""
         with self._publishing:
             self._outputs.publish(Publication(result, config, stamp_ns, self._lanes(result)))
-            # In effect from here on, saved or not.
-            in_force = ActiveCalibration(result, rig, time.monotonic(), saved="not yet")
-            self._standing.accept(in_force, settled)
+            # It is active from here on, even if it cannot be saved.
+            active = ActiveCalibration(result, rig, time.monotonic(), saved="not yet")
+            self._keeper.accept(active, settled)
             topics = self._input.topics
-            saved, failed = save(in_force, config, f"{topics.left} {topics.right}")
-            self._standing.saved(saved, failed)
+            saved, failed = save(active, config, f"{topics.left} {topics.right}")
+            self._keeper.saved(saved, failed)
             return saved
 
     def _check_cameras(self) -> bool:
-        """Take a calibration back that other cameras were calibrated with; return whether to watch."""
-        config, in_force = self._parameters.config, self._standing.in_force
-        if self._standing.state is State.CALIBRATING:
+        """Withdraw the active calibration if it is of other cameras. Return whether to watch."""
+        config, active = self._parameters.config, self._keeper.active
+        if self._keeper.state is State.CALIBRATING:
             return False
-        if in_force is None:
+        if active is None:
             return config.on_drift == _RECALIBRATE
-        problem = _other_cameras(in_force.rig, self._known_rig(config))
+        problem = _other_cameras(active.rig, self._known_rig(config))
         if problem:
             self.node.get_logger().warning(f"the calibration is taken back: {problem}")
             with self._publishing:
-                self._standing.withdraw(problem)
+                self._keeper.withdraw(problem)
                 self._outputs.withdraw()
         return not problem
 
     def _known_rig(self, config: NodeConfig) -> StereoRig | None:
         try:
             return known_rig(self._input, config)
-        except RigError:  # /diagnostics says so
+        except RigError:  # /diagnostics reports it
             return None
 
     def _on_frame(self, report: FrameReport) -> None:
-        """Remember a frame that was calibrated; called by the thread of the call."""
+        """Count and show a frame that was calibrated; called by the thread of the call."""
         self._record.add(report)
         self._views.show(report)
         self._remember_lines(report)
@@ -216,21 +217,21 @@ class SelfcalNode:
     def _on_watched(self, report: FrameReport) -> None:
         """Give a frame to the watch; called by its thread."""
         self._record.add(report)
-        event = self._standing.watched(report.result, report.rig)
+        event = self._keeper.watched(report.result, report.rig)
         if event is Event.CONFIRMED:
-            self.node.get_logger().info(f"{self._standing.state}: {self._standing.reason}")
+            self.node.get_logger().info(f"{self._keeper.state}: {self._keeper.reason}")
         elif event is Event.REFUTED:
-            self.node.get_logger().error(f"{self._standing.state}: {self._standing.reason}")
+            self.node.get_logger().error(f"{self._keeper.state}: {self._keeper.reason}")
         elif event is not None:
-            self.node.get_logger().warning(f"{self._standing.state}: {self._standing.reason}")
+            self.node.get_logger().warning(f"{self._keeper.state}: {self._keeper.reason}")
         config = self._parameters.config
-        if config.on_drift != _RECALIBRATE or not self._standing.wants_another:
+        if config.on_drift != _RECALIBRATE or not self._keeper.wants_another:
             return
-        better = self._standing.proposal(report.rig)
+        better = self._keeper.proposal(report.rig)
         if better is None:
             return
         self._remember_lines(report)
-        saved = self._put_in_force(better, report.rig, report.stamp_ns, config, settled=True)
+        saved = self._activate(better, report.rig, report.stamp_ns, config, settled=True)
         self.node.get_logger().info(f"recalibrated by the watch: {better.message}; {saved}")
 
     def _remember_lines(self, report: FrameReport) -> None:
@@ -238,19 +239,19 @@ class SelfcalNode:
             self._last_lines = report.result.pattern, report.rig
 
     def _lanes(self, result: CalibrationResult) -> tuple[Array, ...]:
-        """Return the lane lines of the last accepted frame on the road of the result."""
+        """Return the lane lines of the last accepted frame, projected to the road by the result."""
         if self._last_lines is None or result.extrinsics is None:
             return ()
         return lanes_on_road(*self._last_lines, result.extrinsics)
 
     def _calibration_report(self) -> CalibrationReport:
-        in_force, config = self._standing.in_force, self._parameters.config
+        active, config = self._keeper.active, self._parameters.config
         return CalibrationReport(
-            state=str(self._standing.state),
-            reason=self._standing.reason,
-            watch=self._standing.explain() if config.monitor_period_s else "off: monitor_period_s is 0",
-            in_force=in_force,
-            age_s=0.0 if in_force is None else time.monotonic() - in_force.since_s,
+            state=str(self._keeper.state),
+            reason=self._keeper.reason,
+            watch=self._keeper.explain() if config.monitor_period_s else "off: monitor_period_s is 0",
+            active=active,
+            age_s=0.0 if active is None else time.monotonic() - active.since_s,
             last_answer=self._last_answer,
             last_success=self._last_success,
             frames=self._record.statistics,
@@ -258,15 +259,15 @@ class SelfcalNode:
 
 
 def _rig_of(config: NodeConfig) -> StereoRig | None:
-    """Return the rig of the parameters; None where it comes from CameraInfo, or cannot be right."""
+    """Return the rig of the parameters; None where it comes from CameraInfo, or is invalid."""
     try:
         return config.rig_from_parameters()
-    except RigError:  # told when it is needed
+    except RigError:  # reported when the rig is needed
         return None
 
 
 def _other_cameras(calibrated: StereoRig, rig: StereoRig | None) -> str:
-    """Return why a calibration is not of these cameras, "" if it is or they are not known."""
+    """Return why a calibration is not of these cameras; "" if it is, or if they are not known."""
     if rig is None:
         return ""
     try:

@@ -1,4 +1,4 @@
-"""Where a calibration is kept between two runs of the node: the result file, and what is exported beside."""
+"""Saves the active calibration to the result file, and restores it in the next run."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from ..core.errors import OutputError
 from ..files.exports import write_exports
 from ..files.node_settings import NODE_SETTINGS
 from ..files.result_file import SavedResult, write_result
+from .calibration_keeper import ActiveCalibration
 from .config import NodeConfig
-from .record import ActiveCalibration
 
-# Of a stamp of another clock (a simulation, a recording) the age is not known.
+# A greater age means that the stamp is of another clock (a simulation, a recording): the age is unknown then.
 _LONGEST_AGE_S = 50 * 365.25 * 86400.0
 
 
-def as_in_force(saved: SavedResult, path: Path, now_s: float) -> ActiveCalibration:
-    """Return a calibration of an earlier run as the one in force.
+def restored_calibration(saved: SavedResult, path: Path, now_s: float) -> ActiveCalibration:
+    """Return a calibration of an earlier run as an active one.
 
     Args:
         saved: The calibration.
@@ -31,16 +31,16 @@ def as_in_force(saved: SavedResult, path: Path, now_s: float) -> ActiveCalibrati
     return ActiveCalibration(saved.as_result(), saved.rig, time.monotonic() - age_s, f"restored from {path}")
 
 
-def save(in_force: ActiveCalibration, config: NodeConfig, source: str) -> tuple[str, bool]:
-    """Save a calibration, and export it as far as that is wanted.
+def save(active: ActiveCalibration, config: NodeConfig, source: str) -> tuple[str, bool]:
+    """Save a calibration, and export it to the formats of ``exports``.
 
     Args:
-        in_force: The calibration.
-        config: Parameters: where, and what.
+        active: The calibration.
+        config: Parameters of the node.
         source: Where the images came from.
 
     Returns:
-        What came of it, in words, and whether it failed.
+        Where it was saved or why not, in words; and whether saving or exporting failed.
     """
     path = config.output_path
     if path is None:
@@ -50,7 +50,7 @@ def save(in_force: ActiveCalibration, config: NodeConfig, source: str) -> tuple[
         if path == _default_output_path():
             _make_folder(path.parent)
         write_result(
-            path, in_force.result, in_force.rig, source=source, seed=config.calibrator.seed, keep_others=True
+            path, active.result, active.rig, source=source, seed=config.calibrator.seed, keep_others=True
         )
 
     problem = _tried(write)
@@ -58,10 +58,10 @@ def save(in_force: ActiveCalibration, config: NodeConfig, source: str) -> tuple[
         return f"in effect, but not saved: {problem}", True
     if not config.exports:
         return f"saved to {path}", False
-    extrinsics = in_force.result.extrinsics
+    extrinsics = active.result.extrinsics
     assert extrinsics is not None  # it was written
     frames = config.road_frame, config.camera_frame
-    problem = _tried(lambda: write_exports(path, config.exports, extrinsics, in_force.rig, *frames))
+    problem = _tried(lambda: write_exports(path, config.exports, extrinsics, active.rig, *frames))
     if problem:
         return f"saved to {path}, but not exported: {problem}", True
     return f"saved to {path} and exported as {', '.join(config.exports)}", False
@@ -76,7 +76,7 @@ def _tried(write: Callable[[], object]) -> str:
 
 
 def _make_folder(folder: Path) -> None:
-    """Make the folder of ROS, which ROS makes when it first logs, perhaps later. Others are the user's."""
+    """Make the folder of ROS if ROS has not made it yet. Other folders are up to the user."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

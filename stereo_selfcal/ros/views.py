@@ -1,8 +1,8 @@
-"""``~/debug_image`` and ``~/birds_eye``: what the node sees and makes of it, drawn while somebody looks.
+"""``~/debug_image`` and ``~/birds_eye``: pictures of the frames and of the result, for subscribers only.
 
-While frames are calibrated, the last one of each second is shown with its lines and verdict, and the
-last frame of a call stays for some seconds. Between calls the current image is shown with the calibration
-in force over it, whose misfit tells that the camera was moved.
+While frames are calibrated, the last one of each second is shown with its lines and verdict. The last frame
+of a call stays for some seconds. Between calls the current image is shown under the active calibration. A
+misfit shows that the camera was moved.
 """
 
 from __future__ import annotations
@@ -32,14 +32,15 @@ from ..pictures.picture import (
     shown_extrinsics,
     verdict_of,
 )
+from .calibration_keeper import ActiveCalibration
 from .config import NodeConfig
 from .diagnostics import age_text
 from .live import LiveFrame, NoFrame
 from .messages import image_message
-from .record import ActiveCalibration, FrameReport
+from .record import FrameReport
 
-# Whoever turns a camera or waits for a line sees enough with one picture a second, and drawing (25 ms
-# for both views of 1280 x 720) takes no more than some percent of a core then.
+# One picture a second is enough for somebody who turns a camera. Drawing takes a few percent of a core then
+# (25 ms for both pictures of 1280 x 720).
 PERIOD_S = 1.0
 # The last frame of a call stays long enough for its verdict and numbers to be read.
 HOLD_S = 5.0
@@ -50,13 +51,13 @@ _GREATEST_ASPECT = 8
 
 
 class Views:
-    """Draws in a thread of its own, and only what has subscribers.
+    """Draws the pictures that have subscribers, in a thread of its own.
 
     Args:
         node: The node.
         take: Returns a current frame, why there is none, or None while a call has them all; its
             argument is how long it may wait [s].
-        in_force: Returns the calibration in force.
+        active: Returns the active calibration.
         config: Returns the parameters.
         clock: Steady time [s], for tests.
     """
@@ -65,20 +66,20 @@ class Views:
         self,
         node: Node,
         take: Callable[[float], LiveFrame | NoFrame | None],
-        in_force: Callable[[], ActiveCalibration | None],
+        active: Callable[[], ActiveCalibration | None],
         config: Callable[[], NodeConfig],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._node = node
         self._take = take
-        self._in_force = in_force
+        self._active = active
         self._config = config
         self._clock = clock
         self._debug_image, self._birds_eye = (
             node.create_publisher(
                 ImageMessage,
                 topic,
-                QoSProfile(depth=_QUEUE),  # one each: rclpy writes the overrides of a topic into it
+                QoSProfile(depth=_QUEUE),  # one for each: rclpy writes the overrides of a topic into it
                 qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             )
             for topic in ("~/debug_image", "~/birds_eye")
@@ -100,12 +101,12 @@ class Views:
             self._thread.join()
 
     def show(self, report: FrameReport) -> None:
-        """Show a calibrated frame with the next picture; returns at once, whatever is being drawn."""
+        """Show a calibrated frame in the next picture; returns at once."""
         with self._lock:
-            self._last = report if self._watched() else None  # images that nobody will see are not kept
+            self._last = report if self._watched() else None  # images without a viewer are not kept
 
     def step(self) -> None:
-        """Draw and publish one picture of each view that is watched, if there is something new."""
+        """Draw and publish each picture that has subscribers, if there is something new."""
         with self._lock:
             report, self._last = self._last, None
         if not self._watched():
@@ -121,38 +122,38 @@ class Views:
         return bool(self._debug_image.get_subscription_count() or self._birds_eye.get_subscription_count())
 
     def _draw_current(self, frame: LiveFrame | NoFrame | None) -> None:
-        in_force = self._in_force()
+        active = self._active()
         if isinstance(frame, NoFrame):
             notice = draw_notice(StripContent("NO PICTURE", VERMILION, (frame.reason,)))
             stamp_ns = int(self._node.get_clock().now().nanoseconds)
             for publisher in (self._debug_image, self._birds_eye):
                 self._publish(publisher, notice, stamp_ns)
         elif frame is not None:
-            rig, result, verdict = self._judge(frame, in_force)
+            rig, result, verdict = self._judge(frame, active)
             self._draw(frame.left, frame.right, rig, result, verdict, frame.stamp_ns)
 
     def _judge(
-        self, frame: LiveFrame, in_force: ActiveCalibration | None
+        self, frame: LiveFrame, active: ActiveCalibration | None
     ) -> tuple[StereoRig | None, CalibrationResult | None, StripContent]:
-        """Return what to draw over a frame that was not calibrated, and what to say of it."""
-        if in_force is None:
+        """Return the rig, the result and the text to draw over a frame that was not calibrated."""
+        if active is None:
             text = frame.problem or "call ~/calibrate on a straight road with painted lines"
             return (
                 frame.rig,
                 None,
                 StripContent("NOT CALIBRATED", VERMILION if frame.problem else YELLOW, (text,)),
             )
-        age = age_text(self._clock() - in_force.since_s)
-        if frame.left.shape != (in_force.rig.height, in_force.rig.width):
+        age = age_text(self._clock() - active.since_s)
+        if frame.left.shape != (active.rig.height, active.rig.width):
             found = f"the images have {frame.left.shape[1]} x {frame.left.shape[0]} px"
-            wanted = f"the calibration is for {in_force.rig.width} x {in_force.rig.height} px"
+            wanted = f"the calibration is for {active.rig.width} x {active.rig.height} px"
             return (
                 None,
                 None,
                 StripContent("OTHER CAMERA", VERMILION, (f"{found}, {wanted}: calibrate again",)),
             )
-        verdict = StripContent(f"CALIBRATION IN FORCE, {age} old", SKY_BLUE, numbers(in_force.result))
-        return in_force.rig, in_force.result, verdict
+        verdict = StripContent(f"CALIBRATION IN FORCE, {age} old", SKY_BLUE, numbers(active.result))
+        return active.rig, active.result, verdict
 
     def _draw(
         self,
@@ -194,7 +195,7 @@ class Views:
         while not self._stopped.wait(PERIOD_S):
             try:
                 self.step()
-            except Exception:  # noqa: BLE001 - a picture that fails must not end those that follow
+            except Exception:  # noqa: BLE001 - a picture that fails must not end the drawing
                 if self._node.context.ok() and not self._stopped.is_set():
                     self._node.get_logger().error(
                         f"a picture failed:\n{traceback.format_exc()}", throttle_duration_sec=60.0
@@ -202,6 +203,6 @@ class Views:
 
 
 def _drawable(image: Image) -> bool:
-    """Whether an image has sides that a camera can have: a row of pixels must not be enlarged."""
+    """Return whether an image has the shape of a camera image: a single row of pixels is not drawn."""
     short, long = sorted(image.shape)
     return bool(short >= _LEAST_SIDE_PX and long <= _GREATEST_ASPECT * short)

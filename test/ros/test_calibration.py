@@ -12,8 +12,9 @@ from stereo_selfcal.core.camera.pairing import PairCounts, StampedPair
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import rejected
 from stereo_selfcal.ros import calibration
-from stereo_selfcal.ros.calibration import CalibrationCall, InputState, Topics
+from stereo_selfcal.ros.calibration import CalibrationCall
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
+from stereo_selfcal.ros.pair_source import InputState, Topics, no_pair_reason
 
 RIG = {"width": 4, "height": 3, "fx": 5.0, "fy": 5.0, "cx": 1.5, "cy": 1.0, "baseline_m": 0.2}
 ARRIVED = PairCounts(10, 10)
@@ -244,6 +245,23 @@ def test_camera_info_may_come_after_the_images():
     assert CalibrationCall(source, without_rig()).run().result is not None
 
 
+def test_frames_of_other_cameras_begin_anew():
+    """Three frames are needed: two of the first cameras do not count for the second ones."""
+    source = Source(*(pair(i * 10**9) for i in range(5)), infos=(info(), info(shift=-1.0)))
+    first = source.next_pair
+
+    def next_pair(timeout_s):
+        if len(source.pairs) == 3:
+            source.camera_infos = (info(), info(shift=-1.5))
+        return first(timeout_s)
+
+    source.next_pair = next_pair
+    outcome = CalibrationCall(source, without_rig(frames=3)).run()
+    assert [made.frames for made in FakeCalibrator.made] == [[0.0, 1.0], [2.0, 3.0, 4.0]]
+    assert outcome.result.n_frames == 3
+    assert outcome.rig.baseline_m == pytest.approx(0.3)
+
+
 def test_half_a_rig_by_parameters_names_the_other_half():
     outcome = CalibrationCall(Source(pair()), config(rig__fx=0.0, rig__baseline_m=0.0)).run()
     assert "rig.fx, rig.baseline_m not set: set all parameters of rig.* or none of them" in outcome.message
@@ -299,6 +317,16 @@ def test_impossible_rig_by_parameters_is_explained():
             "which is tolerated, but none was formed: raise queue_size from 5",
         ),
         (
+            {"counts": PairCounts(160, 160), "nearest_s": 0.01},
+            {"approximate_sync": True},
+            "which is tolerated, but none was formed: raise queue_size from 5",
+        ),
+        (
+            {"counts": PairCounts(160, 160), "nearest_s": 0.02},
+            {"approximate_sync": True, "approximate_sync_tolerance_seconds": 0.03},
+            "differ by 20.000 ms, which is tolerated, but none was formed: raise queue_size from 5",
+        ),
+        (
             {"counts": PairCounts(160, 160)},
             {},
             "left and right never waited for each other: raise queue_size from 5",
@@ -308,8 +336,13 @@ def test_impossible_rig_by_parameters_is_explained():
 def test_why_there_is_no_pair(state, changes, words):
     source = Source(**state)
     source.states.popleft()  # the state in which the call began
-    reason = calibration.no_pair_reason(source, config(**changes), ARRIVED, elapsed_s=5.0)
+    reason = no_pair_reason(source, config(**changes), ARRIVED, elapsed_s=5.0)
     assert words in reason
+
+
+def test_call_that_ends_at_once_divides_by_no_zero(monkeypatch):
+    monkeypatch.setattr(calibration.time, "monotonic", lambda: 100.0)
+    assert CalibrationCall(Source(), config()).run().message.startswith("no pair in 0.0 s: left 0.0 Hz")
 
 
 def test_call_without_pairs_answers_with_that_reason():

@@ -15,7 +15,7 @@ from builtin_interfaces.msg import Time
 from stereo_selfcal import CalibrationResult, Extrinsics, StereoRig
 from stereo_selfcal.core.camera.pairing import PairCounts
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
-from stereo_selfcal.ros.calibration import Topics
+from stereo_selfcal.ros.calibration_keeper import ActiveCalibration, CalibrationKeeper
 from stereo_selfcal.ros.diagnostics import (
     ERROR,
     OK,
@@ -27,8 +27,8 @@ from stereo_selfcal.ros.diagnostics import (
     age_text,
     diagnostics_message,
 )
-from stereo_selfcal.ros.record import ActiveCalibration, FrameStatistics
-from stereo_selfcal.ros.standing import CalibrationKeeper
+from stereo_selfcal.ros.pair_source import Topics
+from stereo_selfcal.ros.record import FrameStatistics
 
 RIG = StereoRig(640, 480, 516.6, 516.6, 319.5, 239.5, 0.1481)
 RESULT = CalibrationResult(
@@ -38,7 +38,7 @@ RESULT = CalibrationResult(
     n_frames=4,
     notes=("not checked against the asphalt",),
 )
-IN_FORCE = ActiveCalibration(RESULT, RIG, 0.0, "saved to /data/x.yaml")
+ACTIVE = ActiveCalibration(RESULT, RIG, 0.0, "saved to /data/x.yaml")
 REJECTION = Rejection(
     RejectReason.LINES_NOT_STRAIGHT, "radius", 320.0, Bound.LEAST, 1000.0, "m", "drive straight"
 )
@@ -48,7 +48,7 @@ BASE = Snapshot(
     "/stereo_selfcal",
     "road",
     "stereo_camera",
-    CalibrationReport("calibrated", in_force=IN_FORCE, age_s=312.0, last_success=True),
+    CalibrationReport("calibrated", active=ACTIVE, age_s=312.0, last_success=True),
     GOOD,
     CameraInfoReport("CameraInfo", RIG),
 )
@@ -100,7 +100,7 @@ def test_all_is_well():
 )
 def test_level_of_a_state(state, level):
     assert calibration(state)[0] == level
-    assert calibration(state, in_force=None)[0] == level
+    assert calibration(state, active=None)[0] == level
     _, text, values = calibration(state, reason="the pitch has moved by 0.4 deg", watch="drift, proven")
     assert text.startswith(f"{state}: the pitch has moved by 0.4 deg") == (level != OK)
     assert values["state_reason"] == "the pitch has moved by 0.4 deg"
@@ -109,7 +109,7 @@ def test_level_of_a_state(state, level):
 
 def test_never_calibrated_says_what_to_do():
     level, text, values = calibration(
-        "uncalibrated", in_force=None, last_success=None, reason=CalibrationKeeper().reason
+        "uncalibrated", active=None, last_success=None, reason=CalibrationKeeper().reason
     )
     assert (level, text) == (WARN, "uncalibrated: call ~/calibrate on a straight road with painted lines")
     assert values["height"] == values["age"] == "none"
@@ -119,15 +119,15 @@ def test_refused_call_is_a_warning_with_its_reason():
     level, text, _ = calibration(last_success=False, last_answer="no frame accepted, 3 pairs")
     assert level == WARN
     assert text.startswith("the last call was refused: no frame accepted, 3 pairs")
-    level, text, _ = calibration("uncalibrated", in_force=None, last_success=False, last_answer="no pair")
+    level, text, _ = calibration("uncalibrated", active=None, last_success=False, last_answer="no pair")
     assert (level, text) == (WARN, "uncalibrated: no pair")
 
 
 def test_result_that_is_not_saved_is_a_warning_only_if_it_was_to_be():
-    unsaved = replace(IN_FORCE, saved="not saved, as output_path is empty")
-    assert calibration(in_force=unsaved)[0] == OK
-    failed = replace(IN_FORCE, saved="in effect, but not saved: disk full", save_failed=True)
-    level, text, _ = calibration(in_force=failed)
+    unsaved = replace(ACTIVE, saved="not saved, as output_path is empty")
+    assert calibration(active=unsaved)[0] == OK
+    failed = replace(ACTIVE, saved="in effect, but not saved: disk full", save_failed=True)
+    level, text, _ = calibration(active=failed)
     assert level == WARN and text.endswith("in effect, but not saved: disk full")
 
 
@@ -170,7 +170,7 @@ def test_no_pairs_is_a_warning_with_the_reason():
 
 
 def test_nobody_warns_of_images_that_are_not_wanted():
-    assert images(added=PairCounts(), listening=False)[0] == OK
+    assert images(added=PairCounts(), receiving=False)[0] == OK
 
 
 def test_what_the_input_knows_is_passed_on():
@@ -184,7 +184,7 @@ def test_what_the_input_knows_is_passed_on():
 @pytest.mark.parametrize("field", ["incompatible_qos", "unusable"])
 def test_what_cannot_work_is_an_error_even_if_nothing_is_wanted(field):
     level, text, _ = images(
-        **{field: ("reliability: offered best_effort, requested reliable",)}, listening=False
+        **{field: ("reliability: offered best_effort, requested reliable",)}, receiving=False
     )
     assert level == ERROR and "offered best_effort" in text
 

@@ -26,8 +26,9 @@ from stereo_selfcal.core.camera.pairing import PairCounts, StampedPair
 from stereo_selfcal.files.node_settings import all_settings
 from stereo_selfcal.files.result_file import RESULT_NAMES, load_result
 from stereo_selfcal.ros import views
-from stereo_selfcal.ros.calibration import CalibrationCall, InputState, Topics
+from stereo_selfcal.ros.calibration import CalibrationCall
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
+from stereo_selfcal.ros.pair_source import InputState, Topics
 
 INT32, UINT32 = 2**31, 2**32
 SECONDS = st.sampled_from([-INT32, -1, 0, 1, 1_700_000_000, INT32 - 1])

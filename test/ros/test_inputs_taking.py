@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from ros_graph import PATIENCE_S, Camera, rendered, stamp_of, wait_until
 
-from stereo_selfcal.ros import inputs
+from stereo_selfcal.ros import memory
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
 from stereo_selfcal.ros.inputs import StereoInput
 
@@ -42,15 +42,15 @@ class Input:
         self.thread.join()
         self.node.destroy_node()
 
-    def look(self):
-        """Have the look of the start, to its end."""
+    def finish_probe(self):
+        """Wait for the end of the probe at the start."""
 
         def over():
             self.source.tick()
-            return self.source.look is None
+            return self.source.window is None
 
         wait_until(lambda: self.arrived, "images")
-        wait_until(over, "the end of a look")
+        wait_until(over, "the end of a probe")
 
     @property
     def arrived(self):
@@ -84,7 +84,7 @@ def wait_for_more(camera, n):
 
 def test_nothing_is_taken_between_two_moments_and_then_nothing_old(graph):
     with Counted(graph, [rendered()]) as camera, Input() as taker:
-        taker.look()
+        taker.finish_probe()
         assert taker.pair() is not None
         wait_for_more(camera, 2)  # one may have been in a callback
         before = taker.arrived
@@ -99,19 +99,19 @@ def test_nothing_is_taken_between_two_moments_and_then_nothing_old(graph):
 def test_who_asks_dds_to_keep_all_images_has_them_all_taken(graph):
     """They would wait there without end."""
     with Counted(graph, [rendered()]) as camera, Input(**{OVERRIDE: "keep_all"}) as taker:
-        taker.look()
+        taker.finish_probe()
         assert taker.pair() is not None
         before = taker.arrived
         wait_for_more(camera, 8)
         wait_until(lambda: taker.arrived > before + 2, "images that nobody wants")
 
 
-def test_memory_is_given_back_once_a_look_is_over(graph, monkeypatch):
-    given = []
-    monkeypatch.setattr(inputs, "trim_heap", lambda: given.append(time.monotonic()))
+def test_heap_is_trimmed_once_after_a_probe(graph, monkeypatch):
+    trimmed = []
+    monkeypatch.setattr(memory, "trim_heap", lambda: trimmed.append(time.monotonic()))
     with Camera(graph, [rendered()]), Input() as taker:
-        taker.look()
-        assert not given, "an image may still be in a callback"
+        taker.finish_probe()
+        assert not trimmed, "an image may still be in a callback"
         for _ in range(5):
             taker.source.tick()
-        assert len(given) == 1
+        assert len(trimmed) == 1

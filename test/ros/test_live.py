@@ -12,9 +12,10 @@ from ros_graph import image_message, info_message
 
 from stereo_selfcal import RigError
 from stereo_selfcal.core.camera.pairing import PairCounts, StampedPair
-from stereo_selfcal.ros.calibration import InputState, Topics
+from stereo_selfcal.ros import live as live_module
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
 from stereo_selfcal.ros.live import LiveFrame, LiveFrames, NoFrame, known_rig, missing_info
+from stereo_selfcal.ros.pair_source import InputState, Topics
 from stereo_selfcal.synth.scenes import PAPER_RIG
 
 CONFIG = NodeConfig.from_values({name: setting.default for name, setting in SETTINGS.items()})
@@ -28,6 +29,7 @@ class Input:
 
     def __init__(self, *pairs, infos=None):
         self.pairs, self.stopped, self.begun, self.ended = list(pairs), False, 0, 0
+        self.timeouts_s = []
         self.camera_infos = (info_message("left"), info_message("right")) if infos is None else infos
         self.waiting = threading.Event()
         self.state = InputState(PairCounts(), None)
@@ -43,6 +45,7 @@ class Input:
 
     def next_pair(self, timeout_s):
         self.waiting.set()
+        self.timeouts_s.append(timeout_s)
         return self.pairs.pop(0) if self.pairs else None
 
 
@@ -70,6 +73,20 @@ def test_silence_has_a_reason():
     assert isinstance(frame, NoFrame)
     assert "nothing arrives on /left (0 publishers) and /right (0 publishers)" in frame.reason
     assert source.ended == 1
+
+
+def test_waiting_for_a_frame_is_cut_in_slices(monkeypatch):
+    """A call takes over between two of them."""
+    source, times_s = Input(), iter(np.arange(0.0, 100.0, 0.25))
+    monkeypatch.setattr(live_module.time, "monotonic", lambda: next(times_s))
+    assert isinstance(live(source).one(1.0), NoFrame)
+    assert len(source.timeouts_s) == 4
+    assert 0.0 < max(source.timeouts_s) <= 0.1
+
+
+def test_no_time_at_all_is_no_division_by_zero(monkeypatch):
+    monkeypatch.setattr(live_module.time, "monotonic", lambda: 100.0)
+    assert live(Input()).one(0.0).reason.startswith("no pair in 0.0 s: left 0.0 Hz")
 
 
 def test_image_that_cannot_be_read_is_named():

@@ -61,3 +61,13 @@ def test_the_collector_has_little_to_go_through_while_the_node_runs():
     run = subprocess.run([sys.executable, "-c", STARTED], capture_output=True, text=True, check=True)
     spared, left = map(int, run.stdout.split())
     assert left < spared / 20
+
+
+def test_heap_is_trimmed_once_after_each_unsubscribing(monkeypatch):
+    trimmed = []
+    monkeypatch.setattr(memory, "trim_heap", lambda: trimmed.append(True))
+    trimmer, counts = memory.HeapTrimmer(), []
+    for subscribed in (True, False, False, False, False, True, False, True, False, False):
+        trimmer.tick(subscribed)
+        counts.append(len(trimmed))
+    assert counts == [0, 0, 1, 1, 1, 1, 1, 1, 1, 2]

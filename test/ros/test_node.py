@@ -43,7 +43,7 @@ def script(graph, monkeypatch):
                 raise outcome
             return outcome
 
-    monkeypatch.setattr(selfcal_module, "ReportingCall", ScriptedCall)
+    monkeypatch.setattr(selfcal_module, "CalibrationCall", ScriptedCall)
     unsaved = Parameter("output_path", Parameter.Type.STRING, "")  # and nothing is restored
     selfcal = SelfcalNode(parameter_overrides=[unsaved])
     executor = MultiThreadedExecutor(4)

@@ -229,7 +229,7 @@ def test_nobody_ever_sees_half_a_result(graph, start):
 def test_bag_that_starts_over_keeps_pairing(graph, start):
     """Stamps jump back with every pass; every pass must pair (message_filters gets stuck)."""
     start()
-    # Minutes earlier each time: the node takes images only when it looks, and sees no jump back to stamps
+    # Minutes earlier each time: the node takes images only when it probes, and sees no jump back to stamps
     # that the pass before had not come to yet.
     for first in (2000, 1000, 0):
         with Camera(graph, [rendered()], first=first):

@@ -1,4 +1,4 @@
-"""The node over its life: restored, doubted, recalibrated, taken back; in this process."""
+"""The node over its life: restored, suspect, recalibrated, withdrawn; in this process."""
 
 import dataclasses
 import threading
@@ -67,7 +67,7 @@ def start(graph):
 @pytest.fixture
 def scripted(monkeypatch):
     """Calls of ~/calibrate answer GOOD."""
-    monkeypatch.setattr(selfcal_module, "ReportingCall", lambda *_: SimpleNamespace(run=lambda: GOOD))
+    monkeypatch.setattr(selfcal_module, "CalibrationCall", lambda *_: SimpleNamespace(run=lambda: GOOD))
 
 
 @pytest.fixture
@@ -147,7 +147,8 @@ def test_other_cameras_take_a_calibration_back(graph, start, scripted):
     selfcal = start()
     assert graph.calibrate().success
     calibration(graph, "calibrated")
-    selfcal._input._infos = {side: ros_graph.info_message(side, OTHER_RIG) for side in ros_graph.SIDES}
+    for side in ros_graph.SIDES:
+        selfcal._input._infos.keep(side, ros_graph.info_message(side, OTHER_RIG))
     status, values = calibration(graph, "uncalibrated")
     assert status.level == DiagnosticStatus.WARN
     assert "of other cameras: rig.fx was 516.6, now it is 500" in status.message
@@ -155,7 +156,7 @@ def test_other_cameras_take_a_calibration_back(graph, start, scripted):
     assert graph.parameters(*RESULTS) == [None] * 6
     event = graph.latest(ParameterEvent, "extrinsics")
     assert [p.name for p in event.deleted_parameters] == RESULTS
-    selfcal._input._infos = {}
+    selfcal._input._infos.clear()
     assert graph.calibrate().success  # and the parameters can be set again
     assert graph.parameters(*RESULTS)[:3] == POSE.tolist()
 

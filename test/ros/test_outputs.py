@@ -161,7 +161,7 @@ def test_shutdown_ends_the_waiting_for_a_publication(start):
     publication = Publication(RESULT, selfcal._parameters.config, STAMP_NS)
     with ThreadPoolExecutor(1) as pool:
         waiting = pool.submit(selfcal._outputs.publish, publication)
-        ros_graph.wait_until(lambda: selfcal._outputs._order is not None, "the publication")
+        ros_graph.wait_until(lambda: selfcal._outputs._request is not None, "the publication")
         selfcal.stop()
         for attempt in (waiting, pool.submit(selfcal._outputs.publish, publication)):
             with pytest.raises(OutputError, match="the node shuts down"):

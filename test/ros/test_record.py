@@ -10,9 +10,10 @@ from stereo_selfcal import Extrinsics
 from stereo_selfcal.core.camera.pairing import PairCounts, StampedPair
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import CalibrationResult, rejected
-from stereo_selfcal.ros.calibration import InputState, Topics
+from stereo_selfcal.ros.calibration import CalibrationCall
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
-from stereo_selfcal.ros.record import FrameRecord, FrameReport, ReportingCall
+from stereo_selfcal.ros.pair_source import InputState, Topics
+from stereo_selfcal.ros.record import FrameRecord, FrameReport
 from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene
 
 ACCEPTED = CalibrationResult("good", extrinsics=Extrinsics(1.4, 0, 0), covariance=np.eye(3), n_frames=1)
@@ -89,7 +90,7 @@ def test_call_reports_every_frame_with_what_came_of_it():
     road = named_scene("straight_road").frame(0)
     bare = np.full_like(road.left, 90)
     told = []
-    outcome = ReportingCall(Source((bare, bare), (road.left, road.right)), config(), told.append).run()
+    outcome = CalibrationCall(Source((bare, bare), (road.left, road.right)), config(), told.append).run()
     assert outcome.result.extrinsics == told[1].result.extrinsics
     assert [report.result.reason for report in told] == [RejectReason.NO_LINES_FOUND, None]
     assert [report.stamp_ns for report in told] == [1_000_000_007, 2_000_000_007]
@@ -97,7 +98,7 @@ def test_call_reports_every_frame_with_what_came_of_it():
     np.testing.assert_array_equal(told[1].left, road.left)
     np.testing.assert_array_equal(told[1].right, road.right)
     assert told[1].result.pattern is not None and told[1].rig == PAPER_RIG == outcome.rig
-    assert all(report.elapsed_s > 0 for report in told)
+    assert all(0 < report.elapsed_s < 60 for report in told)
 
 
 def test_frames_before_the_rig_is_known_are_no_frames():
@@ -105,6 +106,6 @@ def test_frames_before_the_rig_is_known_are_no_frames():
     told = []
     rig = {f"rig.{name}": type(value)(0) for name, value in PAPER_RIG.to_mapping().items()}
     bare = np.full((480, 640), 90, np.uint8)
-    outcome = ReportingCall(Source((bare, bare)), config(timeout_s=0.1, **rig), told.append).run()
+    outcome = CalibrationCall(Source((bare, bare)), config(timeout_s=0.1, **rig), told.append).run()
     assert told == []
     assert "no CameraInfo on /left_info (1 publisher)" in outcome.message

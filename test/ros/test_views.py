@@ -1,4 +1,4 @@
-"""The streamed pictures: what is drawn when, and that nothing is done while nobody looks."""
+"""The streamed pictures: what is drawn when, and that nothing is drawn without subscribers."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -11,11 +11,12 @@ pytest.importorskip("rclpy")
 from stereo_selfcal import Extrinsics
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import CalibrationResult, rejected
-from stereo_selfcal.pictures.canvas import GREEN, SKY_BLUE, VERMILION, YELLOW
+from stereo_selfcal.pictures.canvas import GREEN, SKY_BLUE, VERMILION, YELLOW, StripContent
 from stereo_selfcal.ros import views as views_module
+from stereo_selfcal.ros.calibration_keeper import ActiveCalibration
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
 from stereo_selfcal.ros.live import LiveFrame, NoFrame
-from stereo_selfcal.ros.record import ActiveCalibration, FrameReport
+from stereo_selfcal.ros.record import FrameReport
 from stereo_selfcal.ros.views import HOLD_S, PERIOD_S, Views
 from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene
 
@@ -44,12 +45,12 @@ class Stage:
 
     def __init__(self):
         self.publishers, self.now_s, self.frame, self.taken = {}, 100.0, LIVE, []
-        self.in_force = None
+        self.active = None
         node = SimpleNamespace(
             create_publisher=lambda kind, topic, qos, **_: self.publishers.setdefault(topic, Publisher()),
             get_clock=lambda: SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=11)),
         )
-        self.views = Views(node, self.take, lambda: self.in_force, lambda: CONFIG, lambda: self.now_s)
+        self.views = Views(node, self.take, lambda: self.active, lambda: CONFIG, lambda: self.now_s)
         self.image, self.above = self.publishers["~/debug_image"], self.publishers["~/birds_eye"]
 
     def take(self, timeout_s):
@@ -95,7 +96,7 @@ def test_only_what_is_watched_is_drawn(stage, monkeypatch, lonely):
 
 def test_calibrated_frame_is_shown_for_a_while_then_the_current_one(stage):
     stage.views.show(REPORT)
-    stage.in_force = ActiveCalibration(RESULT, PAPER_RIG, 100.0)
+    stage.active = ActiveCalibration(RESULT, PAPER_RIG, 100.0)
     assert stage.bars() == [GREEN, GREEN]
     assert stage.image.sent[-1].header.stamp.nanosec == 7
     stage.now_s += HOLD_S - 0.1
@@ -136,17 +137,63 @@ def test_what_there_is_before_the_first_calibration(stage, frame, bar):
     assert stage.bars() == [bar, bar]
 
 
+@pytest.fixture
+def notices(monkeypatch):
+    """Keep what is said in each picture that is drawn."""
+    said = []
+    for name in ("draw_debug_image", "draw_fringes", "draw_notice"):
+        draw = getattr(views_module, name)
+
+        def keep(*arguments, draw=draw):
+            said.extend(each for each in arguments if isinstance(each, StripContent))
+            return draw(*arguments)
+
+        monkeypatch.setattr(views_module, name, keep)
+    return said
+
+
+@pytest.mark.parametrize(
+    ("since_s", "now_s", "age"),
+    [(100.0, 100.0, "0 s"), (100.0, 412.9, "5 min 12 s"), (-90_000.0, 100.0, "1 d 1 h")],
+)
+def test_the_age_of_the_active_calibration_is_shown(stage, notices, since_s, now_s, age):
+    stage.active = ActiveCalibration(RESULT, PAPER_RIG, since_s)
+    stage.now_s = now_s
+    stage.views.step()
+    assert {notice.title for notice in notices} == {f"CALIBRATION IN FORCE, {age} old"}
+
+
+def test_what_is_shown_of_another_camera_names_both_sizes(stage, notices):
+    stage.active = ActiveCalibration(RESULT, replace(PAPER_RIG, width=320, height=300), 0.0)
+    stage.views.step()
+    words = "the images have 640 x 480 px, the calibration is for 320 x 300 px: calibrate again"
+    assert {(notice.title, notice.lines) for notice in notices} == {("OTHER CAMERA", (words,))}
+
+
+@pytest.mark.parametrize(
+    ("height", "width", "drawn"),
+    [(16, 16, True), (16, 128, True), (16, 129, False), (15, 16, False), (128, 16, True)],
+)
+def test_only_images_of_usual_shape_are_drawn(stage, notices, height, width, drawn):
+    image = np.zeros((height, width), np.uint8)
+    stage.frame = replace(LIVE, left=image, right=image, rig=None)
+    stage.above.listeners = 0
+    stage.views.step()
+    titles = {notice.title for notice in notices}
+    assert titles == {"NOT CALIBRATED" if drawn else "NO PICTURE"}
+
+
 def test_other_camera_than_the_one_calibrated(stage):
     """The pose says nothing about images of another size."""
-    stage.in_force = ActiveCalibration(RESULT, replace(PAPER_RIG, width=320), 0.0)
+    stage.active = ActiveCalibration(RESULT, replace(PAPER_RIG, width=320), 0.0)
     assert stage.bars() == [VERMILION, VERMILION]
 
 
 def test_calibration_that_became_wrong_shows(stage):
-    """Drawn over the current image is what is in force, not what would be right for it."""
+    """The active calibration is drawn over the current image, not the one that would be right for it."""
 
     def fringes(pose):
-        stage.in_force = ActiveCalibration(replace(RESULT, extrinsics=pose), PAPER_RIG, 0.0)
+        stage.active = ActiveCalibration(replace(RESULT, extrinsics=pose), PAPER_RIG, 0.0)
         assert stage.bars() == [SKY_BLUE, SKY_BLUE]
         message = stage.above.sent[-1]
         picture = np.frombuffer(message.data, np.uint8).reshape(message.height, message.width, 3).astype(int)
@@ -155,3 +202,35 @@ def test_calibration_that_became_wrong_shows(stage):
     right = fringes(POSE)
     assert fringes(Extrinsics(POSE.height_m * 1.1, POSE.pitch_rad, POSE.roll_rad)) > right
     assert fringes(Extrinsics(POSE.height_m, POSE.pitch_rad + 0.02, POSE.roll_rad)) > right
+
+
+class Waiting:
+    """Stands in for the event that ends the drawing: it ends after three waits."""
+
+    def __init__(self):
+        self.delays = []
+
+    def wait(self, delay_s):
+        self.delays.append(delay_s)
+        return len(self.delays) > 3
+
+    def is_set(self):
+        return False
+
+
+def test_one_picture_a_period_even_if_one_fails(stage, monkeypatch):
+    steps, errors = [], []
+    stage.views._stopped = Waiting()
+    stage.views._node.context = SimpleNamespace(ok=lambda: True)
+    stage.views._node.get_logger = lambda: SimpleNamespace(error=lambda text, **_: errors.append(text))
+
+    def step():
+        steps.append(True)
+        if len(steps) == 2:
+            raise ZeroDivisionError("division by zero")
+
+    monkeypatch.setattr(stage.views, "step", step)
+    stage.views._run()
+    assert stage.views._stopped.delays == [PERIOD_S] * 4
+    assert len(steps) == 3
+    assert len(errors) == 1 and "division by zero" in errors[0]

@@ -1,22 +1,40 @@
-"""What the node stands by: the calibration in force, its state, and the watch over it. Needs no ROS."""
+"""The active calibration, its state, and the watch over it. Needs no ROS."""
 
 from __future__ import annotations
 
 import threading
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from ..core.camera.rig import StereoRig
 from ..core.drive.states import Event, Machine, State, event_of
 from ..core.drive.watch import Watch
 from ..core.results import CalibrationResult
-from .record import ActiveCalibration
 
 _NEVER = "call ~/calibrate on a straight road with painted lines"
 _AGREES = "the road shows the pose of before the drift again"
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ActiveCalibration:
+    """The calibration that the node publishes and watches.
+
+    Attributes:
+        result: The result.
+        rig: The rig it holds for.
+        since_s: Steady time [s] of its beginning (:func:`time.monotonic`).
+        saved: Where it is saved, or why it is not saved.
+        save_failed: Whether saving was tried and failed.
+    """
+
+    result: CalibrationResult
+    rig: StereoRig
+    since_s: float
+    saved: str = ""
+    save_failed: bool = False
+
+
 class CalibrationKeeper:
-    """Keeps state, calibration and watch together; safe to be used by several threads.
+    """Keeps the active calibration, its state and the watch consistent; safe to be used by several threads.
 
     Args:
         watch: The watch, for tests.
@@ -26,28 +44,28 @@ class CalibrationKeeper:
         self._lock = threading.Lock()
         self._machine = Machine()
         self._watch = watch or Watch()
-        self._in_force: ActiveCalibration | None = None
+        self._active: ActiveCalibration | None = None
         self._watched_rig: StereoRig | None = None
         self._why = _NEVER
 
     @property
-    def in_force(self) -> ActiveCalibration | None:
-        """The calibration in force; what is suspect or invalid stays so until there is a better one."""
-        return self._in_force
+    def active(self) -> ActiveCalibration | None:
+        """The active calibration. One that is suspect or invalid stays active until there is a better one."""
+        return self._active
 
     @property
     def state(self) -> State:
-        """The state now."""
+        """The present state."""
         return self._machine.state
 
     @property
     def wants_another(self) -> bool:
-        """Whether the calibration in force is not what the road shows, or there is none."""
+        """Whether there is no active calibration, or the road contradicts it."""
         return self._machine.state in (State.UNCALIBRATED, State.SUSPECT, State.INVALID)
 
     @property
     def reason(self) -> str:
-        """Why the state is what it is, one sentence."""
+        """The reason of the state, one sentence."""
         with self._lock:
             state = self._machine.state
             if state is State.CALIBRATING:
@@ -57,47 +75,50 @@ class CalibrationKeeper:
             return self._why
 
     def explain(self) -> str:
-        """Return what the watch has to say, one sentence."""
+        """Return what the watch has found, one sentence."""
         with self._lock:
             return self._watch.explain()
 
     def reject(self, problem: str) -> None:
-        """Note why the calibration of an earlier run is not in force."""
+        """Note why the calibration of an earlier run did not become the active one."""
         self._why = problem
 
-    def load(self, in_force: ActiveCalibration) -> None:
-        """Stand by a calibration of an earlier run."""
-        self._stand_by(in_force, Event.LOADED, in_force.saved, settled=False)
+    def load(self, active: ActiveCalibration) -> None:
+        """Activate a calibration of an earlier run."""
+        self._activate(active, Event.LOADED, active.saved, settled=False)
 
     def begin(self) -> None:
-        """A calibration was asked for."""
+        """Note that a call of ``~/calibrate`` has begun."""
         self._happen(Event.STARTED)
 
     def fail(self) -> None:
-        """Nothing came of it: what was in force stays so."""
+        """Note that the call has found nothing: the active calibration stays.
+
+        After :meth:`accept` this does nothing.
+        """
         self._happen(Event.FAILED)
 
-    def accept(self, in_force: ActiveCalibration, settled: bool = False) -> None:
-        """Stand by a new calibration.
+    def accept(self, active: ActiveCalibration, settled: bool = False) -> None:
+        """Activate a new calibration.
 
         Args:
-            in_force: The calibration.
-            settled: Whether it is the watch's own: a mean over minutes of road.
+            active: The calibration.
+            settled: Whether the watch has found it, as a mean over minutes of road.
         """
         why = "proven better by the watch" if settled else "accepted when ~/calibrate was called"
-        self._stand_by(in_force, Event.ACCEPTED, why, settled)
+        self._activate(active, Event.ACCEPTED, why, settled)
 
     def saved(self, where: str, failed: bool) -> None:
-        """Note what came of saving the calibration in force."""
+        """Note where the active calibration was saved, or why it was not."""
         with self._lock:
-            if self._in_force is not None:
-                self._in_force = replace(self._in_force, saved=where, save_failed=failed)
+            if self._active is not None:
+                self._active = replace(self._active, saved=where, save_failed=failed)
 
     def withdraw(self, reason: str) -> None:
-        """Stand by no calibration any more: it is of other cameras."""
+        """Deactivate the calibration: it is of other cameras."""
         with self._lock:
             self._machine = self._machine.after(Event.WITHDRAWN)
-            self._in_force, self._why = None, reason
+            self._active, self._why = None, reason
             self._watch.start(None)
 
     def watched(self, result: CalibrationResult, rig: StereoRig) -> Event | None:
@@ -108,10 +129,10 @@ class CalibrationKeeper:
             rig: The rig it comes from.
 
         Returns:
-            What it has made happen to the state, None for nothing.
+            The event that changed the state, None when it did not change.
         """
         with self._lock:
-            if self._in_force is None and rig != self._watched_rig:
+            if self._active is None and rig != self._watched_rig:
                 self._watch.start(None)
             self._watched_rig = rig
             event = event_of(self._watch.add(result), self._machine.state)
@@ -130,11 +151,11 @@ class CalibrationKeeper:
         with self._lock:
             return self._watch.proposal(rig)
 
-    def _stand_by(self, in_force: ActiveCalibration, event: Event, why: str, settled: bool) -> None:
+    def _activate(self, active: ActiveCalibration, event: Event, why: str, settled: bool) -> None:
         with self._lock:
             self._machine = self._machine.after(event)
-            self._in_force, self._why = in_force, why
-            self._watch.start(in_force.result, settled)
+            self._active, self._why = active, why
+            self._watch.start(active.result, settled)
 
     def _happen(self, event: Event) -> None:
         with self._lock:

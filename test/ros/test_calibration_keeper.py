@@ -1,4 +1,4 @@
-"""What the node stands by, and where it keeps it; without a graph."""
+"""The active calibration, and where it is saved; without a graph."""
 
 import dataclasses
 import errno
@@ -13,13 +13,12 @@ from stereo_selfcal.core.drive.states import Event, State
 from stereo_selfcal.files import atomic_file
 from stereo_selfcal.files.node_settings import all_settings
 from stereo_selfcal.files.result_file import load_result
+from stereo_selfcal.ros.calibration_keeper import ActiveCalibration, CalibrationKeeper
 from stereo_selfcal.ros.config import NodeConfig
-from stereo_selfcal.ros.record import ActiveCalibration
-from stereo_selfcal.ros.standing import CalibrationKeeper
-from stereo_selfcal.ros.store import as_in_force, save
+from stereo_selfcal.ros.store import restored_calibration, save
 
 DEFAULTS = {setting.name: setting.default for setting in all_settings()}
-IN_FORCE = ActiveCalibration(a_result(), RIG, 0.0)
+ACTIVE = ActiveCalibration(a_result(), RIG, 0.0)
 OTHER_RIG = dataclasses.replace(RIG, fx=500.0)
 STEP_S = 3.0
 
@@ -42,50 +41,50 @@ def frames(n, pose=EXTRINSICS, shift=(0.0, 0.0, 0.0), start_s=0.0):
         )
 
 
-def drive(standing, n, rig=RIG, **options):
+def drive(keeper, n, rig=RIG, **options):
     """Return the events of n frames."""
-    events = [standing.watched(result, rig) for result in frames(n, **options)]
+    events = [keeper.watched(result, rig) for result in frames(n, **options)]
     return [event for event in events if event is not None]
 
 
 @pytest.fixture
 def calibrated():
-    standing = CalibrationKeeper()
-    standing.begin()
-    standing.accept(IN_FORCE)
-    return standing
+    keeper = CalibrationKeeper()
+    keeper.begin()
+    keeper.accept(ACTIVE)
+    return keeper
 
 
-def test_nothing_is_in_force_at_first():
-    standing = CalibrationKeeper()
-    assert (standing.state, standing.in_force, standing.wants_another) == (State.UNCALIBRATED, None, True)
-    assert standing.reason == "call ~/calibrate on a straight road with painted lines"
+def test_no_calibration_is_active_at_first():
+    keeper = CalibrationKeeper()
+    assert (keeper.state, keeper.active, keeper.wants_another) == (State.UNCALIBRATED, None, True)
+    assert keeper.reason == "call ~/calibrate on a straight road with painted lines"
 
 
-def test_a_call_puts_a_result_in_force():
-    standing = CalibrationKeeper()
-    standing.begin()
-    assert standing.state is State.CALIBRATING
-    assert standing.reason == "a call of ~/calibrate is running"
-    standing.accept(IN_FORCE)
-    standing.fail()  # as the end of every call; means nothing now
-    assert (standing.state, standing.in_force, standing.wants_another) == (State.CALIBRATED, IN_FORCE, False)
-    assert standing.reason == "accepted when ~/calibrate was called"
-    standing.saved("saved to /x", failed=True)
-    assert (standing.in_force.saved, standing.in_force.save_failed) == ("saved to /x", True)
+def test_a_call_activates_its_result():
+    keeper = CalibrationKeeper()
+    keeper.begin()
+    assert keeper.state is State.CALIBRATING
+    assert keeper.reason == "a call of ~/calibrate is running"
+    keeper.accept(ACTIVE)
+    keeper.fail()  # as the end of every call; means nothing now
+    assert (keeper.state, keeper.active, keeper.wants_another) == (State.CALIBRATED, ACTIVE, False)
+    assert keeper.reason == "accepted when ~/calibrate was called"
+    keeper.saved("saved to /x", failed=True)
+    assert (keeper.active.saved, keeper.active.save_failed) == ("saved to /x", True)
 
 
 def test_a_call_that_finds_nothing_leaves_what_was(calibrated):
     calibrated.begin()
     calibrated.fail()
-    assert (calibrated.state, calibrated.in_force) == (State.CALIBRATED, IN_FORCE)
+    assert (calibrated.state, calibrated.active) == (State.CALIBRATED, ACTIVE)
 
 
-def test_the_last_good_calibration_stays_in_force_while_it_is_doubted(calibrated):
+def test_the_last_good_calibration_stays_active_while_it_is_suspect(calibrated):
     assert drive(calibrated, 60) == []
     events = drive(calibrated, 60, shift=(0.1, 0.0, 0.0), start_s=200.0)
     assert events == [Event.DOUBTED, Event.REFUTED]
-    assert (calibrated.state, calibrated.in_force) == (State.INVALID, IN_FORCE)
+    assert (calibrated.state, calibrated.active) == (State.INVALID, ACTIVE)
     assert calibrated.reason.startswith("height over the road has changed by +")
     assert calibrated.explain().startswith("drift, proven by the frames since the alarm: height")
     assert calibrated.wants_another
@@ -110,55 +109,55 @@ def test_the_watch_proposes_a_better_one(calibrated):
     better = ActiveCalibration(calibrated.proposal(RIG), RIG, 0.0)
     assert better.result.extrinsics.height_m == pytest.approx(EXTRINSICS.height_m + 0.1, abs=5e-3)
     calibrated.accept(better, settled=True)
-    assert (calibrated.state, calibrated.in_force) == (State.CALIBRATED, better)
+    assert (calibrated.state, calibrated.active) == (State.CALIBRATED, better)
     assert calibrated.reason == "proven better by the watch"
     assert drive(calibrated, 200, shift=(0.1, 0.0, 0.0), start_s=400.0) == []
 
 
 def test_withdrawn_is_uncalibrated_and_says_why(calibrated):
     calibrated.withdraw("other cameras")
-    assert (calibrated.state, calibrated.in_force) == (State.UNCALIBRATED, None)
+    assert (calibrated.state, calibrated.active) == (State.UNCALIBRATED, None)
     assert calibrated.reason == "other cameras"
     assert drive(calibrated, 60) == []
 
 
 def test_frames_of_two_rigs_make_no_mean():
-    standing = CalibrationKeeper()
-    drive(standing, 15)
-    drive(standing, 15, rig=OTHER_RIG, start_s=45.0)
-    assert standing.proposal(OTHER_RIG) is None
-    drive(standing, 15, rig=OTHER_RIG, start_s=90.0)
-    assert standing.proposal(OTHER_RIG) is not None
+    keeper = CalibrationKeeper()
+    drive(keeper, 15)
+    drive(keeper, 15, rig=OTHER_RIG, start_s=45.0)
+    assert keeper.proposal(OTHER_RIG) is None
+    drive(keeper, 15, rig=OTHER_RIG, start_s=90.0)
+    assert keeper.proposal(OTHER_RIG) is not None
 
 
 def test_restored_has_the_age_of_its_stamp(tmp_path):
     path = tmp_path / "out.yaml"
     write(path)
     saved = load_result(path)
-    restored = as_in_force(saved, path, saved.stamp_s + 500.0)
+    restored = restored_calibration(saved, path, saved.stamp_s + 500.0)
     assert time.monotonic() - restored.since_s == pytest.approx(500.0, abs=60.0)
     assert restored.saved == f"restored from {path}"
     assert (restored.rig, restored.result.extrinsics) == (RIG, EXTRINSICS)
     for now_s in (saved.stamp_s - 5.0, saved.stamp_s + 1e10):  # of another clock
-        assert time.monotonic() - as_in_force(saved, path, now_s).since_s < 60.0
+        assert -1.0 < time.monotonic() - restored_calibration(saved, path, now_s).since_s < 60.0
 
 
 def test_saved_with_its_exports(tmp_path):
     path = tmp_path / "out.yaml"
-    text, failed = save(IN_FORCE, config(output_path=str(path), exports="urdf,autoware"), "topics")
+    text, failed = save(ACTIVE, config(output_path=str(path), exports="urdf,autoware"), "topics")
     assert (text, failed) == (f"saved to {path} and exported as urdf, autoware", False)
     assert load_result(path).extrinsics == EXTRINSICS
     assert sorted(p.name for p in tmp_path.iterdir()) == ["out.autoware.yaml", "out.urdf.xml", "out.yaml"]
 
 
 def test_without_a_path_nothing_is_saved():
-    assert save(IN_FORCE, config(), "topics") == ("not saved, as output_path is empty", False)
+    assert save(ACTIVE, config(), "topics") == ("not saved, as output_path is empty", False)
 
 
 def test_exports_that_fail_leave_the_result_saved(tmp_path):
     path = tmp_path / "out.yaml"
     (tmp_path / "out.urdf.xml").mkdir()
-    text, failed = save(IN_FORCE, config(output_path=str(path), exports="urdf"), "topics")
+    text, failed = save(ACTIVE, config(output_path=str(path), exports="urdf"), "topics")
     assert failed
     assert text.startswith(f"saved to {path}, but not exported: ")
     assert load_result(path).extrinsics == EXTRINSICS
@@ -177,7 +176,7 @@ def test_full_disk_and_read_only_folder_are_named(tmp_path, monkeypatch, code, w
 
     with monkeypatch.context() as patch:
         patch.setattr(atomic_file.os, "write", fails)
-        better = dataclasses.replace(IN_FORCE, result=a_result(n_frames=9))
+        better = dataclasses.replace(ACTIVE, result=a_result(n_frames=9))
         text, failed = save(better, config(output_path=str(path)), "topics")
     assert failed
     assert text.startswith("in effect, but not saved: ")
@@ -189,5 +188,5 @@ def test_full_disk_and_read_only_folder_are_named(tmp_path, monkeypatch, code, w
 def test_a_strange_file_is_kept_aside_before_saving(tmp_path):
     path = tmp_path / "out.yaml"
     path.write_text("my diary")
-    assert save(IN_FORCE, config(output_path=str(path)), "topics") == (f"saved to {path}", False)
+    assert save(ACTIVE, config(output_path=str(path)), "topics") == (f"saved to {path}", False)
     assert (tmp_path / "out.yaml.rejected").read_text() == "my diary"

@@ -1,0 +1,125 @@
+"""Where pairs of image messages come from, and why none came. Needs no ROS."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+from ..core.camera.pairing import PairCounts, StampedPair, suggest_tolerance_s
+from ..core.camera.rectifier import StereoRectifier
+from .config import NodeConfig
+
+
+class Topics(NamedTuple):
+    """Full names of the topics the node listens to."""
+
+    left: str
+    right: str
+    left_info: str
+    right_info: str
+
+
+@dataclass(frozen=True, slots=True)
+class InputState:
+    """What the source has received so far.
+
+    Attributes:
+        counts: Images, pairs and drops.
+        nearest_s: Least difference of a left and a right stamp since the call began [s].
+        mismatches: Sentences about publishers that nothing can be received from.
+    """
+
+    counts: PairCounts
+    nearest_s: float | None
+    mismatches: tuple[str, ...] = ()
+
+
+class PairSource(Protocol):
+    """Where a call gets its pairs of image messages from."""
+
+    @property
+    def topics(self) -> Topics:
+        """Topics of the source."""
+
+    @property
+    def state(self) -> InputState:
+        """Counts so far, and what may be wrong with the publishers."""
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the node shuts down: no pairs will come any more."""
+
+    @property
+    def camera_infos(self) -> tuple[Any, Any]:
+        """Last CameraInfo of both cameras, None where none came."""
+
+    def publishers(self, topic: str) -> int:
+        """Return how many publishers a topic has."""
+
+    def next_pair(self, timeout_s: float) -> StampedPair[Any] | None:
+        """Wait for the next pair and return it, None when none came in time."""
+
+
+def known_rectifier(source: PairSource, config: NodeConfig) -> StereoRectifier | None:
+    """Return the cameras of the parameters or of CameraInfo, None before both have come.
+
+    Raises:
+        RigError: They are invalid.
+    """
+    rig = config.rig_from_parameters()
+    if rig is not None:
+        return StereoRectifier(rig)
+    left, right = source.camera_infos
+    if left is None or right is None:
+        return None
+    return StereoRectifier.from_camera_info(left, right, config.rectified)
+
+
+def no_pair_reason(source: PairSource, config: NodeConfig, before: PairCounts, elapsed_s: float) -> str:
+    """Return why no pair was formed: which side is missing, or how far the stamps are apart.
+
+    Args:
+        source: Where the frames should have come from.
+        config: Parameters of the node.
+        before: Counts at the beginning of the wait.
+        elapsed_s: Length of the wait [s].
+    """
+    state, topics = source.state, source.topics
+    added = state.counts.since(before)
+    text = (
+        f"no pair in {elapsed_s:.1f} s: left {added.left / elapsed_s:.1f} Hz, "
+        f"right {added.right / elapsed_s:.1f} Hz; "
+    )
+    silent = [topic for topic, count in ((topics.left, added.left), (topics.right, added.right)) if not count]
+    if silent:
+        named = " and ".join(f"{topic} ({publishers_text(source, topic)})" for topic in silent)
+        why = "; ".join(state.mismatches) or "start the camera, remap the topic or check its QoS"
+        return f"{text}nothing arrives on {named}: {why}"
+    if state.nearest_s is None:
+        return f"{text}left and right never waited for each other: raise queue_size from {config.queue_size}"
+    nearest = f"{text}the nearest stamps differ by {state.nearest_s * 1e3:.3f} ms"
+    rate_hz = max(added.left, added.right) / elapsed_s
+    suggested_s = suggest_tolerance_s(state.nearest_s, rate_hz)
+    tolerance_s = config.approximate_sync_tolerance_seconds if config.approximate_sync else 0.0
+    if state.nearest_s > tolerance_s and suggested_s is None:
+        return (
+            f"{nearest}, more than half a frame at {rate_hz:.1f} Hz: no tolerance helps, the clocks of the "
+            "cameras have to be set alike"
+        )
+    if not config.approximate_sync:
+        return (
+            f"{nearest}: set approximate_sync, and approximate_sync_tolerance_seconds to {suggested_s:g} "
+            f"(half a frame is {500 / rate_hz:.1f} ms), or synchronise the cameras"
+        )
+    if state.nearest_s > tolerance_s:
+        return (
+            f"{nearest}, approximate_sync_tolerance_seconds allows {tolerance_s * 1e3:.3f} ms: raise it to "
+            f"{suggested_s:g} (half a frame is {500 / rate_hz:.1f} ms), or synchronise the cameras"
+        )
+    return f"{nearest}, which is tolerated, but none was formed: raise queue_size from {config.queue_size}"
+
+
+def publishers_text(source: PairSource, topic: str) -> str:
+    """Return the number of publishers of a topic, in words."""
+    count = source.publishers(topic)
+    return "1 publisher" if count == 1 else f"{count} publishers"

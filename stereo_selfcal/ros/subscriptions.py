@@ -1,0 +1,197 @@
+"""The ROS subscriptions to a stereo camera: names, message types, QoS, and what DDS holds back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import (
+    QoSCompatibility,
+    QoSHistoryPolicy,
+    QoSProfile,
+    QoSReliabilityPolicy,
+    qos_check_compatible,
+)
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+
+from ..core.geometry.homography import SIDES, Side
+from .config import NodeConfig
+from .pair_source import Topics
+
+# What rmw calls the node of a publisher that was discovered before its node was.
+_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
+_QUEUE = 5  # the depth of rmw's profile for sensor data (REP 2003), as is the best effort
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stream:
+    """One topic of the camera.
+
+    Attributes:
+        message_type: Class of its messages.
+        name: Its name before remapping, which must not happen twice.
+        topic: Its full name.
+        received: Called with each message.
+    """
+
+    message_type: type
+    name: str
+    topic: str
+    received: Callable[[Any], None]
+
+
+class _Gate(MutuallyExclusiveCallbackGroup):  # type: ignore[misc]  # rclpy has no types
+    """Runs callbacks one at a time, and none while the gate is closed.
+
+    The executor takes no message from DDS then. DDS keeps the newest few messages, which costs a tenth of
+    taking them all.
+    """
+
+    def __init__(self, is_open: Callable[[], bool]) -> None:
+        super().__init__()
+        self._is_open = is_open
+
+    def can_execute(self, entity: Any) -> bool:
+        """Return whether a callback may run now."""
+        return self._is_open() and bool(super().can_execute(entity))
+
+
+class CameraSubscriptions:
+    """Subscribes to the images and to the CameraInfo of both cameras, and drops the subscriptions again.
+
+    Subscriptions are best effort, which matches every publisher. ``qos_overrides.*`` parameters change that.
+
+    Args:
+        node: The node.
+        config: Its configuration.
+        on_image: Called with each image message and its side.
+        on_camera_info: Called with each CameraInfo and its side.
+        images_wanted: Returns whether image messages are to be taken from DDS.
+        infos_wanted: Returns the same for CameraInfo.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        config: NodeConfig,
+        on_image: Callable[[Side, Any], None],
+        on_camera_info: Callable[[Side, Any], None],
+        images_wanted: Callable[[], bool],
+        infos_wanted: Callable[[], bool],
+    ) -> None:
+        self._node = node
+        self._images_wanted = images_wanted
+        self._infos_wanted = infos_wanted
+        self._subscribed: dict[str, Subscription] = {}
+        self._profiles: dict[str, QoSProfile] = {}
+        compressed = config.image_transport == "compressed"
+        leaf = "image_rect" if config.rectified else "image_raw"
+
+        def image_stream(side: Side) -> Stream:
+            name = f"{side}/{leaf}"
+            if compressed:  # as image_transport has it: the suffix goes behind the remapped name
+                name = f"{node.resolve_topic_name(name)}/compressed"
+            message_type = CompressedImage if compressed else Image
+            return Stream(
+                message_type, name, node.resolve_topic_name(name), lambda message: on_image(side, message)
+            )
+
+        def info_stream(side: Side) -> Stream:
+            name = f"{side}/camera_info"
+            return Stream(
+                CameraInfo, name, node.resolve_topic_name(name), lambda message: on_camera_info(side, message)
+            )
+
+        self._images = tuple(map(image_stream, SIDES))
+        self._infos = tuple(map(info_stream, SIDES))
+
+    @property
+    def topics(self) -> Topics:
+        """Full names of the topics."""
+        return Topics(*(stream.topic for stream in (*self._images, *self._infos)))
+
+    def publishers(self, topic: str) -> int:
+        """Return how many publishers a topic has."""
+        return int(self._node.count_publishers(topic))
+
+    def mismatches(self) -> tuple[str, ...]:
+        """Return sentences about publishers that nothing can be received from, by their type or QoS."""
+        found = []
+        for stream in (*self._images, *self._infos):
+            topic, wanted = stream.topic, f"sensor_msgs/msg/{stream.message_type.__name__}"
+            for publisher in self._node.get_publishers_info_by_topic(topic):
+                name = f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
+                if publisher.node_name == _UNKNOWN_NODE:
+                    name = "a node not known by name yet"
+                compatible, reason = qos_check_compatible(publisher.qos_profile, self._profiles[topic])
+                if publisher.topic_type != wanted:
+                    found.append(f"{name} publishes {publisher.topic_type} on {topic}, {wanted} is read")
+                elif compatible == QoSCompatibility.ERROR:
+                    why = " ".join(reason.replace("ERROR:", "").split()).rstrip(";")
+                    found.append(
+                        f"{name} publishes {topic} with a QoS that does not match ({why}): set "
+                        f"qos_overrides.{topic}.subscription.*"
+                    )
+        return tuple(found)
+
+    def switch(self, images: bool, infos: tuple[bool, bool]) -> None:
+        """Make the subscriptions that are needed, and destroy the others.
+
+        Args:
+            images: Whether those to the images are needed.
+            infos: Whether those to the CameraInfo of the left and of the right camera are.
+        """
+        # One group for both cameras: stamps must reach the pairer in order of arrival. New groups each time:
+        # a group of rclpy never forgets a subscription it once had.
+        image_gate = _Gate(lambda: self._images_wanted() or not self._dds_keeps_few_images())
+        info_gate = _Gate(self._infos_wanted)
+        for stream in self._images:
+            self._switch_one(stream, images, image_gate)
+        for stream, needed in zip(self._infos, infos, strict=True):
+            self._switch_one(stream, needed, info_gate)
+
+    def drop_old_images(self) -> None:
+        """Drop the images that DDS kept while none were taken: whoever wants images wants new ones."""
+        for stream in self._images:
+            subscription = self._subscribed.get(stream.topic)
+            if subscription is None:
+                continue
+            with subscription.handle:
+                for _ in range(_QUEUE):
+                    if subscription.handle.take_message(subscription.msg_type, False) is None:
+                        break
+
+    def _dds_keeps_few_images(self) -> bool:
+        """Return whether DDS keeps few images while they are not taken; qos_overrides may ask for many."""
+        profiles = [self._profiles[s.topic] for s in self._images if s.topic in self._profiles]
+        return all(p.history == QoSHistoryPolicy.KEEP_LAST and p.depth <= _QUEUE for p in profiles)
+
+    def _switch_one(self, stream: Stream, needed: bool, group: _Gate) -> None:
+        if needed and stream.topic not in self._subscribed:
+            self._subscribed[stream.topic] = self._subscribe(stream, group)
+        elif not needed and stream.topic in self._subscribed:
+            self._node.destroy_subscription(self._subscribed.pop(stream.topic))
+
+    def _subscribe(self, stream: Stream, group: _Gate) -> Subscription:
+        overriding = None
+        if stream.topic not in self._profiles:
+            # One profile each: rclpy writes the overrides of a topic into the profile it is given.
+            profile = QoSProfile(depth=_QUEUE, reliability=QoSReliabilityPolicy.BEST_EFFORT)
+            self._profiles[stream.topic] = profile
+            overriding = QoSOverridingOptions.with_default_policies()
+        return self._node.create_subscription(
+            stream.message_type,
+            stream.name,
+            stream.received,
+            self._profiles[stream.topic],
+            callback_group=group,
+            # Handlers of events cannot be destroyed while an executor waits; mismatches() says more.
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+            qos_overriding_options=overriding,
+        )
