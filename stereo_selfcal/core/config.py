@@ -53,6 +53,11 @@ class SearchConfig:
         math.radians(15), "Greatest roll, to either side", "rad", 0.001, math.radians(60)
     )
 
+    def bounds(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Return the lower and the upper corner of the box, each (height [m], pitch [rad], roll [rad])."""
+        lower = (self.height_min_m, -self.pitch_max_rad, -self.roll_max_rad)
+        return lower, (self.height_max_m, self.pitch_max_rad, self.roll_max_rad)
+
 
 @dataclass(frozen=True, slots=True)
 class ExtractionConfig:

@@ -103,13 +103,8 @@ def result_parameters(result: CalibrationResult) -> dict[str, float]:
     extrinsics, std = result.extrinsics, result.std
     if extrinsics is None or std is None:
         raise OutputError(f"there is no calibration to publish or write: {result.message}")
-    values = (
-        extrinsics.height_m, extrinsics.pitch_rad, extrinsics.roll_rad,
-        std.height_m, std.pitch_rad, std.roll_rad,
-    )  # fmt: skip
-    parameters = {
-        RESULT_PREFIX + name: float(value) for name, value in zip(RESULT_NAMES, values, strict=True)
-    }
+    values = (*extrinsics.as_dict().values(), *std.as_dict().values())
+    parameters = {RESULT_PREFIX + name: value for name, value in zip(RESULT_NAMES, values, strict=True)}
     for name, value in parameters.items():
         if not math.isfinite(value):
             raise OutputError(

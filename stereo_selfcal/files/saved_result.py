@@ -13,13 +13,13 @@ import numpy as np
 from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
 from ..core.errors import ConfigError, RigError, shown
-from ..core.geometry.pose import Extrinsics
-from ..core.results import CalibrationResult, describe
+from ..core.geometry.pose import POSE_COMPONENTS, POSE_NAMES, STD_NAMES, Extrinsics
+from ..core.results import CalibrationResult
 from ..core.types import Array
 from .node_settings import NODE_NAME
 
 SCHEMA = 1
-RESULT_NAMES = ("height_m", "pitch_rad", "roll_rad", "height_std_m", "pitch_std_rad", "roll_std_rad")
+RESULT_NAMES = (*POSE_NAMES, *STD_NAMES)
 
 _REMEDY = "calibrate anew"
 # builtin_interfaces/Time counts seconds in 32 bits.
@@ -34,17 +34,12 @@ _FIRST_CLOCK_S = 1e9
 
 _SETTINGS = {name: setting for name, _, setting in CalibratorConfig().settings()}
 # No calibration lies outside the widest box that the search can be given.
-_HEIGHT = _SETTINGS["search.height_min_m"]
-_HEIGHT_RANGE = (_HEIGHT.low, _HEIGHT.high)
-_ANGLE_RANGE = (-_SETTINGS["search.pitch_max_rad"].high, _SETTINGS["search.pitch_max_rad"].high)
+_HEIGHT, _ANGLE = _SETTINGS["search.height_min_m"], _SETTINGS["search.pitch_max_rad"]
+_RANGE_BY_UNIT = {"m": (_HEIGHT.low, _HEIGHT.high), "rad": (-_ANGLE.high, _ANGLE.high)}
+_RANGES = {each.name: (*_RANGE_BY_UNIT[each.si_unit], each.si_unit) for each in POSE_COMPONENTS}
 # A standard deviation as great as the box says nothing at all.
-_RANGES = {
-    "height_m": (*_HEIGHT_RANGE, "m"),
-    "pitch_rad": (*_ANGLE_RANGE, "rad"),
-    "roll_rad": (*_ANGLE_RANGE, "rad"),
-    "height_std_m": (0.0, _HEIGHT_RANGE[1], "m"),
-    "pitch_std_rad": (0.0, _ANGLE_RANGE[1], "rad"),
-    "roll_std_rad": (0.0, _ANGLE_RANGE[1], "rad"),
+_STD_RANGES = {
+    each.std_name: (0.0, _RANGE_BY_UNIT[each.si_unit][1], each.si_unit) for each in POSE_COMPONENTS
 }
 
 
@@ -80,8 +75,8 @@ class SavedResult:
                 and the remedy.
         """
         extrinsics, provenance = _sections(parameters)
-        values = [_result_value(extrinsics, name) for name in RESULT_NAMES]
-        std = Extrinsics(*values[3:])
+        pose = Extrinsics.from_array([_result_value(extrinsics, name) for name in POSE_NAMES])
+        std = Extrinsics.from_array([_result_value(extrinsics, name) for name in STD_NAMES])
         _number(provenance, "stamp", -_GREATEST_STAMP_S, _GREATEST_STAMP_S, "s")
         for name, low in (("frames", 1), ("seed", 0)):
             _whole(provenance, name, low, _GREATEST_WHOLE)
@@ -89,7 +84,7 @@ class SavedResult:
             if not isinstance(_field(provenance, name, "provenance"), str):
                 raise _wrong(f"provenance.{name}", provenance[name], "text is needed")
         return cls(
-            Extrinsics(*values[:3]),
+            pose,
             std,
             _rig(provenance.pop("rig", None)),
             provenance,
@@ -118,7 +113,7 @@ class SavedResult:
         if self.stamp_s >= _FIRST_CLOCK_S:
             when = f"on {datetime.fromtimestamp(self.stamp_s, timezone.utc):%Y-%m-%d %H:%M:%S} UTC"
         return CalibrationResult(
-            f"calibrated {when} from {frames}: {describe(self.extrinsics, self.std)}",
+            f"calibrated {when} from {frames}: {self.extrinsics.describe(self.std)}",
             extrinsics=self.extrinsics,
             covariance=self.covariance.copy(),
             stamp_s=self.stamp_s,
@@ -147,9 +142,9 @@ def _sections(parameters: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, 
 
 
 def _result_value(extrinsics: Mapping[str, Any], name: str) -> float:
-    low, high, unit = _RANGES[name]
+    low, high, unit = (_RANGES | _STD_RANGES)[name]
     value = _number(extrinsics, name, low, high, unit, "extrinsics")
-    if "_std_" in name and value == 0.0:
+    if name in _STD_RANGES and value == 0.0:
         raise _wrong(f"extrinsics.{name}", value, "it must be greater than 0")
     return value
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..core.camera.rig import StereoRig
 from ..core.geometry.homography import Side, apply_homography, horizon_row, image_from_road, road_from_image
-from ..core.geometry.pose import Extrinsics
+from ..core.geometry.pose import POSE_COMPONENTS, Extrinsics
 from ..core.lanes.lane_pair import ImageLine, LanePattern
 from ..core.results import CalibrationResult
 from ..core.types import Array, Image
@@ -53,6 +53,7 @@ BIRDS_EYE_NEAR_M = (2.0, 15.0)  # bounds of where the view begins: at the lower 
 MAX_STREAM_WIDTH_PX = 1280
 
 _GATE_COLUMNS = 3
+_GAP = 5 * " "  # between two components of a pose
 _WHOLE = 100.0  # from here on three digits are a whole number
 _UNITS = {"standard deviations": "std"}  # what is too long for a column
 
@@ -338,11 +339,7 @@ def numbers(result: CalibrationResult) -> tuple[str, ...]:
     pose, std = result.extrinsics, result.std
     if pose is None or std is None:
         return (result.message,)
-    line = (
-        f"height {pose.height_m:.4f} m (std {std.height_m * 1e3:.1f} mm)     "
-        f"pitch {math.degrees(pose.pitch_rad):+.3f} deg (std {math.degrees(std.pitch_rad):.4f})     "
-        f"roll {math.degrees(pose.roll_rad):+.3f} deg (std {math.degrees(std.roll_rad):.4f})"
-    )
+    line = _GAP.join(f"{each.label} {each.describe(pose, std, fine=False)}" for each in POSE_COMPONENTS)
     return (line, "; ".join(result.notes)) if result.notes else (line,)
 
 

@@ -21,8 +21,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from ..core.camera.pairing import PairCounts
 from ..core.camera.rig import StereoRig
+from ..core.geometry.pose import POSE_COMPONENTS
 from ..core.rejection import Rejection
-from ..core.results import describe
 from .calibration import Topics
 from .record import ActiveCalibration, FrameStatistics
 
@@ -215,7 +215,7 @@ def _verdict(report: CalibrationReport) -> tuple[bytes, str]:
 
 def _described(in_force: ActiveCalibration) -> str:
     extrinsics, std = in_force.result.extrinsics, in_force.result.std
-    return "no numbers" if extrinsics is None or std is None else describe(extrinsics, std)
+    return "no numbers" if extrinsics is None or std is None else extrinsics.describe(std)
 
 
 def _estimate(report: CalibrationReport) -> dict[str, str]:
@@ -223,12 +223,10 @@ def _estimate(report: CalibrationReport) -> dict[str, str]:
     in_force = report.in_force
     pose, std = (None, None) if in_force is None else (in_force.result.extrinsics, in_force.result.std)
     if in_force is None or pose is None or std is None:
-        return dict.fromkeys(("age", "height", "pitch", "roll"), "none")
+        return dict.fromkeys(("age", *(component.label for component in POSE_COMPONENTS)), "none")
     values = {
         "age": age_text(report.age_s),
-        "height": f"{pose.height_m:.4f} m (std {std.height_m * 1e3:.1f} mm)",
-        "pitch": f"{math.degrees(pose.pitch_rad):+.4f} deg (std {math.degrees(std.pitch_rad):.4f})",
-        "roll": f"{math.degrees(pose.roll_rad):+.4f} deg (std {math.degrees(std.roll_rad):.4f})",
+        **{component.label: component.describe(pose, std) for component in POSE_COMPONENTS},
         "from_frames": str(in_force.result.n_frames),
         "saved": in_force.saved or "no",
     }
