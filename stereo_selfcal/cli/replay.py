@@ -33,7 +33,7 @@ from ..offline import (
     look_again,
     open_source,
 )
-from ..pictures.picture import draw_overview
+from ..pictures.overview import draw_overview
 from .console import (
     EXIT_BAD_INPUT,
     EXIT_NOT_ACCEPTED,

@@ -25,7 +25,7 @@ from ..core.config import CalibratorConfig
 from ..core.errors import OutputError, SelfcalError
 from ..core.geometry.pose import POSE_COMPONENTS, Extrinsics
 from ..files.result_file import NODE_NAME, SavedResult, load_result, write_atomically
-from ..pictures.picture import draw_overview
+from ..pictures.overview import draw_overview
 from .player import BagPlayer
 
 DEFAULT_BAG = Path("bags/straight_road")

@@ -13,7 +13,7 @@ from ..core.geometry.pose import POSE_COMPONENTS, Extrinsics
 from ..core.lanes.lane_pair import LanePattern
 from ..core.types import Array
 from ..pictures.canvas import DARK, SKY_BLUE, VERMILION, WHITE, Colour
-from ..pictures.picture import GRID_FAR_M, GRID_HALF_WIDTH_M
+from ..pictures.road_grid import GRID_FAR_M, GRID_HALF_WIDTH_M
 from .messages import quaternion_message, time_message
 
 _ROAD_THICKNESS_M = 0.01
