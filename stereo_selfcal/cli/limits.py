@@ -35,10 +35,11 @@ The bound counts pixel noise alone; lane yaw, positions, widths and grey levels 
 A road that is not flat, or a rig calibrated wrongly, comes on top, in every frame alike.
 """
 
-# Issue 3: where a location error is quoted, and the distance of the chart.
+# Distances at which a location error is quoted, and the distance of the chart.
 LOCATION_DISTANCES_M = (10.0, 20.0, 30.0, 50.0)
 CHART_DISTANCE_M = 30.0
-# The chart: baselines from a small stereo camera to the width of a windscreen, noise up to that of issue 3.
+# The chart: baselines from a small stereo camera to the width of a windscreen, and the noise for which the
+# accuracy was measured.
 CHART_BASELINES_M = (0.1, 1.0)
 CHART_NOISES = (0.01, 0.20)
 CHART_NOISE_CURVES = (0.01, 0.05, 0.20)
@@ -53,7 +54,7 @@ _DEFAULT_NOISE = 0.01  # that of synth
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What the limits are asked for.
+    """Rig, pose, lines and images that the bound is computed for.
 
     Attributes:
         rig: The rectified pair.
@@ -109,7 +110,7 @@ class Setup:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status of interface.md, "Command line"."""
+    """Run the command; return the exit status that its help explains."""
     return run("limits", _limits, argv)
 
 
@@ -146,7 +147,7 @@ def _limits(argv: list[str]) -> int:
 
 
 def as_table(setup: Setup, covariance: Array) -> str:
-    """Return what people read."""
+    """Return the table for people."""
     frames = "1 frame" if setup.frames == 1 else f"{setup.frames} frames"
     lines = [
         f"rig      {setup.describe()}",

@@ -61,7 +61,7 @@ class _Settings:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status of interface.md, "Command line"."""
+    """Run the command; return the exit status that its help explains."""
     return run("replay", _replay, argv)
 
 

@@ -1,4 +1,4 @@
-"""The calibration in the formats of other tools: pure text, and files beside the result file.
+"""The calibration in the formats of other tools, as text and as files beside the result file.
 
 All hold the same transform, with all its digits: ``p_road = R_y(pitch) R_x(roll) p_camera + [0, 0, height]``
 is the roll, pitch, yaw about fixed axes of URDF, tf2 and Autoware, with the road as parent and the camera

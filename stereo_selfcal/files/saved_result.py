@@ -1,10 +1,10 @@
-"""What a result file holds, and the check of every field of it."""
+"""The value that a result file holds. Every field is checked when it is read."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime, timezone
 from typing import Any
 
@@ -31,6 +31,13 @@ _GREATEST_WHOLE = 2**31 - 1
 _ROUNDING = 1e-6
 # Earlier stamps are times of a simulation or of a recording without a clock: September 2001.
 _FIRST_CLOCK_S = 1e9
+
+# Rectified images of the same cameras have the same numbers to the last bit, as the file holds all of
+# them. Calibration tools print P with about six digits, so a hundredth of a pixel is a real difference.
+_SAME_PX = 0.01
+# Six digits of P[3] and of P[0] make the baseline uncertain by 2e-5 of it. The height is proportional to
+# it: 1e-4 is 0.14 mm of 1.4 m, below the 0.25 mm that one frame is sure of at best.
+_SAME_BASELINE = 1e-4
 
 _SETTINGS = {name: setting for name, _, setting in CalibratorConfig().settings()}
 # No calibration lies outside the widest box that the search can be given.
@@ -119,6 +126,31 @@ class SavedResult:
             stamp_s=self.stamp_s,
             n_frames=self.n_frames,
         )
+
+
+def check_fits(calibrated: StereoRig, rig: StereoRig) -> None:
+    """Make sure that a calibration holds for the cameras that are there now.
+
+    Another size, focal length, principal point or baseline is another pair of rectified images: other
+    cameras, or the same ones calibrated anew, which may have turned the images by as much as is measured.
+
+    Args:
+        calibrated: The rig it was made with.
+        rig: The rig that is there now.
+
+    Raises:
+        ConfigError: It does not: one sentence with the values of both and the remedy.
+    """
+    now = asdict(rig)
+    for name, then in asdict(calibrated).items():
+        greatest = 0.0 if name in ("width", "height") else _SAME_PX
+        if name == "baseline_m":
+            greatest = _SAME_BASELINE * then
+        if not abs(now[name] - then) <= greatest:
+            raise ConfigError(
+                f"the calibration is of other cameras: rig.{name} was {then:.10g}, now it is "
+                f"{now[name]:.10g} (they may differ by {greatest:.2g}); calibrate anew"
+            )
 
 
 def _sections(parameters: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:

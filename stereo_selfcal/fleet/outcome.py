@@ -1,4 +1,4 @@
-"""What the table has of a recording."""
+"""The outcome of a recording: one row of the table of a fleet."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ class BagOutcome:
         frames: Number of frames.
         accepted: How many of them were accepted.
         confirmed: How many of these the asphalt has confirmed.
-        extrinsics: The calibration, None where there is none. In the table each component is a column.
-        std: Its standard deviations, None where there is no calibration. Columns as well.
+        extrinsics: The calibration, None where there is none. Each component is a column of the table.
+        std: Its standard deviations, None where there is none. Each is a column as well.
         moves: How often the camera was moved; the pose is that after the last time.
         moved_at_s: When it was moved last [s]; None if it was not.
         lane_yaw_rad: Mean yaw against the lane [rad], > 0: the camera points left.
@@ -152,7 +152,8 @@ FLOAT = "float | None"
 def _column_kinds() -> dict[str, str]:
     """Return the columns of the table in their order, each with the type of its values.
 
-    With ``from __future__ import annotations`` the type of a field is its text.
+    The numbers of a pose are columns of their own. With ``from __future__ import annotations`` the type of a
+    field is its text.
     """
     kinds: dict[str, str] = {}
     for item in fields(BagOutcome):

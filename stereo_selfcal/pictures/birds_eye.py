@@ -24,11 +24,11 @@ BIRDS_EYE_ASPECT = 0.42  # height over width of the panel
 def draw_birds_eye(
     left: Image, right: Image, rig: StereoRig, extrinsics: Extrinsics, width: int = MIN_WIDTH_PX
 ) -> Image:
-    """Lay the road as both cameras see it over each other, seen from above.
+    """Draw the road from above as both cameras see it, one over the other.
 
-    The left camera is orange, the right one blue: where they agree the road is grey, where they do
-    not it has coloured fringes, which red and cyan ones would not be for people who are blind to red or
-    green. Driving direction to the right, left of the road up.
+    The left camera is orange, the right one blue. Where they agree, the road is grey. Where they do not, it
+    has coloured fringes. People who are blind to red or green see these colours, but not red and cyan. The
+    driving direction is to the right, left of the road is up.
 
     Args:
         left: (H, W) uint8 image of the left camera.
@@ -49,7 +49,7 @@ def draw_birds_eye(
     orange = _from_above(left, rig, extrinsics, "left", canvas_from_road, (width, height))
     blue = _from_above(right, rig, extrinsics, "right", canvas_from_road, (width, height))
     both = (orange > 0) & (blue > 0)
-    if both.any():  # cameras of different brightness would tint all of the road
+    if both.any():  # else cameras of different brightness would tint the whole road
         gain = float(orange[both].mean() / blue[both].mean())
         blue = np.clip(blue * gain, 0, 255).astype(np.uint8)
     green = np.asarray(cv2.addWeighted(orange, 0.5, blue, 0.5, 0.0), np.uint8)
@@ -82,7 +82,7 @@ def _from_above(
     """Return the road as one camera sees it on the canvas, (H, W) uint8, 0 where it sees none."""
     image_from_canvas = image_from_road(rig, extrinsics, side) @ np.linalg.inv(canvas_from_road)
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    # Black pixels of the image are road too; 0 is kept for what is outside.
+    # Black pixels of the image are road too. The value 0 is kept for places outside the image.
     return np.asarray(
         cv2.warpPerspective(np.maximum(image, 1), image_from_canvas, size, flags=flags), np.uint8
     )

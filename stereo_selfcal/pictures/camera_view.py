@@ -21,14 +21,14 @@ _POLYLINE_POINTS = 32
 
 
 def shown_extrinsics(result: CalibrationResult) -> Extrinsics | None:
-    """Return the pose to draw: the result, or what the last stage had found before the refusal."""
+    """Return the pose to draw: that of the result, or of a refused frame that of its last stage."""
     if result.extrinsics is not None:
         return result.extrinsics
     return list(result.stages.values())[-1] if result.stages else None
 
 
 def fits(rig: StereoRig, *images: Image) -> bool:
-    """Whether the images are those the rig describes, so that its geometry applies to them."""
+    """Whether the images have the size of the rig, so that its geometry applies to them."""
     return all(image.shape == (rig.height, rig.width) for image in images)
 
 
@@ -46,7 +46,7 @@ def draw_camera_view(
         rig: The rig it comes from, None if it is not known.
         result: Its calibration, accepted or not; None if there is none.
         scale: Enlargement of the image.
-        stripes: (N, 2) places [px] where the edge of a stripe was marked, whatever became of them.
+        stripes: (N, 2) image points [px] on stripes, whether or not a line was fitted to them.
 
     Returns:
         (scale H, scale W, 3) uint8 BGR.
@@ -68,7 +68,7 @@ def draw_camera_view(
     above = 0.0 if result.pattern is None else float(result.pattern.vanishing_point[1])
     for line in result.unused_lines:
         ends = np.array([max(above, line.rows.min()), line.rows.max()])
-        if ends[1] > ends[0]:  # what lies over the horizon is no line of the road
+        if ends[1] > ends[0]:  # a line above the horizon is no line of the road
             canvas.polyline(np.column_stack([line.column_at(ends), ends]), ORANGE, canvas.thickness)
     if result.pattern is not None:
         _draw_pattern(canvas, result.pattern, left.shape[0])
@@ -109,6 +109,6 @@ def _draw_pattern(canvas: Canvas, pattern: LanePattern, height: int) -> None:
 
 
 def _some_points(line: ImageLine) -> Array:
-    """Return at most so many measured points of a line that it stays visible, (N, 2)."""
+    """Return measured points of a line, (N, 2), so few that the line stays visible."""
     every = max(1, math.ceil(line.rows.size / _MAX_POINTS))
     return np.column_stack([line.columns, line.rows])[::every]

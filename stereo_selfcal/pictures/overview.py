@@ -1,4 +1,4 @@
-"""Pictures by which a person judges a calibration at a glance: the views and the verdict, composed."""
+"""Pictures by which a person judges a calibration at a glance: the views and the verdict in one."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ def draw_debug_image(
         left: (H, W) uint8 image of the left camera, not empty.
         rig: The rig it comes from, None if it is not known.
         result: The calibration to draw over it, None if there is none.
-        verdict: What is to be said of it.
-        stripes: (N, 2) places [px] where the edge of a stripe was marked.
+        verdict: Text of the strip above the view.
+        stripes: (N, 2) image points [px] on stripes.
 
     Returns:
         (H', W', 3) uint8 BGR, :data:`MIN_WIDTH_PX` to :data:`MAX_STREAM_WIDTH_PX` wide.
@@ -76,7 +76,7 @@ def draw_fringes(
         right: The same of the right camera.
         rig: The rig both images come from.
         extrinsics: Its pose over the road.
-        verdict: What is to be said of it.
+        verdict: Text of the strip above the view.
 
     Returns:
         (H', W', 3) uint8 BGR, as wide as :func:`draw_debug_image` of the same images.

@@ -23,12 +23,12 @@ _GAP = 5 * " "  # between two components of a pose
 
 @dataclass(frozen=True, slots=True)
 class StripContent:
-    """What a picture says in words.
+    """Text of a strip across a picture.
 
     Attributes:
         title: A few words.
-        colour: Colour of the bar beside them.
-        lines: What is to be said further; long lines are wrapped.
+        colour: Colour of the bar beside the text.
+        lines: Text below the title. Long lines are wrapped.
     """
 
     title: str
@@ -37,7 +37,7 @@ class StripContent:
 
 
 def verdict_of(result: CalibrationResult) -> StripContent:
-    """Return what is to be said of a result, in words and numbers."""
+    """Return the verdict on a result: accepted or refused, with its numbers or the reason."""
     if not result.accepted:
         return StripContent(f"REFUSED: {result.reason}", VERMILION, (result.message,))
     frames = f" from {result.n_frames} frames" if result.n_frames > 1 else ""
@@ -45,7 +45,7 @@ def verdict_of(result: CalibrationResult) -> StripContent:
 
 
 def numbers(result: CalibrationResult) -> tuple[str, ...]:
-    """Return the lines with an accepted result and what is to be noted of it."""
+    """Return the lines of text with the numbers of an accepted result, and with its notes."""
     pose, std = result.extrinsics, result.std
     if pose is None or std is None:
         return (result.message,)
@@ -57,7 +57,7 @@ def verdict_strip(verdict: StripContent, width: int, height: int = 0) -> Image:
     """Return a strip with the verdict in words, (H, width, 3) uint8.
 
     Args:
-        verdict: What it says.
+        verdict: Text of the strip.
         width: Width [px].
         height: Least height [px].
     """
@@ -89,5 +89,5 @@ def gate_strip(result: CalibrationResult, width: int) -> Image:
 
 
 def _short(value: float) -> str:
-    """Return three digits, and no exponent for what is large."""
+    """Return a value with three digits, without an exponent for large values."""
     return f"{value:.0f}" if abs(value) >= _WHOLE else f"{value:.3g}"

@@ -24,7 +24,10 @@ from ..core.calibrator import Calibrator
 from ..core.config import CalibratorConfig
 from ..core.errors import OutputError, SelfcalError
 from ..core.geometry.pose import POSE_COMPONENTS, Extrinsics
-from ..files.result_file import NODE_NAME, SavedResult, load_result, write_atomically
+from ..files.atomic_file import write_atomically
+from ..files.node_settings import NODE_NAME
+from ..files.result_file import load_result
+from ..files.saved_result import SavedResult
 from ..pictures.overview import draw_overview
 from .player import BagPlayer
 

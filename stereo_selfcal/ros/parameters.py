@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter
 from ..core.errors import ConfigError
 from ..core.geometry.pose import POSE_COMPONENTS
 from ..files.node_settings import RESULT_PREFIX, NodeSetting
-from ..files.result_file import RESULT_NAMES
+from ..files.saved_result import RESULT_NAMES
 from .config import SETTINGS, NodeConfig
 
 _RESULT_DESCRIPTION = {
