@@ -20,8 +20,11 @@ from stereo_selfcal.core.estimators.fitness import PatternFitness
 from stereo_selfcal.core.geometry.pose import road_from_camera_rotation
 from stereo_selfcal.core.lanes.stripe_points import find_stripe_points
 from stereo_selfcal.core.types import Array, Image
-from stereo_selfcal.pictures.canvas import DARK, VERMILION, WHITE, Canvas, StripContent, verdict_strip
-from stereo_selfcal.pictures.picture import draw_birds_eye, draw_camera_view, draw_overview
+from stereo_selfcal.pictures.birds_eye import draw_birds_eye
+from stereo_selfcal.pictures.camera_view import draw_camera_view
+from stereo_selfcal.pictures.canvas import DARK, VERMILION, WHITE, Canvas
+from stereo_selfcal.pictures.overview import draw_overview
+from stereo_selfcal.pictures.verdict import StripContent, verdict_strip
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import named_scene
 from stereo_selfcal.synth.worlds import RIGS, named_world, render_world

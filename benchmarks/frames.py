@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from stereo_selfcal import CalibrationResult, Extrinsics, StereoRig, calibrate
 from stereo_selfcal.core.geometry.homography import apply_homography, image_from_road, road_from_image
+from stereo_selfcal.core.geometry.pose import POSE_COMPONENTS
 from stereo_selfcal.synth.renderer import Frame, Picture, render_camera
 from stereo_selfcal.synth.scenes import random_scene
 from stereo_selfcal.synth.world import Scene
@@ -31,8 +32,8 @@ FULL_SCALE = 255
 MARGIN_PX = 8  # more than the reach of the widest blur measured, 4 x 1.2 px
 FINE = 4  # samples of a lens per pixel, along either axis: the means of 16 of them are a pixel
 # From metres and radians to millimetres and degrees.
-READABLE = np.array([1e3, math.degrees(1), math.degrees(1)])
-UNITS = ("height mm", "pitch deg", "roll deg")
+READABLE = np.array([component.small_unit.per_si for component in POSE_COMPONENTS])
+UNITS = tuple(f"{component.label} {component.small_unit.symbol}" for component in POSE_COMPONENTS)
 
 
 @dataclass(frozen=True)

@@ -115,9 +115,8 @@ Optimiser = Callable[[Recorder, Array, Array, int], object]
 
 def search_box() -> tuple[Array, Array]:
     """Return the box the calibrator searches."""
-    box = CalibratorConfig().search
-    upper = np.array([box.height_max_m, box.pitch_max_rad, box.roll_max_rad])
-    return np.array([box.height_min_m, -box.pitch_max_rad, -box.roll_max_rad]), upper
+    lower, upper = CalibratorConfig().search.bounds()
+    return np.array(lower), np.array(upper)
 
 
 def ours(fitness: Recorder, lower: Array, upper: Array, seed: int) -> None:

@@ -39,7 +39,7 @@ PROCESSES = 2
 SAME = 1e-6
 # Where nothing says how sure a value is (a stage of a refused frame), that of a usual frame [m, rad, rad].
 USUAL_STD = np.array([2e-3, 2e-4, 1e-3])
-# Gates that read a radius. Of a straight road it is any great number, so its inverse is compared: the curvature.
+# Gates that read a radius. Of a straight road it is any great number, so its inverse, a curvature, counts.
 RADII = ("straight", "flat")
 SUM_OF_TERMS = 1e-12  # the terms of an uncertainty add up to its covariance
 

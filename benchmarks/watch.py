@@ -14,6 +14,7 @@ import numpy as np
 
 from stereo_selfcal import CalibrationResult, Calibrator, Extrinsics
 from stereo_selfcal.core.drive.watch import ALARM_SIGMAS, Watch
+from stereo_selfcal.core.geometry.pose import POSE_COMPONENTS
 from stereo_selfcal.core.types import Array
 from stereo_selfcal.files.node_settings import NODE_SETTINGS
 from stereo_selfcal.synth.renderer import render
@@ -282,7 +283,8 @@ def _rendered(ride: Ride, bump: Array) -> list[str]:
         better = watch.proposal(scene.rig)
         if better is not None and better.extrinsics is not None:
             error = better.extrinsics.as_array() - base - bump
-            shown = f"{error[0] * 1e3:+.1f}, {math.degrees(error[1]):+.3f}, {math.degrees(error[2]):+.3f}"
+            parts = zip(POSE_COMPONENTS, error, strict=True)
+            shown = ", ".join(component.small_unit.number(off, "+") for component, off in parts)
             return [f"{accepted} of {i + 1}", *told.values(), after, shown]
     return [f"{accepted} of {len(times)}", *told.values(), "-", "-"]
 

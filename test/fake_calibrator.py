@@ -7,7 +7,7 @@ import numpy as np
 
 from stereo_selfcal.core.geometry.pose import Extrinsics
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
-from stereo_selfcal.core.results import CalibrationResult, describe, rejected
+from stereo_selfcal.core.results import CalibrationResult, rejected
 from stereo_selfcal.offline import run as run_module
 
 POSE = Extrinsics(1.4, 0.05, -0.01)
@@ -48,7 +48,7 @@ class FakeCalibrator:
         result = CalibrationResult(
             "fused", None, pose, COVARIANCE, 0.1, stamp_s=self.stamps[-1], n_frames=len(self.accepted)
         )
-        return replace(result, message=describe(pose, result.std))
+        return replace(result, message=pose.describe(result.std))
 
 
 def use_fake(monkeypatch):

@@ -29,7 +29,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_srvs.srv import Trigger
 
 from stereo_selfcal.core.geometry.homography import SIDES
-from stereo_selfcal.files.result_file import RESULT_NAMES
+from stereo_selfcal.files.saved_result import RESULT_NAMES
 from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -13,7 +13,7 @@ CARELESS = """
 import sys, time
 from pathlib import Path
 from benchmarks import kills
-from stereo_selfcal import result_file
+from stereo_selfcal.files import result_file
 
 def careless(path, content):
     with Path(path).open("wb") as file:

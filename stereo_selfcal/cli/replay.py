@@ -33,7 +33,7 @@ from ..offline import (
     look_again,
     open_source,
 )
-from ..pictures.picture import draw_overview
+from ..pictures.overview import draw_overview
 from .console import (
     EXIT_BAD_INPUT,
     EXIT_NOT_ACCEPTED,
@@ -61,7 +61,7 @@ class _Settings:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status of interface.md, "Command line"."""
+    """Run the command; return the exit status that its help explains."""
     return run("replay", _replay, argv)
 
 

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import json
-import math
 import statistics
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
 from ..core.drive.drive import Drive, DriveSegment, clock
-from ..core.geometry.pose import Extrinsics
+from ..core.geometry.pose import POSE_COMPONENTS, POSE_NAMES, Extrinsics
 from ..offline import FrameRow, Replay
 
 _STAMP_WIDTH = 17  # seconds since 1970 with microseconds
 _VERDICT_WIDTH = 21  # the longest reject reason and a space
 _LABEL_WIDTH = _STAMP_WIDTH + 2 + _VERDICT_WIDTH
-_HEADER = (
-    f"{'stamp [s]':>{_STAMP_WIDTH}}  {'verdict':<{_VERDICT_WIDTH}}"
-    f"{'height [m]':>12}{'pitch [deg]':>13}{'roll [deg]':>12}"
+# Components of a pose with the widths of their columns: two spaces and the heading.
+_POSE_COLUMNS = tuple((component, len(component.heading) + 2) for component in POSE_COMPONENTS)
+_HEADER = f"{'stamp [s]':>{_STAMP_WIDTH}}  {'verdict':<{_VERDICT_WIDTH}}" + "".join(
+    f"{component.heading:>{width}}" for component, width in _POSE_COLUMNS
 )
 
 
@@ -72,7 +72,7 @@ def _moves(drive: Drive) -> str:
 
 
 def as_json(replay: Replay) -> str:
-    """Return the object of interface.md, "Command line", in one line; floats with all their digits."""
+    """Return one JSON object in one line: SI units, radians, floats with all their digits."""
     return json.dumps(as_dict(replay), allow_nan=False) + "\n"
 
 
@@ -123,12 +123,12 @@ def _segment(segment: DriveSegment) -> dict[str, Any]:
 
 
 def _pose(extrinsics: Extrinsics | None) -> dict[str, Any]:
-    names = ("height_m", "pitch_rad", "roll_rad")
-    return {name: None if extrinsics is None else float(getattr(extrinsics, name)) for name in names}
+    """Return the components by name, each None without a pose."""
+    return dict.fromkeys(POSE_NAMES) if extrinsics is None else extrinsics.as_dict()
 
 
 def _over(poses: Sequence[Extrinsics], statistic: Any) -> Extrinsics:
-    """Apply ``statistic`` to each of height, pitch and roll."""
+    """Apply ``statistic`` to each component of the poses."""
     return Extrinsics(
         *(float(statistic(values)) for values in zip(*(p.as_array() for p in poses), strict=True))
     )
@@ -136,11 +136,11 @@ def _over(poses: Sequence[Extrinsics], statistic: Any) -> Extrinsics:
 
 def _line(label: str, pose: Extrinsics | None, spread: bool = False) -> str:
     """Return a table line; a spread (standard deviation) has no sign and one digit more."""
-    if pose is None:
-        return f"{label:<{_LABEL_WIDTH}}{'-':>12}{'-':>13}{'-':>12}\n"
-    sign, more = ("", 1) if spread else ("+", 0)
-    pitch_deg, roll_deg = math.degrees(pose.pitch_rad), math.degrees(pose.roll_rad)
-    return (
-        f"{label:<{_LABEL_WIDTH}}{pose.height_m:>12.{4 + more}f}"
-        f"{pitch_deg:>{sign}13.{3 + more}f}{roll_deg:>{sign}12.{3 + more}f}\n"
-    )
+    cells = ""
+    for component, width in _POSE_COLUMNS:
+        text = "-"
+        if pose is not None:
+            sign, more = ("", 1) if spread else (component.sign, 0)
+            text = component.unit.number(component.of(pose), sign, more=more)
+        cells += f"{text:>{width}}"
+    return f"{label:<{_LABEL_WIDTH}}{cells}\n"

@@ -42,7 +42,7 @@ def _setting(default: Any, description: str, unit: str, low: float, high: float)
 
 @dataclass(frozen=True, slots=True)
 class SearchConfig:
-    """Box the genetic algorithm searches; wide, so that no initial guess is needed."""
+    """The box that the genetic algorithm searches. It is so wide that no initial guess is needed."""
 
     height_min_m: float = _setting(0.3, "Lowest height of the baseline over the road", "m", 0.05, 20)
     height_max_m: float = _setting(4.0, "Greatest height of the baseline over the road", "m", 0.05, 20)
@@ -52,6 +52,11 @@ class SearchConfig:
     roll_max_rad: float = _setting(
         math.radians(15), "Greatest roll, to either side", "rad", 0.001, math.radians(60)
     )
+
+    def bounds(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Return the lower and the upper corner of the box, each (height [m], pitch [rad], roll [rad])."""
+        lower = (self.height_min_m, -self.pitch_max_rad, -self.roll_max_rad)
+        return lower, (self.height_max_m, self.pitch_max_rad, self.roll_max_rad)
 
 
 @dataclass(frozen=True, slots=True)

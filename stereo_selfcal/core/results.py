@@ -72,7 +72,7 @@ class CalibrationResult:
         """Standard deviations (height_m, pitch_rad, roll_rad), None when rejected."""
         if self.covariance is None:
             return None
-        return Extrinsics(*(math.sqrt(float(self.covariance[i, i])) for i in range(3)))
+        return Extrinsics(*(math.sqrt(float(variance)) for variance in self.covariance.diagonal()))
 
     def slim(self) -> CalibrationResult:
         """Return the result without the points and lines behind it, which weigh as much as an image."""
@@ -117,15 +117,6 @@ def rejected(rejection: Rejection, stamp_s: float = 0.0, **evidence: object) -> 
     return CalibrationResult(message=rejection.message, rejection=rejection, stamp_s=stamp_s, **evidence)  # type: ignore[arg-type]
 
 
-def describe(extrinsics: Extrinsics, std: Extrinsics) -> str:
-    """Return the sentence that announces a calibration."""
-    return (
-        f"height {extrinsics.height_m:.4f} m (std {std.height_m * 1e3:.1f} mm), "
-        f"pitch {math.degrees(extrinsics.pitch_rad):+.4f} deg (std {math.degrees(std.pitch_rad):.4f}), "
-        f"roll {math.degrees(extrinsics.roll_rad):+.4f} deg (std {math.degrees(std.roll_rad):.4f})"
-    )
-
-
 def announce(result: CalibrationResult, n_outliers: int = 0) -> str:
     """Return the sentence of an accepted result.
 
@@ -138,4 +129,4 @@ def announce(result: CalibrationResult, n_outliers: int = 0) -> str:
     frames = "1 frame" if result.n_frames == 1 else f"{result.n_frames} frames"
     aside = f" ({n_outliers} more set aside as outliers)" if n_outliers else ""
     notes = "".join(f"; {note}" for note in result.notes)
-    return f"calibrated from {frames}{aside}: {describe(result.extrinsics, result.std)}{notes}"
+    return f"calibrated from {frames}{aside}: {result.extrinsics.describe(result.std)}{notes}"

@@ -1,4 +1,4 @@
-"""The calibration in the formats of other tools: pure text, and files beside the result file.
+"""The calibration in the formats of other tools, as text and as files beside the result file.
 
 All hold the same transform, with all its digits: ``p_road = R_y(pitch) R_x(roll) p_camera + [0, 0, height]``
 is the roll, pitch, yaw about fixed axes of URDF, tf2 and Autoware, with the road as parent and the camera
@@ -22,6 +22,7 @@ from ..core.geometry.homography import SIDES, image_from_road
 from ..core.geometry.pose import Extrinsics
 from .atomic_file import write_atomically
 
+_TRANSLATION, _ROTATION = ("x", "y", "z"), ("roll", "pitch", "yaw")
 _AXES = "x forward, y left, z up; metres, radians; roll, pitch, yaw about fixed axes"
 _HOMOGRAPHY = """\
 # s (u, v, 1) = image_from_road (x, y, 1): the point x metres ahead of the cameras and y metres left of the
@@ -42,8 +43,8 @@ def urdf(extrinsics: Extrinsics, rig: StereoRig, parent_frame: str, child_frame:
         child_frame: Frame of the camera body.
     """
     joint = quoteattr(f"{parent_frame}_to_{child_frame}")
-    xyz = f"0.0 0.0 {extrinsics.height_m!r}"
-    rpy = f"{extrinsics.roll_rad!r} {extrinsics.pitch_rad!r} 0.0"
+    transform = extrinsics.as_transform()
+    xyz, rpy = (" ".join(repr(transform[axis]) for axis in axes) for axes in (_TRANSLATION, _ROTATION))
     return f"""\
 <?xml version="1.0" encoding="utf-8"?>
 <!-- Camera body in the road frame: {_AXES}. -->
@@ -68,12 +69,8 @@ def static_transform_publisher(
         parent_frame: Frame of the road.
         child_frame: Frame of the camera body.
     """
-    options = {
-        "x": 0.0, "y": 0.0, "z": extrinsics.height_m,
-        "roll": extrinsics.roll_rad, "pitch": extrinsics.pitch_rad, "yaw": 0.0,
-    }  # fmt: skip
     words = ["ros2", "run", "tf2_ros", "static_transform_publisher"]
-    for name, value in options.items():
+    for name, value in extrinsics.as_transform().items():
         words += [f"--{name}", repr(value)]
     words += ["--frame-id", parent_frame, "--child-frame-id", child_frame]
     return f"#!/bin/sh\n# Camera body in the road frame: {_AXES}.\n{shlex.join(words)}\n"
@@ -88,11 +85,8 @@ def autoware(extrinsics: Extrinsics, rig: StereoRig, parent_frame: str, child_fr
         parent_frame: Frame of the road.
         child_frame: Frame of the camera body.
     """
-    pose = {
-        "x": 0.0, "y": 0.0, "z": extrinsics.height_m,
-        "roll": extrinsics.roll_rad, "pitch": extrinsics.pitch_rad, "yaw": 0.0,
-    }  # fmt: skip
-    text: str = yaml.safe_dump({parent_frame: {child_frame: pose}}, sort_keys=False, allow_unicode=True)
+    document = {parent_frame: {child_frame: extrinsics.as_transform()}}
+    text: str = yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
     return f"# Camera body in the road frame: {_AXES}.\n{text}"
 
 

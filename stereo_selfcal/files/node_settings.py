@@ -1,7 +1,7 @@
-"""Parameters of the node that are not settings of the calibrator; importing this needs no ROS.
+"""What a parameter file of the node may hold besides the settings of the calibrator. It needs no ROS.
 
-The node declares them, and :func:`stereo_selfcal.files.parameter_file.load_calibrator_config` knows by them
-what a parameter file may hold besides the calibrator's settings: one list for both.
+This table is the only list of the node's parameters. The node and the launch file declare them from it, and
+:mod:`.parameter_file` tells by it a parameter of the node from a setting of the calibrator.
 """
 
 from __future__ import annotations

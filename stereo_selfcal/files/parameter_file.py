@@ -1,4 +1,4 @@
-"""ROS 2 parameter files: read with care, and the settings in them. No ROS needed."""
+"""ROS 2 parameter files and the settings in them. Reading one needs no ROS, and trusts nothing in it."""
 
 from __future__ import annotations
 

@@ -1,11 +1,14 @@
-"""The result as a ROS 2 parameter file: written whole or not at all, every value checked when it is read."""
+"""The result file: a ROS 2 parameter file, which is written whole or not at all.
+
+What it holds is a :class:`.saved_result.SavedResult`.
+"""
 
 from __future__ import annotations
 
 import math
 import os
 import stat
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
@@ -19,33 +22,11 @@ from .node_settings import NODE_NAME, RESULT_PREFIX
 from .parameter_file import ANY_NODE, PARAMETERS, UnreadableFileError, node_parameters
 from .saved_result import RESULT_NAMES, SCHEMA, SavedResult
 
-__all__ = [
-    "NODE_NAME",
-    "RESULT_NAMES",
-    "Restored",
-    "SavedResult",
-    "check_fits",
-    "format_result",
-    "load_result",
-    "restore",
-    "result_parameters",
-    "set_aside",
-    "write_atomically",
-    "write_result",
-]
-
 # A result file has 1 kB, most of it names of topics.
 _MOST_BYTES = 65_536
 # Of a text that says where images came from; no name of a file or topic is longer, and it keeps the
 # file below _MOST_BYTES however it has to be escaped.
 _LONGEST_SOURCE = 1000
-
-# Rectified images of the same cameras have the same numbers to the last bit, as the file holds all of
-# them. Calibration tools print P with about six digits, so a hundredth of a pixel is a real difference.
-_SAME_PX = 0.01
-# Six digits of P[3] and of P[0] make the baseline uncertain by 2e-5 of it. The height is proportional to
-# it: 1e-4 is 0.14 mm of 1.4 m, below the 0.25 mm that one frame is sure of at best.
-_SAME_BASELINE = 1e-4
 
 _EQUATION = (
     "# p_road = R_z(0) R_y(pitch) R_x(roll) p_camera + [0, 0, height]"
@@ -103,13 +84,8 @@ def result_parameters(result: CalibrationResult) -> dict[str, float]:
     extrinsics, std = result.extrinsics, result.std
     if extrinsics is None or std is None:
         raise OutputError(f"there is no calibration to publish or write: {result.message}")
-    values = (
-        extrinsics.height_m, extrinsics.pitch_rad, extrinsics.roll_rad,
-        std.height_m, std.pitch_rad, std.roll_rad,
-    )  # fmt: skip
-    parameters = {
-        RESULT_PREFIX + name: float(value) for name, value in zip(RESULT_NAMES, values, strict=True)
-    }
+    values = (*extrinsics.as_dict().values(), *std.as_dict().values())
+    parameters = {RESULT_PREFIX + name: value for name, value in zip(RESULT_NAMES, values, strict=True)}
     for name, value in parameters.items():
         if not math.isfinite(value):
             raise OutputError(
@@ -207,38 +183,13 @@ def load_result(path: Path | str) -> SavedResult:
         raise ConfigError(f"{path}: {error}") from error
 
 
-def check_fits(calibrated: StereoRig, rig: StereoRig) -> None:
-    """Make sure that a calibration holds for the cameras that are there now.
-
-    Another size, focal length, principal point or baseline is another pair of rectified images: other
-    cameras, or the same ones calibrated anew, which may have turned the images by as much as is measured.
-
-    Args:
-        calibrated: The rig it was made with.
-        rig: The rig that is there now.
-
-    Raises:
-        ConfigError: It does not: one sentence with the values of both and the remedy.
-    """
-    now = asdict(rig)
-    for name, then in asdict(calibrated).items():
-        greatest = 0.0 if name in ("width", "height") else _SAME_PX
-        if name == "baseline_m":
-            greatest = _SAME_BASELINE * then
-        if not abs(now[name] - then) <= greatest:
-            raise ConfigError(
-                f"the calibration is of other cameras: rig.{name} was {then:.10g}, now it is "
-                f"{now[name]:.10g} (they may differ by {greatest:.2g}); calibrate anew"
-            )
-
-
 def restore(path: Path | str) -> Restored:
     """Find the calibration of the last run, for the start of a node.
 
     A file that is corrupt, of something else or of a newer version is renamed
     (:func:`.atomic_file.set_aside`) and so kept from being replaced. One that cannot be read or moved is
     left where it is. Leftovers of a killed writer are removed. Whether the calibration holds for the
-    cameras is for :func:`check_fits`, once they are known.
+    cameras is for :func:`.saved_result.check_fits`, once they are known.
 
     Args:
         path: The result file; there may be none.

@@ -1,10 +1,10 @@
-"""What a result file holds, and the check of every field of it."""
+"""The value that a result file holds. Every field is checked when it is read."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime, timezone
 from typing import Any
 
@@ -13,13 +13,13 @@ import numpy as np
 from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
 from ..core.errors import ConfigError, RigError, shown
-from ..core.geometry.pose import Extrinsics
-from ..core.results import CalibrationResult, describe
+from ..core.geometry.pose import POSE_COMPONENTS, POSE_NAMES, STD_NAMES, Extrinsics
+from ..core.results import CalibrationResult
 from ..core.types import Array
 from .node_settings import NODE_NAME
 
 SCHEMA = 1
-RESULT_NAMES = ("height_m", "pitch_rad", "roll_rad", "height_std_m", "pitch_std_rad", "roll_std_rad")
+RESULT_NAMES = (*POSE_NAMES, *STD_NAMES)
 
 _REMEDY = "calibrate anew"
 # builtin_interfaces/Time counts seconds in 32 bits.
@@ -32,19 +32,21 @@ _ROUNDING = 1e-6
 # Earlier stamps are times of a simulation or of a recording without a clock: September 2001.
 _FIRST_CLOCK_S = 1e9
 
+# Rectified images of the same cameras have the same numbers to the last bit, as the file holds all of
+# them. Calibration tools print P with about six digits, so a hundredth of a pixel is a real difference.
+_SAME_PX = 0.01
+# Six digits of P[3] and of P[0] make the baseline uncertain by 2e-5 of it. The height is proportional to
+# it: 1e-4 is 0.14 mm of 1.4 m, below the 0.25 mm that one frame is sure of at best.
+_SAME_BASELINE = 1e-4
+
 _SETTINGS = {name: setting for name, _, setting in CalibratorConfig().settings()}
 # No calibration lies outside the widest box that the search can be given.
-_HEIGHT = _SETTINGS["search.height_min_m"]
-_HEIGHT_RANGE = (_HEIGHT.low, _HEIGHT.high)
-_ANGLE_RANGE = (-_SETTINGS["search.pitch_max_rad"].high, _SETTINGS["search.pitch_max_rad"].high)
+_HEIGHT, _ANGLE = _SETTINGS["search.height_min_m"], _SETTINGS["search.pitch_max_rad"]
+_RANGE_BY_UNIT = {"m": (_HEIGHT.low, _HEIGHT.high), "rad": (-_ANGLE.high, _ANGLE.high)}
+_RANGES = {each.name: (*_RANGE_BY_UNIT[each.si_unit], each.si_unit) for each in POSE_COMPONENTS}
 # A standard deviation as great as the box says nothing at all.
-_RANGES = {
-    "height_m": (*_HEIGHT_RANGE, "m"),
-    "pitch_rad": (*_ANGLE_RANGE, "rad"),
-    "roll_rad": (*_ANGLE_RANGE, "rad"),
-    "height_std_m": (0.0, _HEIGHT_RANGE[1], "m"),
-    "pitch_std_rad": (0.0, _ANGLE_RANGE[1], "rad"),
-    "roll_std_rad": (0.0, _ANGLE_RANGE[1], "rad"),
+_STD_RANGES = {
+    each.std_name: (0.0, _RANGE_BY_UNIT[each.si_unit][1], each.si_unit) for each in POSE_COMPONENTS
 }
 
 
@@ -80,8 +82,8 @@ class SavedResult:
                 and the remedy.
         """
         extrinsics, provenance = _sections(parameters)
-        values = [_result_value(extrinsics, name) for name in RESULT_NAMES]
-        std = Extrinsics(*values[3:])
+        pose = Extrinsics.from_array([_result_value(extrinsics, name) for name in POSE_NAMES])
+        std = Extrinsics.from_array([_result_value(extrinsics, name) for name in STD_NAMES])
         _number(provenance, "stamp", -_GREATEST_STAMP_S, _GREATEST_STAMP_S, "s")
         for name, low in (("frames", 1), ("seed", 0)):
             _whole(provenance, name, low, _GREATEST_WHOLE)
@@ -89,7 +91,7 @@ class SavedResult:
             if not isinstance(_field(provenance, name, "provenance"), str):
                 raise _wrong(f"provenance.{name}", provenance[name], "text is needed")
         return cls(
-            Extrinsics(*values[:3]),
+            pose,
             std,
             _rig(provenance.pop("rig", None)),
             provenance,
@@ -118,12 +120,37 @@ class SavedResult:
         if self.stamp_s >= _FIRST_CLOCK_S:
             when = f"on {datetime.fromtimestamp(self.stamp_s, timezone.utc):%Y-%m-%d %H:%M:%S} UTC"
         return CalibrationResult(
-            f"calibrated {when} from {frames}: {describe(self.extrinsics, self.std)}",
+            f"calibrated {when} from {frames}: {self.extrinsics.describe(self.std)}",
             extrinsics=self.extrinsics,
             covariance=self.covariance.copy(),
             stamp_s=self.stamp_s,
             n_frames=self.n_frames,
         )
+
+
+def check_fits(calibrated: StereoRig, rig: StereoRig) -> None:
+    """Make sure that a calibration holds for the cameras that are there now.
+
+    Another size, focal length, principal point or baseline is another pair of rectified images: other
+    cameras, or the same ones calibrated anew, which may have turned the images by as much as is measured.
+
+    Args:
+        calibrated: The rig it was made with.
+        rig: The rig that is there now.
+
+    Raises:
+        ConfigError: It does not: one sentence with the values of both and the remedy.
+    """
+    now = asdict(rig)
+    for name, then in asdict(calibrated).items():
+        greatest = 0.0 if name in ("width", "height") else _SAME_PX
+        if name == "baseline_m":
+            greatest = _SAME_BASELINE * then
+        if not abs(now[name] - then) <= greatest:
+            raise ConfigError(
+                f"the calibration is of other cameras: rig.{name} was {then:.10g}, now it is "
+                f"{now[name]:.10g} (they may differ by {greatest:.2g}); calibrate anew"
+            )
 
 
 def _sections(parameters: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -147,9 +174,9 @@ def _sections(parameters: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, 
 
 
 def _result_value(extrinsics: Mapping[str, Any], name: str) -> float:
-    low, high, unit = _RANGES[name]
+    low, high, unit = (_RANGES | _STD_RANGES)[name]
     value = _number(extrinsics, name, low, high, unit, "extrinsics")
-    if "_std_" in name and value == 0.0:
+    if name in _STD_RANGES and value == 0.0:
         raise _wrong(f"extrinsics.{name}", value, "it must be greater than 0")
     return value
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Sequence
 from html import escape
 
+from ..core.geometry.pose import POSE_COMPONENTS, Extrinsics, PoseComponent
 from .outcome import BagOutcome, Status
 
 # Colours of Okabe and Ito, which people with any kind of colour vision tell apart; the word is there as well.
@@ -54,9 +54,7 @@ _HEADS = (
     "accepted",
     "confirmed",
     "moves",
-    "height [m]",
-    "pitch [deg]",
-    "roll [deg]",
+    *(component.heading for component in POSE_COMPONENTS),
     "what was said",
 )
 _EQUATION = "p_road = R_z(0) R_y(pitch) R_x(roll) p_camera + [0, 0, height]"
@@ -111,30 +109,31 @@ def _row(outcome: BagOutcome) -> str:
         said = outcome.message.partition("; ")[2]  # the numbers are in the other cells
     else:
         said = ": ".join(dict.fromkeys(filter(None, (outcome.reason, outcome.message))))
+    counts = (outcome.frames, outcome.accepted, outcome.confirmed, outcome.moves)
+    pose, std = outcome.extrinsics, outcome.std
     cells = [
         f"<td>{link}</td>",
         f'<td><b class="status {outcome.status}">{_words(outcome.status)}</b></td>',
-        _number(outcome.frames, "d"),
-        _number(outcome.accepted, "d"),
-        _number(outcome.confirmed, "d"),
-        _number(outcome.moves, "d"),
-        _number(outcome.height_m, ".4f", outcome.height_std_m),
-        _number(_degrees(outcome.pitch_rad), "+.3f", _degrees(outcome.pitch_std_rad)),
-        _number(_degrees(outcome.roll_rad), "+.3f", _degrees(outcome.roll_std_rad)),
+        *(_cell(count, str(count)) for count in counts),
+        *(_component(component, pose, std) for component in POSE_COMPONENTS),
         f'<td class="why">{escape(said)}</td>',
     ]
     return f"<tr>{''.join(cells)}</tr>"
 
 
-def _number(value: float | None, form: str, std: float | None = None) -> str:
-    if value is None:
+def _component(component: PoseComponent, pose: Extrinsics | None, std: Extrinsics | None) -> str:
+    """Return the cell of one component of a pose and its standard deviation; empty without a pose."""
+    if pose is None:
         return '<td class="n"></td>'
-    spread = "" if std is None else f" &plusmn; {std:.2g}"
-    return f'<td class="n" data-v="{value!r}">{value:{form}}{spread}</td>'
+    unit = component.unit
+    value = component.of(pose)
+    spread = "" if std is None else f" &plusmn; {component.of(std) * unit.per_si:.2g}"
+    return _cell(value * unit.per_si, f"{unit.number(value, component.sign)}{spread}")
 
 
-def _degrees(value_rad: float | None) -> float | None:
-    return None if value_rad is None else math.degrees(value_rad)
+def _cell(value: float, text: str) -> str:
+    """Return the cell of a number, which is sorted by its value."""
+    return f'<td class="n" data-v="{value!r}">{text}</td>'
 
 
 def _words(status: Status) -> str:

@@ -1,14 +1,15 @@
-"""What the table has of a recording."""
+"""The outcome of a recording: one row of the table of a fleet."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from enum import Enum
 from typing import Any
 
 from ..core.errors import ConfigError
+from ..core.geometry.pose import POSE_NAMES, STD_NAMES, Extrinsics
 from ..offline import Replay
 
 
@@ -39,12 +40,8 @@ class BagOutcome:
         frames: Number of frames.
         accepted: How many of them were accepted.
         confirmed: How many of these the asphalt has confirmed.
-        height_m: Height [m]; None where it was not calibrated, as all that follow.
-        pitch_rad: Pitch [rad].
-        roll_rad: Roll [rad].
-        height_std_m: Standard deviation of the height [m].
-        pitch_std_rad: Standard deviation of the pitch [rad].
-        roll_std_rad: Standard deviation of the roll [rad].
+        extrinsics: The calibration, None where there is none. Each component is a column of the table.
+        std: Its standard deviations, None where there is none. Each is a column as well.
         moves: How often the camera was moved; the pose is that after the last time.
         moved_at_s: When it was moved last [s]; None if it was not.
         lane_yaw_rad: Mean yaw against the lane [rad], > 0: the camera points left.
@@ -62,12 +59,8 @@ class BagOutcome:
     frames: int = 0
     accepted: int = 0
     confirmed: int = 0
-    height_m: float | None = None
-    pitch_rad: float | None = None
-    roll_rad: float | None = None
-    height_std_m: float | None = None
-    pitch_std_rad: float | None = None
-    roll_std_rad: float | None = None
+    extrinsics: Extrinsics | None = None
+    std: Extrinsics | None = None
     moves: int = 0
     moved_at_s: float | None = None
     lane_yaw_rad: float | None = None
@@ -81,13 +74,6 @@ class BagOutcome:
     def from_replay(cls, bag: str, replay: Replay, topics: tuple[str, str]) -> BagOutcome:
         """Return the row of a recording that was read."""
         estimate, rows, changes = replay.estimate, replay.rows, replay.drive.changes
-        numbers: dict[str, float | None] = {}
-        if estimate.accepted and estimate.extrinsics is not None and estimate.std is not None:
-            for name in ("height_m", "pitch_rad", "roll_rad"):
-                stem, unit = name.rsplit("_", 1)
-                numbers[name] = float(getattr(estimate.extrinsics, name))
-                numbers[f"{stem}_std_{unit}"] = float(getattr(estimate.std, name))
-            numbers["lane_yaw_rad"] = estimate.lane_yaw_rad
         status, reason = Status.CALIBRATED, ""
         if replay.damage is not None:
             status, reason = Status.DAMAGED, replay.damage
@@ -102,13 +88,15 @@ class BagOutcome:
             frames=len(rows),
             accepted=sum(row.accepted for row in rows),
             confirmed=sum(row.confirmed for row in rows),
+            extrinsics=estimate.extrinsics if estimate.accepted else None,
+            std=estimate.std if estimate.accepted else None,
             moves=len(changes),
             moved_at_s=changes[-1].at_s if changes else None,
+            lane_yaw_rad=estimate.lane_yaw_rad if estimate.accepted else None,
             first_stamp_s=rows[0].stamp_s,
             last_stamp_s=rows[-1].stamp_s,
             left=topics[0],
             right=topics[1],
-            **numbers,  # type: ignore[arg-type]
         )
 
     @property
@@ -122,7 +110,11 @@ class BagOutcome:
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values by column."""
-        return asdict(self) | {"status": str(self.status)}
+        values = {item.name: getattr(self, item.name) for item in fields(self)} | {"status": str(self.status)}
+        for names, pose in ((POSE_NAMES, self.extrinsics), (STD_NAMES, self.std)):
+            numbers = [None] * len(names) if pose is None else pose.as_dict().values()
+            values |= dict(zip(names, numbers, strict=True))
+        return {name: values[name] for name in COLUMNS}
 
     @classmethod
     def from_mapping(cls, values: dict[str, Any]) -> BagOutcome:
@@ -131,18 +123,44 @@ class BagOutcome:
         Raises:
             ConfigError: It is something else.
         """
+        for name in (name for name, kind in COLUMN_KINDS.items() if kind == FLOAT):
+            value = values.get(name)
+            if not (value is None or (isinstance(value, float) and math.isfinite(value))):
+                raise ConfigError(f"{name} is {value!r}: not a number")
+        rest = {name: value for name, value in values.items() if name not in (*POSE_NAMES, *STD_NAMES)}
         try:
-            outcome = cls(**{**values, "status": Status(values["status"])})
+            rest["status"] = Status(values["status"])
+            return cls(**rest, extrinsics=_pose(values, POSE_NAMES), std=_pose(values, STD_NAMES))
         except (TypeError, KeyError, ValueError) as error:
             raise ConfigError(f"not a row of a fleet ({error})") from error
-        for item in fields(outcome):
-            value = getattr(outcome, item.name)
-            # With `from __future__ import annotations` the type of a field is its text.
-            if item.type == "float | None" and not (
-                value is None or (isinstance(value, float) and math.isfinite(value))
-            ):
-                raise ConfigError(f"{item.name} is {value!r}: not a number")
-        return outcome
 
 
-COLUMNS = tuple(item.name for item in fields(BagOutcome))
+def _pose(values: dict[str, Any], names: tuple[str, ...]) -> Extrinsics | None:
+    """Return the pose, or the standard deviations, in some columns; None where all of them are empty.
+
+    Raises:
+        KeyError: A column is missing.
+        TypeError: Some columns are empty, others not.
+    """
+    numbers = [values[name] for name in names]
+    return None if numbers == [None] * len(names) else Extrinsics(*map(float, numbers))
+
+
+FLOAT = "float | None"
+
+
+def _column_kinds() -> dict[str, str]:
+    """Return the columns of the table in their order, each with the type of its values.
+
+    The numbers of a pose are columns of their own. With ``from __future__ import annotations`` the type of a
+    field is its text.
+    """
+    kinds: dict[str, str] = {}
+    for item in fields(BagOutcome):
+        names = {"extrinsics": POSE_NAMES, "std": STD_NAMES}.get(item.name)
+        kinds |= {item.name: str(item.type)} if names is None else dict.fromkeys(names, FLOAT)
+    return kinds
+
+
+COLUMN_KINDS = _column_kinds()
+COLUMNS = tuple(COLUMN_KINDS)

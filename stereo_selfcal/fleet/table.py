@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
-from dataclasses import fields
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any
 
 from ..core.errors import OutputError
 from ..files.atomic_file import write_atomically
-from .outcome import COLUMNS, BagOutcome
+from .outcome import COLUMN_KINDS, COLUMNS, FLOAT, BagOutcome
 
 CSV, PARQUET = ".csv", ".parquet"
 
@@ -58,11 +57,9 @@ def csv_of(outcomes: Sequence[BagOutcome]) -> str:
 def _parquet(outcomes: Sequence[BagOutcome]) -> bytes:
     pyarrow: Any = import_module("pyarrow")
     parquet: Any = import_module("pyarrow.parquet")
-    kinds = {"str": pyarrow.string(), "int": pyarrow.int64(), "float | None": pyarrow.float64()}
-    # The type of a field is its text; a status is a word.
-    schema = pyarrow.schema(
-        [(each.name, kinds.get(str(each.type), kinds["str"])) for each in fields(BagOutcome)]
-    )
+    kinds = {"str": pyarrow.string(), "int": pyarrow.int64(), FLOAT: pyarrow.float64()}
+    # A status is a word.
+    schema = pyarrow.schema([(name, kinds.get(kind, kinds["str"])) for name, kind in COLUMN_KINDS.items()])
     table = pyarrow.Table.from_pylist([outcome.to_mapping() for outcome in outcomes], schema=schema)
     sink = pyarrow.BufferOutputStream()
     parquet.write_table(table, sink)

@@ -8,10 +8,9 @@ import math
 from collections.abc import Iterable
 
 from ..core.evidence.gates import GATES
+from ..core.geometry.pose import POSE_NAMES, STD_NAMES
 from .rows import FrameRow
 
-_POSE = ("height_m", "pitch_rad", "roll_rad")
-_STD = ("height_std_m", "pitch_std_rad", "roll_std_rad")
 # What every gate measured; the units are those of docs/offline.md.
 _GATE_COLUMNS = {gate.key: f"gate_{gate.key}" for gate in GATES}
 
@@ -21,8 +20,8 @@ COLUMNS = (
     "recorded_ns",
     "accepted",
     "reason",
-    *_POSE,
-    *_STD,
+    *POSE_NAMES,
+    *STD_NAMES,
     "lane_yaw_rad",
     "lane_curvature_per_m",
     "confirmed",
@@ -57,8 +56,8 @@ def _cells(row: FrameRow) -> dict[str, object]:
         "message": row.rejection.message if row.rejection else "; ".join(row.notes),
     }
     if row.extrinsics is not None:
-        cells.update(zip(_POSE, map(float, row.extrinsics.as_array()), strict=True))
+        cells.update(row.extrinsics.as_dict())
     if row.covariance is not None:
-        cells.update((name, math.sqrt(row.covariance[i, i])) for i, name in enumerate(_STD))
+        cells.update(zip(STD_NAMES, map(math.sqrt, row.covariance.diagonal()), strict=True))
     cells.update((_GATE_COLUMNS[gate.name], float(gate.value)) for gate in row.gates)
     return cells

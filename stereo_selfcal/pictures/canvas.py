@@ -6,7 +6,6 @@ with any kind of colour vision can tell apart.
 
 from __future__ import annotations
 
-import textwrap
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -32,7 +31,6 @@ MIN_WIDTH_PX = 960
 # Text of this relative size is legible on a canvas of MIN_WIDTH_PX.
 TEXT_SCALE = 0.55
 FONT = cv2.FONT_HERSHEY_SIMPLEX
-LINE_CHARACTERS = 95  # of a line of text across the picture
 
 _SHIFT = 4  # OpenCV takes coordinates in 1/16 px
 
@@ -100,42 +98,9 @@ class Canvas:
         return int(width)
 
 
-@dataclass(frozen=True, slots=True)
-class StripContent:
-    """What a picture says in words.
-
-    Attributes:
-        title: A few words.
-        colour: Colour of the bar beside them.
-        lines: What is to be said further; long lines are wrapped.
-    """
-
-    title: str
-    colour: Colour
-    lines: tuple[str, ...] = ()
-
-
 def dark_strip(width: int, height: float) -> Canvas:
     """Return an empty dark canvas for text."""
     return Canvas(np.full((round(height), width, 3), DARK, dtype=np.uint8), 1.0)
-
-
-def verdict_strip(verdict: StripContent, width: int, height: int = 0) -> Image:
-    """Return a strip with the verdict in words, (H, width, 3) uint8.
-
-    Args:
-        verdict: What it says.
-        width: Width [px].
-        height: Least height [px].
-    """
-    step = dark_strip(width, 1).line_height
-    lines = [part for line in verdict.lines for part in textwrap.wrap(to_ascii(line), LINE_CHARACTERS)]
-    strip = dark_strip(width, max((len(lines) + 1.9) * step, height))
-    strip.pixels[:, : round(0.4 * step)] = verdict.colour
-    strip.text(to_ascii(verdict.title), 0.9 * step, 1.15 * step, size=1.3)
-    for number, line in enumerate(lines):
-        strip.text(line, 0.9 * step, (2.3 + number) * step)
-    return strip.pixels
 
 
 def to_ascii(text: str) -> str:

@@ -31,10 +31,12 @@ def road_difference_m(a: Extrinsics, b: Extrinsics) -> float:
     """Return how far apart two poses put the own lane's surface 5 to 20 m ahead, RMS [m]."""
     along = np.linspace(*_ALONG_M, _N_ALONG)[:, None]
     across = np.array([-HALF_LANE_M, 0.0, HALF_LANE_M])[None, :]
-    height, pitch, roll = a.as_array() - b.as_array()
+    height_m = a.height_m - b.height_m
+    pitch_rad = a.pitch_rad - b.pitch_rad
+    roll_rad = a.roll_rad - b.roll_rad
     # p_road = R p_camera + [0, 0, height], for small angles: nose down lowers what is ahead, right side down
     # raises what is to the left.
-    difference: Array = height - along * pitch + across * roll
+    difference: Array = height_m - along * pitch_rad + across * roll_rad
     return float(np.sqrt(np.mean(difference**2)))
 
 

@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ..core.drive.drive import Drive, clock
+from ..core.geometry.pose import POSE_COMPONENTS
 from ..core.rejection import Bound, GateReading
 from ..offline import FrameRow
 from .charts import Array, Level, histogram, time_series
 from .choice import segment_of
 
-PARAMETERS = ("Height", "Pitch", "Roll")
-_AXIS_UNITS = ("m", "deg", "deg")
-_READABLE = np.array([1.0, math.degrees(1.0), math.degrees(1.0)])
+_PER_SI = np.array([component.unit.per_si for component in POSE_COMPONENTS])
 MINUTE_S = 60.0
 _LONG_S = 300.0  # from here on a drive is counted in minutes
 _FEWEST_FOR_HISTOGRAM = 3
 
 
 def charts(rows: Sequence[FrameRow], drive: Drive) -> list[dict[str, str]]:
-    """Return height, pitch and roll over time."""
+    """Return each component of the pose over time."""
     accepted = [row for row in rows if row.extrinsics is not None]
     if not accepted:
         return []
@@ -36,19 +34,17 @@ def charts(rows: Sequence[FrameRow], drive: Drive) -> list[dict[str, str]]:
 
     times = np.array([time(row.stamp_s) for row in accepted])
     refused = np.array(sorted(time(row.stamp_s) for row in rows if not row.accepted))
-    values = (
-        np.array([row.extrinsics.as_array() for row in accepted if row.extrinsics is not None]) * _READABLE
-    )
+    values = np.array([row.extrinsics.as_array() for row in accepted if row.extrinsics is not None]) * _PER_SI
     charts = []
-    for index, label in enumerate(PARAMETERS):
+    for index, component in enumerate(POSE_COMPONENTS):
         levels = []
         for segment in drive.segments:
             pose, std = segment.estimate.extrinsics, segment.estimate.std
             if pose is not None and std is not None:
-                at, by = (float(each.as_array()[index] * _READABLE[index]) for each in (pose, std))
+                at, by = (float(each.as_array()[index] * _PER_SI[index]) for each in (pose, std))
                 levels.append(Level(time(segment.start_s), time(segment.end_s), at, by))
         moves = [time(change.at_s) for change in drive.changes]
-        title = f"{label} [{_AXIS_UNITS[index]}]"
+        label, title = component.label.capitalize(), component.heading.capitalize()
         labels = f"{label} of every accepted frame over time", f"{unit} since {clock(start_s)}"
         svg = time_series(times, values[:, index], refused, levels, moves, labels)
         charts.append({"title": title, "svg": svg})
@@ -56,7 +52,7 @@ def charts(rows: Sequence[FrameRow], drive: Drive) -> list[dict[str, str]]:
 
 
 def _deviations(rows: Sequence[FrameRow], drive: Drive) -> Array:
-    """Return (N, 3): how far each accepted frame is from its segment, in its own standard deviations."""
+    """Return how far each accepted frame is from its segment, in its own standard deviations, (N, 3)."""
     found = []
     for row in rows:
         if row.extrinsics is not None and row.covariance is not None:
@@ -64,7 +60,7 @@ def _deviations(rows: Sequence[FrameRow], drive: Drive) -> Array:
             if pose is not None:
                 std = np.sqrt(np.diag(row.covariance))
                 found.append((row.extrinsics.as_array() - pose.as_array()) / std)
-    return np.array(found).reshape(-1, 3)
+    return np.array(found).reshape(-1, len(POSE_COMPONENTS))
 
 
 def residuals(rows: Sequence[FrameRow], drive: Drive) -> list[dict[str, str]]:
@@ -73,8 +69,8 @@ def residuals(rows: Sequence[FrameRow], drive: Drive) -> list[dict[str, str]]:
     if len(deviations) < _FEWEST_FOR_HISTOGRAM:
         return []
     charts = []
-    for index, label in enumerate(PARAMETERS):
-        values = deviations[:, index]
+    for index, component in enumerate(POSE_COMPONENTS):
+        label, values = component.label.capitalize(), deviations[:, index]
         rms = float(np.sqrt(np.mean(values**2)))
         svg = histogram(
             values, f"{label}: deviations of the frames", "reported standard deviations of a frame"

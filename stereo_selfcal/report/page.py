@@ -16,10 +16,10 @@ import numpy as np
 from .. import __version__
 from ..core.config import CalibratorConfig
 from ..core.drive.drive import FIRST_CLOCK_S, DriveSegment, clock
-from ..core.geometry.pose import Extrinsics
+from ..core.geometry.pose import DEGREES, POSE_COMPONENTS, DisplayUnit, Extrinsics, PoseComponent
 from ..offline import FrameRow, FrameSource, Replay
 from .choice import refusals
-from .figures import MINUTE_S, PARAMETERS, charts, gates, residuals
+from .figures import MINUTE_S, charts, gates, residuals
 from .pictures import digits, pictures
 from .remedies import remedy_of
 
@@ -29,8 +29,6 @@ _MOSTLY = 0.5
 _MOST_CAUSES = 3  # named in the verdict
 _HOUR_S = 3600.0
 _VERY_MANY = 100  # standard errors: more of them say nothing more
-
-_NAMES = ("height_m", "pitch_rad", "roll_rad")
 
 
 def render_report(source: FrameSource, replay: Replay) -> str:
@@ -118,31 +116,40 @@ def _estimate(segment: DriveSegment, rows: Sequence[FrameRow]) -> dict[str, Any]
     if estimate.extrinsics is None or estimate.std is None:
         raise ValueError("a segment is made of accepted frames")
     lines = []
-    for index, (label, name) in enumerate(zip(PARAMETERS, _NAMES, strict=True)):
-        value = getattr(estimate.extrinsics, name)
-        spreads = [estimate.std, segment.spread if estimate.n_frames > 1 else None, segment.standard_error]
-        shown = f"{value:.4f} m" if index == 0 else f"{math.degrees(value):+.4f}°"
-        lines.append([label, shown, *(_small(each, name) for each in spreads)])
+    spreads = [estimate.std, segment.spread if estimate.n_frames > 1 else None, segment.standard_error]
+    for component in POSE_COMPONENTS:
+        value = component.of(estimate.extrinsics)
+        shown = component.unit.number(value, component.sign, fine=True) + _symbol(component.unit)
+        lines.append([component.label.capitalize(), shown, *(_small(each, component) for each in spreads)])
     inside = [row for row in rows if row.accepted and segment.start_s <= row.stamp_s <= segment.end_s]
     span = f"{clock(segment.start_s)} to {clock(segment.end_s)}"
     return {"span": span, "frames": len(inside), "used": estimate.n_frames, "lines": lines}
 
 
-def _small(pose: Extrinsics | None, name: str) -> str:
+def _small(pose: Extrinsics | None, component: PoseComponent) -> str:
+    """Return one component of a standard deviation or a spread, a dash if it is not known."""
     if pose is None:
         return "–"
-    value = float(getattr(pose, name))
-    return f"{digits(value * 1e3)} mm" if name == "height_m" else f"{digits(math.degrees(value))}°"
+    unit = component.small_unit
+    return digits(component.of(pose) * unit.per_si) + _symbol(unit)
 
 
-def _change(change: Any) -> dict[str, str]:
-    shift, sigmas = change.shift, change.sigmas
+def _symbol(unit: DisplayUnit) -> str:
+    """Return what follows a number on the page: a space and the unit, or the sign of degrees."""
+    return "°" if unit == DEGREES else f" {unit.symbol}"
+
+
+def _change(change: Any) -> dict[str, Any]:
+    """Return the row of one move; its shifts are labels and texts, one for each component of the pose."""
+    sigmas = change.sigmas
+    parts = [(each.label, each.of(change.shift), each.small_unit) for each in POSE_COMPONENTS]
     return {
         "at": clock(change.at_s),
         "within": f"{change.within_s:.1f} s" if change.within_s < MINUTE_S else _duration(change.within_s),
-        "height": f"{_signed(shift.height_m * 1e3, 1)} mm",
-        "pitch": f"{_signed(math.degrees(shift.pitch_rad), 3)}°",
-        "roll": f"{_signed(math.degrees(shift.roll_rad), 3)}°",
+        "shifts": [
+            (label.capitalize(), _signed(value * unit.per_si, unit.decimals) + _symbol(unit))
+            for label, value, unit in parts
+        ],
         "sigmas": f"{most:.0f}" if (most := float(np.max(sigmas))) < _VERY_MANY else f"over {_VERY_MANY}",
     }
 

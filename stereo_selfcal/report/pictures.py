@@ -14,7 +14,8 @@ from ..core.errors import SelfcalError
 from ..core.results import CalibrationResult
 from ..core.types import Image
 from ..offline import FrameRow, FrameSource, Replay, look_again
-from ..pictures.picture import draw_birds_eye, draw_camera_view, shown_extrinsics
+from ..pictures.birds_eye import draw_birds_eye
+from ..pictures.camera_view import draw_camera_view, shown_extrinsics
 from .choice import best_median_worst, ranked, refusals, segment_of
 
 # Pictures are looked at, not measured in: a third of the bytes of a PNG, and the fringes stay.

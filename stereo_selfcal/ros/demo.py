@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import os
 import signal
 import subprocess
@@ -24,9 +23,12 @@ from ..bags import StereoBag, StereoFrame
 from ..core.calibrator import Calibrator
 from ..core.config import CalibratorConfig
 from ..core.errors import OutputError, SelfcalError
-from ..core.geometry.pose import Extrinsics
-from ..files.result_file import NODE_NAME, SavedResult, load_result, write_atomically
-from ..pictures.picture import draw_overview
+from ..core.geometry.pose import POSE_COMPONENTS, Extrinsics
+from ..files.atomic_file import write_atomically
+from ..files.node_settings import NODE_NAME
+from ..files.result_file import load_result
+from ..files.saved_result import SavedResult
+from ..pictures.overview import draw_overview
 from .player import BagPlayer
 
 DEFAULT_BAG = Path("bags/straight_road")
@@ -170,7 +172,7 @@ def _read_truth(bag: Path) -> Extrinsics | None:
         return None
     try:
         truth: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
-        return Extrinsics(float(truth["height_m"]), float(truth["pitch_rad"]), float(truth["roll_rad"]))
+        return Extrinsics.from_mapping(truth)
     except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError) as error:
         raise DemoError(f"{path} is no truth file: {error}") from error
 
@@ -178,15 +180,12 @@ def _read_truth(bag: Path) -> Extrinsics | None:
 def _table(saved: SavedResult, truth: Extrinsics | None) -> str:
     """Return the answer beside the truth, metres and degrees."""
     lines = [f"{'':16}{'found':>10}{'std':>10}" + (f"{'truth':>10}{'error':>10}" if truth else "")]
-    for label, name, scale in (
-        ("height [m]", "height_m", 1.0),
-        ("pitch [deg]", "pitch_rad", math.degrees(1.0)),
-        ("roll [deg]", "roll_rad", math.degrees(1.0)),
-    ):
-        found, std = getattr(saved.extrinsics, name) * scale, getattr(saved.std, name) * scale
-        line = f"{label:16}{found:>+10.4f}{std:>10.4f}"
+    for component in POSE_COMPONENTS:
+        scale = component.unit.per_si
+        found, std = (component.of(pose) * scale for pose in (saved.extrinsics, saved.std))
+        line = f"{component.heading:16}{found:>+10.4f}{std:>10.4f}"
         if truth is not None:
-            true = getattr(truth, name) * scale
+            true = component.of(truth) * scale
             line += f"{true:>+10.4f}{found - true:>+10.4f}"
         lines.append(line)
     return "\n".join(lines)

@@ -21,8 +21,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from ..core.camera.pairing import PairCounts
 from ..core.camera.rig import StereoRig
+from ..core.geometry.pose import POSE_COMPONENTS
 from ..core.rejection import Rejection
-from ..core.results import describe
 from .calibration_keeper import ActiveCalibration
 from .pair_source import Topics
 from .record import FrameStatistics
@@ -216,20 +216,18 @@ def _verdict(report: CalibrationReport) -> tuple[bytes, str]:
 
 def _described(active: ActiveCalibration) -> str:
     extrinsics, std = active.result.extrinsics, active.result.std
-    return "no numbers" if extrinsics is None or std is None else describe(extrinsics, std)
+    return "no numbers" if extrinsics is None or std is None else extrinsics.describe(std)
 
 
 def _estimate(report: CalibrationReport) -> dict[str, str]:
-    """Return the active calibration as text."""
+    """Return the active calibration, in units for people."""
     active = report.active
     pose, std = (None, None) if active is None else (active.result.extrinsics, active.result.std)
     if active is None or pose is None or std is None:
-        return dict.fromkeys(("age", "height", "pitch", "roll"), "none")
+        return dict.fromkeys(("age", *(component.label for component in POSE_COMPONENTS)), "none")
     values = {
         "age": age_text(report.age_s),
-        "height": f"{pose.height_m:.4f} m (std {std.height_m * 1e3:.1f} mm)",
-        "pitch": f"{math.degrees(pose.pitch_rad):+.4f} deg (std {math.degrees(std.pitch_rad):.4f})",
-        "roll": f"{math.degrees(pose.roll_rad):+.4f} deg (std {math.degrees(std.roll_rad):.4f})",
+        **{component.label: component.describe(pose, std) for component in POSE_COMPONENTS},
         "from_frames": str(active.result.n_frames),
         "saved": active.saved or "no",
     }

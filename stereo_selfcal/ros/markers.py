@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA
@@ -11,11 +9,11 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ..core.camera.rig import StereoRig
 from ..core.geometry.homography import apply_homography, road_from_image
-from ..core.geometry.pose import Extrinsics
+from ..core.geometry.pose import POSE_COMPONENTS, Extrinsics
 from ..core.lanes.lane_pair import LanePattern
 from ..core.types import Array
 from ..pictures.canvas import DARK, SKY_BLUE, VERMILION, WHITE, Colour
-from ..pictures.picture import GRID_FAR_M, GRID_HALF_WIDTH_M
+from ..pictures.road_grid import GRID_FAR_M, GRID_HALF_WIDTH_M
 from .messages import quaternion_message, time_message
 
 _ROAD_THICKNESS_M = 0.01
@@ -73,14 +71,22 @@ def markers_message(
     text = Marker(ns="camera", id=1, type=Marker.TEXT_VIEW_FACING, color=_colour(WHITE))
     text.scale.z = _TEXT_M
     text.pose.position.z = float(extrinsics.height_m) + _TEXT_ABOVE_M
-    pitch_deg, roll_deg = math.degrees(extrinsics.pitch_rad), math.degrees(extrinsics.roll_rad)
-    text.text = f"{extrinsics.height_m:.3f} m, pitch {pitch_deg:+.2f} deg, roll {roll_deg:+.2f} deg"
+    text.text = _written(extrinsics)
 
     markers = [road, arrow, text, *(_lane(lanes, number) for number in range(_N_LINES))]
     for marker in markers:
         marker.header.stamp = time_message(stamp_ns)
         marker.header.frame_id = road_frame
     return MarkerArray(markers=markers)
+
+
+def _written(extrinsics: Extrinsics) -> str:
+    """Return the pose as it is written over the camera, with one decimal less than elsewhere."""
+    texts = [
+        f"{each.label} {each.unit.number(each.of(extrinsics), each.sign, more=-1)} {each.unit.symbol}"
+        for each in POSE_COMPONENTS
+    ]
+    return ", ".join(texts).removeprefix("height ")  # the text stands at the height that it names
 
 
 def no_markers_message() -> MarkerArray:

@@ -13,7 +13,7 @@ from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.utilities import remove_ros_args
 
 from ..core.errors import ConfigError, SelfcalError
-from ..files.result_file import NODE_NAME
+from ..files.node_settings import NODE_NAME
 from .memory import spare_what_stays, use_one_heap
 from .selfcal import SelfcalNode
 

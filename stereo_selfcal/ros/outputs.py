@@ -17,7 +17,8 @@ from ..core.errors import ConfigError, OutputError
 from ..core.results import CalibrationResult
 from ..core.types import Array
 from ..files.node_settings import RESULT_PREFIX
-from ..files.result_file import RESULT_NAMES, result_parameters
+from ..files.result_file import result_parameters
+from ..files.saved_result import RESULT_NAMES
 from .config import NodeConfig
 from .markers import markers_message, no_markers_message
 from .messages import deleted_message, extrinsics_message, pose_message, transform_message

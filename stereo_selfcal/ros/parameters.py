@@ -11,17 +11,14 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ..core.errors import ConfigError
+from ..core.geometry.pose import POSE_COMPONENTS
 from ..files.node_settings import RESULT_PREFIX, NodeSetting
-from ..files.result_file import RESULT_NAMES
+from ..files.saved_result import RESULT_NAMES
 from .config import SETTINGS, NodeConfig
 
 _RESULT_DESCRIPTION = {
-    "height_m": "Height of the middle of the baseline over the road [m]",
-    "pitch_rad": "Pitch of the camera over the road, > 0: nose down [rad]",
-    "roll_rad": "Roll of the camera over the road, > 0: right side down [rad]",
-    "height_std_m": "Standard deviation of the height [m]",
-    "pitch_std_rad": "Standard deviation of the pitch [rad]",
-    "roll_std_rad": "Standard deviation of the roll [rad]",
+    **{each.name: f"{each.description} [{each.si_unit}]" for each in POSE_COMPONENTS},
+    **{each.std_name: f"Standard deviation of the {each.label} [{each.si_unit}]" for each in POSE_COMPONENTS},
 }
 
 

@@ -19,7 +19,9 @@ from ..core.errors import ConfigError, RigError
 from ..core.lanes.lane_pair import LanePattern
 from ..core.results import CalibrationResult
 from ..core.types import Array
-from ..files.result_file import NODE_NAME, check_fits, restore
+from ..files.node_settings import NODE_NAME
+from ..files.result_file import restore
+from ..files.saved_result import check_fits
 from .calibration import CalibrationCall
 from .calibration_keeper import ActiveCalibration, CalibrationKeeper
 from .config import NodeConfig

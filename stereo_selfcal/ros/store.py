@@ -9,7 +9,8 @@ from pathlib import Path
 from ..core.errors import OutputError
 from ..files.exports import write_exports
 from ..files.node_settings import NODE_SETTINGS
-from ..files.result_file import SavedResult, write_result
+from ..files.result_file import write_result
+from ..files.saved_result import SavedResult
 from .calibration_keeper import ActiveCalibration
 from .config import NodeConfig
 

@@ -23,15 +23,10 @@ from ..core.camera.rig import StereoRig
 from ..core.lanes.stripe_points import find_stripe_points
 from ..core.results import CalibrationResult
 from ..core.types import Array, Image
-from ..pictures.canvas import SKY_BLUE, VERMILION, YELLOW, StripContent
-from ..pictures.picture import (
-    draw_debug_image,
-    draw_fringes,
-    draw_notice,
-    numbers,
-    shown_extrinsics,
-    verdict_of,
-)
+from ..pictures.camera_view import shown_extrinsics
+from ..pictures.canvas import SKY_BLUE, VERMILION, YELLOW
+from ..pictures.overview import draw_debug_image, draw_fringes, draw_notice
+from ..pictures.verdict import StripContent, numbers, verdict_of
 from .calibration_keeper import ActiveCalibration
 from .config import NodeConfig
 from .diagnostics import age_text

@@ -139,9 +139,7 @@ class NamedScene:
             "name": self.name,
             "description": self.description,
             "expected": self.expected,
-            "height_m": scene.extrinsics.height_m,
-            "pitch_rad": scene.extrinsics.pitch_rad,
-            "roll_rad": scene.extrinsics.roll_rad,
+            **scene.extrinsics.as_dict(),
             "lane_yaw_rad": scene.lane_yaw_rad,
             "lateral_offset_m": scene.lateral_offset_m,
             "line_offsets_m": [line.offset_m for line in road.lines],
@@ -155,9 +153,7 @@ class NamedScene:
             "rig": scene.rig.to_mapping(),
         }
         if self.bump is not None:
-            names = ("height_m", "pitch_rad", "roll_rad")
-            after = {name: getattr(self.bump.extrinsics, name) for name in names}
-            truth["bump"] = {"stamp_s": FIRST_STAMP_S + self.bump.at_s, **after}
+            truth["bump"] = {"stamp_s": FIRST_STAMP_S + self.bump.at_s, **self.bump.extrinsics.as_dict()}
         return truth
 
 

@@ -1,6 +1,5 @@
 """Results and rejections: stable words, sentences with value, threshold and remedy."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +7,7 @@ import pytest
 
 from stereo_selfcal import CalibrationResult, Extrinsics, Rejection, RejectReason
 from stereo_selfcal.core.rejection import Bound
-from stereo_selfcal.core.results import describe, rejected
+from stereo_selfcal.core.results import rejected
 
 REJECTION = Rejection(
     RejectReason.NO_LINES_FOUND, "rows of the line", 12.0, Bound.LEAST, 40, "px", "clean the lens"
@@ -84,14 +83,6 @@ def test_results_do_not_share_their_stages():
     first, second = CalibrationResult("a"), CalibrationResult("b")
     first.stages["genetic"] = Extrinsics(1, 2, 3)
     assert second.stages == {}
-
-
-def test_describe_speaks_metres_millimetres_and_degrees():
-    pose = Extrinsics(1.4, math.radians(3), math.radians(-0.8))
-    std = Extrinsics(0.0012, math.radians(0.005), math.radians(0.05))
-    assert describe(pose, std) == (
-        "height 1.4000 m (std 1.2 mm), pitch +3.0000 deg (std 0.0050), roll -0.8000 deg (std 0.0500)"
-    )
 
 
 @pytest.mark.parametrize("reason", RejectReason)

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from result_making import RIG, a_result, write
 
 from stereo_selfcal import ConfigError, StereoRig
-from stereo_selfcal.files.result_file import check_fits, format_result, load_result, result_parameters
+from stereo_selfcal.files.result_file import format_result, load_result, result_parameters
+from stereo_selfcal.files.saved_result import check_fits
 
 
 def a_file(path, old="", new=""):

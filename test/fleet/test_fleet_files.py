@@ -14,6 +14,7 @@ from fleet_making import make_bags
 from stereo_selfcal.core.camera.rig import StereoRig
 from stereo_selfcal.core.config import CalibratorConfig
 from stereo_selfcal.core.errors import ConfigError, OutputError
+from stereo_selfcal.core.geometry.pose import Extrinsics
 from stereo_selfcal.fleet.bags import find_bags
 from stereo_selfcal.fleet.index import index_page
 from stereo_selfcal.fleet.outcome import COLUMNS, BagOutcome, Status
@@ -36,12 +37,8 @@ GOOD = BagOutcome(
     message="calibrated",
     frames=3,
     accepted=2,
-    height_m=1.4000000000000001,
-    pitch_rad=0.1 + 0.2,
-    roll_rad=-0.0,
-    height_std_m=1e-3,
-    pitch_std_rad=1e-5,
-    roll_std_rad=1e-4,
+    extrinsics=Extrinsics(1.4000000000000001, 0.1 + 0.2, -0.0),
+    std=Extrinsics(1e-3, 1e-5, 1e-4),
     report="reports/a.html",
 )
 BAD = BagOutcome("<b>", Status.FAILED, "no such file", "no such file")
@@ -128,7 +125,7 @@ def test_table_keeps_every_digit():
     rows = list(csv.DictReader(io.StringIO(csv_of([GOOD, BAD]))))
     assert tuple(rows[0]) == COLUMNS
     assert [row["bag"] for row in rows] == ["a, b", "<b>"]
-    assert float(rows[0]["pitch_rad"]) == GOOD.pitch_rad
+    assert float(rows[0]["pitch_rad"]) == GOOD.extrinsics.pitch_rad
     assert rows[1]["height_m"] == ""
     assert rows[1]["reason"] == "no such file"
 
@@ -152,7 +149,8 @@ def test_parquet_without_pyarrow_is_refused_with_a_remedy(tmp_path, monkeypatch)
 
 
 @pytest.mark.parametrize(
-    "change", [{"height_m": float("nan")}, {"height_m": "1"}, {"status": "fine"}, {"more": 1}]
+    "change",
+    [{"height_m": float("nan")}, {"height_m": "1"}, {"height_m": None}, {"status": "fine"}, {"more": 1}],
 )
 def test_a_row_is_checked_when_it_is_read(change):
     assert BagOutcome.from_mapping(GOOD.to_mapping()) == GOOD
@@ -190,8 +188,10 @@ def test_a_row_is_made_of_what_replay_found(road):
     outcome = BagOutcome.from_replay("road", replay, ("l", "r"))
     assert outcome.status is Status.CALIBRATED
     assert (outcome.frames, outcome.accepted, outcome.left) == (3, 3, "l")
-    assert outcome.height_m == replay.estimate.extrinsics.height_m
-    assert outcome.roll_std_rad == replay.estimate.std.roll_rad
+    assert outcome.extrinsics == replay.estimate.extrinsics
+    assert outcome.std == replay.estimate.std
+    assert outcome.to_mapping()["height_m"] == replay.estimate.extrinsics.height_m
+    assert outcome.to_mapping()["roll_std_rad"] == replay.estimate.std.roll_rad
     assert outcome.message == replay.estimate.message
     assert json.loads(json.dumps(outcome.to_mapping()))["status"] == "calibrated"
 

@@ -24,7 +24,8 @@ from stereo_selfcal import StereoRig
 from stereo_selfcal.core.camera.image_messages import SUPPORTED_ENCODINGS
 from stereo_selfcal.core.camera.pairing import PairCounts, StampedPair
 from stereo_selfcal.files.node_settings import all_settings
-from stereo_selfcal.files.result_file import RESULT_NAMES, load_result
+from stereo_selfcal.files.result_file import load_result
+from stereo_selfcal.files.saved_result import RESULT_NAMES
 from stereo_selfcal.ros import views
 from stereo_selfcal.ros.calibration import CalibrationCall
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig

@@ -22,7 +22,7 @@ from stereo_selfcal.files.node_settings import (
     is_calibrator_setting,
 )
 from stereo_selfcal.files.parameter_file import load_calibrator_config
-from stereo_selfcal.files.result_file import RESULT_NAMES
+from stereo_selfcal.files.saved_result import RESULT_NAMES
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
 
 CONFIG = ros_graph.ROOT / "config"

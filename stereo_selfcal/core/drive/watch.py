@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..camera.rig import StereoRig
+from ..geometry.pose import POSE_COMPONENTS
 from ..results import CalibrationResult
 from ..tolerances import AGREEMENT
 from ..types import Array
@@ -59,8 +60,6 @@ _SCATTER_STEP = 0.02
 
 # Between two frames farther apart than this no road was seen: it counts as so much.
 _LONGEST_STEP_S = 10.0
-
-_NAMES = ("height", "pitch", "roll")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,8 +146,10 @@ class Watch:
         if self._change is None:
             return f"{seen}, {self.progress:.0%} of what a first comparison takes"
         axis = self._change.axis
+        component = POSE_COMPONENTS[axis]
+        drift = component.small_unit.text(self._change.drift[axis], "+")
         return (
-            f"no drift in {seen}: {_NAMES[axis]} by {_sized(axis, self._change.drift[axis], '+')} at most, "
+            f"no drift in {seen}: {component.label} by {drift} at most, "
             f"{self.deviation:.1f} standard deviations; alarm at {ALARM_SIGMAS:g}"
         )
 
@@ -278,17 +279,13 @@ class Watch:
         least = (np.abs(drift) - _BOUND_SIGMAS * std) / LIMITS
         most = (np.abs(drift) + _BOUND_SIGMAS * std) / LIMITS
         axis = int(np.argmax(least)) if least.max() >= 1.0 else change.axis
+        component = POSE_COMPONENTS[axis]
+        unit = component.small_unit
         self._verdict = WatchVerdict(
             doubted=True,
             proven=proven,
             least=float(least.max()),
             most=float(most.max()),
-            message=f"{_NAMES[axis]} over the road has changed by {_sized(axis, drift[axis], '+')} "
-            f"(std {_sized(axis, std[axis])}; limit {_sized(axis, LIMITS[axis])})",
+            message=f"{component.label} over the road has changed by {unit.text(drift[axis], '+')} "
+            f"(std {unit.text(std[axis])}; limit {unit.text(LIMITS[axis])})",
         )
-
-
-def _sized(axis: int, value: float, sign: str = "") -> str:
-    if axis == 0:
-        return f"{value * 1e3:{sign}.1f} mm"
-    return f"{math.degrees(value):{sign}.3f} deg"

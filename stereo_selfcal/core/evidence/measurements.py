@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..estimators.stripe_fit import BLUR_MAX_PX
+from ..geometry.pose import POSE_COMPONENTS
 from ..rejection import Bound
 from ..tolerances import AGREEMENT, MAX_DIFFERENCE, MAX_LINE_HEIGHT_M, MAX_STD
 from ..types import Array
@@ -70,10 +71,6 @@ _MAX_FACE = 0.10
 # A difference counts when it is this many of its standard deviations from zero.
 _SURELY_SIGMAS = 4.0
 
-_AXES = ("height", "pitch", "roll")
-_UNITS = ("m", "deg", "deg")
-_READABLE = np.array([1.0, math.degrees(1.0), math.degrees(1.0)])
-
 
 @dataclass(frozen=True, slots=True)
 class Reading:
@@ -101,21 +98,21 @@ def read_search_edge(evidence: Evidence) -> Reading | None:
     estimate = evidence.genetic or (evidence.texture.extrinsics if evidence.texture else None)
     if estimate is None:
         return None
-    search = evidence.config.search
-    lower = np.array([search.height_min_m, -search.pitch_max_rad, -search.roll_max_rad])
-    upper = np.array([search.height_max_m, search.pitch_max_rad, search.roll_max_rad])
+    lower, upper = (np.array(bound) for bound in evidence.config.search.bounds())
     pose = estimate.as_array()
     at_lower = pose - lower < upper - pose
     nearest = np.where(at_lower, lower, upper)
     gap = np.abs(pose - nearest) / (upper - lower)
     worst = int(np.argmin(gap))
-    value, limit = ((each * _READABLE)[worst] for each in (pose, nearest))
+    component = POSE_COMPONENTS[worst]
+    label, unit = component.label, component.unit
+    value, limit = (float(each[worst]) * unit.per_si for each in (pose, nearest))
     bound, end = (Bound.LEAST, "least") if at_lower[worst] else (Bound.MOST, "greatest")
     what = (
-        f"the best {_AXES[worst]}, {{value}}, is at the edge of the search space: "
-        f"the {end} {_AXES[worst]} searched is {{limit}}"
+        f"the best {label}, {{value}}, is at the edge of the search space: "
+        f"the {end} {label} searched is {{limit}}"
     )
-    return Reading(what, float(value), bound, float(limit), _UNITS[worst], bool(gap[worst] > _EDGE_FRACTION))
+    return Reading(what, value, bound, limit, unit.symbol, bool(gap[worst] > _EDGE_FRACTION))
 
 
 def read_fitness(evidence: Evidence) -> Reading | None:
@@ -187,13 +184,17 @@ def read_uncertainty(evidence: Evidence) -> Reading | None:
 
 
 def _difference(what: str, difference: Array, limits: Array) -> Reading:
-    """Return the reading of the worst of height, pitch and roll; ``{axis}`` stands for its name."""
+    """Return the reading of the component of the pose that differs most, relative to its limit.
+
+    ``{axis}`` in the text stands for the name of that component.
+    """
     difference = np.abs(difference)
     worst = int(np.argmax(difference / limits))
-    scale, unit = (1e3, "mm") if worst == 0 else (math.degrees(1.0), "deg")
+    component = POSE_COMPONENTS[worst]
+    unit = component.small_unit
     value, limit = float(difference[worst]), float(limits[worst])
-    text = what.replace("{axis}", _AXES[worst])
-    return Reading(text, value * scale, Bound.MOST, limit * scale, unit, value <= limit)
+    text = what.replace("{axis}", component.label)
+    return Reading(text, value * unit.per_si, Bound.MOST, limit * unit.per_si, unit.symbol, value <= limit)
 
 
 def read_stage_difference(evidence: Evidence) -> Reading | None:

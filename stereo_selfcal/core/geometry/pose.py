@@ -1,13 +1,18 @@
-"""Height, pitch and roll of the rig over the road: the one place where signs and axes are defined.
+"""Height, pitch and roll of the rig over the road: the one place where signs, names and units are defined.
 
 ``p_road = R_z(yaw) R_y(pitch) R_x(roll) p_camera + [0, 0, height_m]``, REP-103 axes (x forward,
 y left, z up) in both frames. ``pitch_rad > 0``: nose down. ``roll_rad > 0``: right side down.
+
+A further number of the pose needs a line in :data:`POSE_COMPONENTS` and a field of :class:`Extrinsics`.
+Files, ROS parameters, tables, charts and messages list the components from here.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +24,118 @@ BODY_FROM_OPTICAL: Array = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1
 
 
 @dataclass(frozen=True, slots=True)
+class DisplayUnit:
+    """A unit in which people read a number. The code, the files and the messages hold SI units.
+
+    Attributes:
+        symbol: Symbol of the unit.
+        per_si: How many of this unit are one SI unit.
+        decimals: Number of decimals.
+        fine_decimals: Number of decimals where a value stands beside its standard deviation.
+    """
+
+    symbol: str
+    per_si: float
+    decimals: int
+    fine_decimals: int
+
+    def number(self, value: float, sign: str = "", *, fine: bool = False, more: int = 0) -> str:
+        """Return a value without its unit.
+
+        Args:
+            value: The value in its SI unit.
+            sign: "+" to write the sign of positive values too.
+            fine: Whether the value stands beside its standard deviation.
+            more: Number of additional decimals.
+        """
+        decimals = (self.fine_decimals if fine else self.decimals) + more
+        return f"{value * self.per_si:{sign}.{decimals}f}"
+
+    def text(self, value: float, sign: str = "", *, fine: bool = False) -> str:
+        """Return a value with its unit. The arguments are those of :meth:`number`."""
+        return f"{self.number(value, sign, fine=fine)} {self.symbol}"
+
+
+METRES = DisplayUnit("m", 1.0, 4, 4)
+MILLIMETRES = DisplayUnit("mm", 1e3, 1, 1)
+DEGREES = DisplayUnit("deg", math.degrees(1.0), 3, 4)
+
+
+@dataclass(frozen=True, slots=True)
+class PoseComponent:
+    """One number of a pose.
+
+    Attributes:
+        name: Public name, which ends in the SI unit: the attribute of :class:`Extrinsics`, the key of files
+            and of ROS parameters.
+        unit: Unit of the value for people.
+        small_unit: Unit of differences and standard deviations for people.
+        sign: "+" where people need the sign of positive values too.
+        description: What is measured, and what a positive value means.
+    """
+
+    name: str
+    unit: DisplayUnit
+    small_unit: DisplayUnit
+    sign: str
+    description: str
+
+    @property
+    def label(self) -> str:
+        """The name without the unit, such as ``height``."""
+        return self.name.rpartition("_")[0]
+
+    @property
+    def si_unit(self) -> str:
+        """The SI unit, such as ``m``."""
+        return self.name.rpartition("_")[2]
+
+    @property
+    def std_name(self) -> str:
+        """Public name of the standard deviation, such as ``height_std_m``."""
+        return f"{self.label}_std_{self.si_unit}"
+
+    @property
+    def heading(self) -> str:
+        """Heading of a column of values, such as ``height [m]``."""
+        return f"{self.label} [{self.unit.symbol}]"
+
+    def of(self, pose: Extrinsics) -> float:
+        """Return the value that a pose has for this component [SI unit]."""
+        return float(getattr(pose, self.name))
+
+    def describe(self, pose: Extrinsics, std: Extrinsics | None = None, *, fine: bool = True) -> str:
+        """Return the value that a pose has for this component as people read it.
+
+        Args:
+            pose: The pose.
+            std: Its standard deviations, None to leave them out.
+            fine: Whether a value beside its standard deviation has as many decimals as that.
+        """
+        if std is None:
+            return self.unit.text(self.of(pose), self.sign)
+        spread = self.small_unit.number(self.of(std), fine=True)
+        if self.small_unit != self.unit:
+            spread += f" {self.small_unit.symbol}"
+        return f"{self.unit.text(self.of(pose), self.sign, fine=fine)} (std {spread})"
+
+
+# In the order of Extrinsics.as_array() and of every covariance of a pose.
+POSE_COMPONENTS: tuple[PoseComponent, ...] = (
+    PoseComponent("height_m", METRES, MILLIMETRES, "", "Height of the middle of the baseline over the road"),
+    PoseComponent("pitch_rad", DEGREES, DEGREES, "+", "Pitch of the camera over the road, > 0: nose down"),
+    PoseComponent(
+        "roll_rad", DEGREES, DEGREES, "+", "Roll of the camera over the road, > 0: right side down"
+    ),
+)
+# Names of the values and of their standard deviations, in the order of result files and tables.
+POSE_NAMES = tuple(component.name for component in POSE_COMPONENTS)
+STD_NAMES = tuple(component.std_name for component in POSE_COMPONENTS)
+
+
+@dataclass(frozen=True, slots=True)
 class Extrinsics:
-    """Pose of the rig over the road, yaw left out (interface.md, "Frames and signs").
+    """Pose of the rig over the road. It has no yaw: the road frame points along the camera's heading.
 
     Attributes:
         height_m: Height of the middle of the baseline over the road [m].
@@ -42,21 +157,48 @@ class Extrinsics:
         return self.height_m, -self.pitch_rad, self.roll_rad
 
     def as_array(self) -> Array:
-        """Return (height_m, pitch_rad, roll_rad), shape (3,)."""
-        return np.array([self.height_m, self.pitch_rad, self.roll_rad])
+        """Return the components in the order of :data:`POSE_COMPONENTS`, shape (3,)."""
+        return np.array([getattr(self, name) for name in POSE_NAMES])
 
     @classmethod
     def from_array(cls, values: npt.ArrayLike) -> Extrinsics:
-        """Build from (height_m, pitch_rad, roll_rad), shape (3,)."""
-        height_m, pitch_rad, roll_rad = (float(v) for v in np.asarray(values, dtype=np.float64))
-        return cls(height_m, pitch_rad, roll_rad)
+        """Build from the components in the order of :data:`POSE_COMPONENTS`, shape (3,)."""
+        array = np.asarray(values, dtype=np.float64)
+        if array.shape != (len(POSE_NAMES),):
+            raise ValueError(f"a pose is ({', '.join(POSE_NAMES)}), not an array of shape {array.shape}")
+        return cls(**dict(zip(POSE_NAMES, map(float, array), strict=True)))
 
-    def describe(self) -> str:
-        """Return the pose as people read it: metres and degrees."""
-        return (
-            f"height {self.height_m:.4f} m, pitch {math.degrees(self.pitch_rad):+.3f} deg, "
-            f"roll {math.degrees(self.roll_rad):+.3f} deg"
-        )
+    def as_dict(self) -> dict[str, float]:
+        """Return the components by name, as numbers that JSON and YAML take."""
+        return {name: float(getattr(self, name)) for name in POSE_NAMES}
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> Extrinsics:
+        """Build from the components by name. Other keys are passed over.
+
+        Raises:
+            KeyError: A component is missing.
+            TypeError: A value is no number.
+            ValueError: A value is a text that is no number.
+        """
+        return cls(**{name: float(values[name]) for name in POSE_NAMES})
+
+    def as_transform(self) -> dict[str, float]:
+        """Return the transform from the camera body to the road as URDF, tf2 and Autoware have it.
+
+        Returns:
+            x, y, z [m], then roll, pitch, yaw [rad] about fixed axes, by these names.
+        """
+        place = {"x": 0.0, "y": 0.0, "z": float(self.height_m)}
+        return place | {"roll": float(self.roll_rad), "pitch": float(self.pitch_rad), "yaw": 0.0}
+
+    def describe(self, std: Extrinsics | None = None) -> str:
+        """Return the pose as people read it, in metres and degrees.
+
+        Args:
+            std: The standard deviations, None to leave them out.
+        """
+        return ", ".join(f"{each.label} {each.describe(self, std)}" for each in POSE_COMPONENTS)
 
 
 def road_from_camera_rotation(pitch_rad: float, roll_rad: float, yaw_rad: float = 0.0) -> Array:

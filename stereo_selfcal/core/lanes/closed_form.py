@@ -15,7 +15,7 @@ import numpy as np
 
 from ..camera.rig import StereoRig
 from ..geometry.plane import DisparityPlane, PlaneCamera, jacobian_pose_wrt_plane, pose_from_plane
-from ..geometry.pose import Extrinsics
+from ..geometry.pose import POSE_COMPONENTS, Extrinsics
 from ..geometry.rays import pixel_rays
 from ..road.priors import UNEVEN_STD_M
 from ..types import Array
@@ -78,11 +78,10 @@ def contradictions(closed: ClosedForm, genetic: Extrinsics, covariance: Array) -
     difference = closed.extrinsics.as_array() - genetic.as_array()
     # Both are made from the same lines, so the sum of their variances is an upper bound.
     std = np.sqrt(np.diag(closed.covariance) + np.diag(covariance))
-    names = (("height", "m", 1.0), ("pitch", "deg", np.degrees(1.0)), ("roll", "deg", np.degrees(1.0)))
     return tuple(
-        f"the closed form differs in {name} by {delta * unit:+.4f} {symbol}, "
+        f"the closed form differs in {component.label} by {component.unit.text(delta, '+', fine=True)}, "
         f"{abs(delta) / sigma:.0f} standard deviations"
-        for (name, symbol, unit), delta, sigma in zip(names, difference, std, strict=True)
+        for component, delta, sigma in zip(POSE_COMPONENTS, difference, std, strict=True)
         if abs(delta) > _CONTRADICTION_SIGMAS * sigma
     )
 

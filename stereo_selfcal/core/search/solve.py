@@ -210,11 +210,11 @@ def _refused(
 
 def _search(fitness: PatternFitness, config: CalibratorConfig) -> GeneticResult:
     """Run the genetic algorithm over the whole search box, once for each camera's parallelism."""
-    box = config.search
+    lower, upper = config.search.bounds()
     runs = maximise_each(
         fitness.seen_by_each,
-        lower=(box.height_min_m, -box.pitch_max_rad, -box.roll_max_rad),
-        upper=(box.height_max_m, box.pitch_max_rad, box.roll_max_rad),
+        lower=lower,
+        upper=upper,
         config=config.genetic,
         rng=np.random.default_rng(config.seed),
         n_runs=len(SIDES),

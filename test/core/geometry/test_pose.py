@@ -65,10 +65,18 @@ def test_array_there_and_back():
 
 @pytest.mark.parametrize("values", [[1.0, 2.0], [1.0, 2.0, 3.0, 4.0]])
 def test_array_of_another_length_is_refused(values):
-    with pytest.raises(ValueError, match="unpack"):
+    with pytest.raises(ValueError, match="array of shape"):
         Extrinsics.from_array(values)
 
 
 def test_describe_speaks_metres_and_degrees():
     pose = Extrinsics(1.4, math.radians(3), math.radians(-0.8))
     assert pose.describe() == "height 1.4000 m, pitch +3.000 deg, roll -0.800 deg"
+
+
+def test_describe_with_standard_deviations_speaks_metres_millimetres_and_degrees():
+    pose = Extrinsics(1.4, math.radians(3), math.radians(-0.8))
+    std = Extrinsics(0.0012, math.radians(0.005), math.radians(0.05))
+    assert pose.describe(std) == (
+        "height 1.4000 m (std 1.2 mm), pitch +3.0000 deg (std 0.0050), roll -0.8000 deg (std 0.0500)"
+    )

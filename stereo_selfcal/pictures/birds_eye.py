@@ -1,0 +1,99 @@
+"""The road from above, as both cameras see it: where they disagree, it has coloured fringes."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from ..core.camera.rig import StereoRig
+from ..core.geometry.homography import Side, image_from_road
+from ..core.geometry.pose import Extrinsics
+from ..core.types import Array, Image
+from .canvas import MIN_WIDTH_PX, TEXT_SCALE, YELLOW, Canvas
+from .road_grid import GRID_ACROSS_M, GRID_ALONG_M, near_edge_m
+
+# A lane to either side of the rig. The view is stretched across the road, because the misfit between the
+# cameras shows across the road and is a matter of millimetres.
+BIRDS_EYE_FAR_M = 35.0
+BIRDS_EYE_HALF_WIDTH_M = 3.5
+BIRDS_EYE_ASPECT = 0.42  # height over width of the panel
+
+
+def draw_birds_eye(
+    left: Image, right: Image, rig: StereoRig, extrinsics: Extrinsics, width: int = MIN_WIDTH_PX
+) -> Image:
+    """Draw the road from above as both cameras see it, one over the other.
+
+    The left camera is orange, the right one blue. Where they agree, the road is grey. Where they do not, it
+    has coloured fringes. People who are blind to red or green see these colours, but not red and cyan. The
+    driving direction is to the right, left of the road is up.
+
+    Args:
+        left: (H, W) uint8 image of the left camera.
+        right: The same of the right camera.
+        rig: The rig both images come from.
+        extrinsics: Its pose over the road.
+        width: Width of the picture [px].
+
+    Returns:
+        (H', width, 3) uint8 BGR.
+    """
+    height = round(width * BIRDS_EYE_ASPECT)
+    near_m = near_edge_m(rig, extrinsics)
+    along, across = width / (BIRDS_EYE_FAR_M - near_m), height / (2 * BIRDS_EYE_HALF_WIDTH_M)  # px per m
+    canvas_from_road = np.array(
+        [[along, 0.0, -along * near_m], [0.0, -across, across * BIRDS_EYE_HALF_WIDTH_M], [0.0, 0.0, 1.0]]
+    )
+    orange = _from_above(left, rig, extrinsics, "left", canvas_from_road, (width, height))
+    blue = _from_above(right, rig, extrinsics, "right", canvas_from_road, (width, height))
+    both = (orange > 0) & (blue > 0)
+    if both.any():  # else cameras of different brightness would tint the whole road
+        gain = float(orange[both].mean() / blue[both].mean())
+        blue = np.clip(blue * gain, 0, 255).astype(np.uint8)
+    green = np.asarray(cv2.addWeighted(orange, 0.5, blue, 0.5, 0.0), np.uint8)
+    canvas = Canvas(np.dstack([blue, green, orange]), 1.0)
+    lower_edge = height - 0.35 * TEXT_SCALE * 30 * width / MIN_WIDTH_PX
+    for x_m in np.arange(0.0, BIRDS_EYE_FAR_M, GRID_ALONG_M):
+        column = along * (x_m - near_m)
+        if column > 0:
+            _blend_line(canvas, [[column, 0.0], [column, float(height)]])
+            canvas.text(f"{x_m:.0f} m", column + 4, lower_edge, size=0.8)
+    for y_m in np.arange(-math.floor(BIRDS_EYE_HALF_WIDTH_M), BIRDS_EYE_HALF_WIDTH_M, GRID_ACROSS_M):
+        row = across * (BIRDS_EYE_HALF_WIDTH_M - y_m)
+        _blend_line(canvas, [[0.0, row], [float(width), row]])
+    _title(
+        canvas,
+        f"bird's-eye view, ahead is right: left camera orange, right camera blue, "
+        f"coloured fringes: misfit, 1 m across = {across / along:.1f} x 1 m along",
+    )
+    return canvas.pixels
+
+
+def _from_above(
+    image: Image,
+    rig: StereoRig,
+    extrinsics: Extrinsics,
+    side: Side,
+    canvas_from_road: Array,
+    size: tuple[int, int],
+) -> Image:
+    """Return the road as one camera sees it on the canvas, (H, W) uint8, 0 where it sees none."""
+    image_from_canvas = image_from_road(rig, extrinsics, side) @ np.linalg.inv(canvas_from_road)
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    # Black pixels of the image are road too. The value 0 is kept for places outside the image.
+    return np.asarray(
+        cv2.warpPerspective(np.maximum(image, 1), image_from_canvas, size, flags=flags), np.uint8
+    )
+
+
+def _blend_line(canvas: Canvas, points: list[list[float]]) -> None:
+    """Draw a faint line on the bird's-eye view."""
+    painted = Canvas(canvas.pixels.copy(), canvas.scale)
+    painted.polyline(np.array(points), YELLOW)
+    cv2.addWeighted(painted.pixels, 0.3, canvas.pixels, 0.7, 0, dst=canvas.pixels)
+
+
+def _title(canvas: Canvas, text: str) -> None:
+    canvas.text(text, 0.5 * canvas.line_height, canvas.line_height, size=0.8)

@@ -1,0 +1,26 @@
+"""What pictures say in words."""
+
+from picture_making import REJECTION
+
+from stereo_selfcal.core.results import rejected
+from stereo_selfcal.pictures.canvas import GREEN
+from stereo_selfcal.pictures.overview import draw_notice
+from stereo_selfcal.pictures.verdict import StripContent, verdict_of, verdict_strip
+
+
+def test_words_of_a_verdict_are_there_and_wrapped():
+    def ink(verdict):
+        strip = verdict_strip(verdict, 960)
+        return (strip[:, 40:] > 150).all(axis=2).sum(), len(strip)
+
+    none, short = ink(StripContent("", GREEN)), ink(StripContent("REFUSED", GREEN))
+    long = ink(StripContent("REFUSED", GREEN, ("bend of the road: 320 m, at least 1000 m needed; " * 6,)))
+    assert none[0] == 0 < short[0] < long[0]
+    assert none[1] == short[1] < long[1]
+    assert draw_notice(StripContent("no picture", GREEN)).shape == (403, 960, 3)
+
+
+def test_verdict_of_a_refusal_names_reason_and_limit():
+    verdict = verdict_of(rejected(REJECTION))
+    assert verdict.title == "REFUSED: lines_not_straight"
+    assert "3 px, at most 1 px allowed; drive straight" in verdict.lines[0]
