@@ -35,10 +35,10 @@ The bound counts pixel noise alone; lane yaw, positions, widths and grey levels 
 A road that is not flat, or a rig calibrated wrongly, comes on top, in every frame alike.
 """
 
-# Issue 3: where a location error is quoted, and the distance of the chart.
+# Where a location error is quoted, and the distance of the chart.
 LOCATION_DISTANCES_M = (10.0, 20.0, 30.0, 50.0)
 CHART_DISTANCE_M = 30.0
-# The chart: baselines from a small stereo camera to the width of a windscreen, noise up to that of issue 3.
+# The chart: baselines from a small stereo camera to the width of a windscreen, noise up to 20 % of 255.
 CHART_BASELINES_M = (0.1, 1.0)
 CHART_NOISES = (0.01, 0.20)
 CHART_NOISE_CURVES = (0.01, 0.05, 0.20)
@@ -109,7 +109,7 @@ class Setup:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status of interface.md, "Command line"."""
+    """Entry point; returns the exit status (`cli.console`)."""
     return run("limits", _limits, argv)
 
 

@@ -61,7 +61,7 @@ class _Settings:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status of interface.md, "Command line"."""
+    """Entry point; returns the exit status (`cli.console`)."""
     return run("replay", _replay, argv)
 
 

@@ -72,7 +72,7 @@ def _moves(drive: Drive) -> str:
 
 
 def as_json(replay: Replay) -> str:
-    """Return the object of interface.md, "Command line", in one line; floats with all their digits."""
+    """Return the object that `replay` prints, in one line; floats with all their digits."""
     return json.dumps(as_dict(replay), allow_nan=False) + "\n"
 
 

@@ -20,7 +20,7 @@ BODY_FROM_OPTICAL: Array = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1
 
 @dataclass(frozen=True, slots=True)
 class Extrinsics:
-    """Pose of the rig over the road, yaw left out (interface.md, "Frames and signs").
+    """Pose of the rig over the road, without yaw; frames and signs are those of this module.
 
     Attributes:
         height_m: Height of the middle of the baseline over the road [m].
