@@ -228,7 +228,7 @@ def check_fits(calibrated: StereoRig, rig: StereoRig) -> None:
         if not abs(now[name] - then) <= greatest:
             raise ConfigError(
                 f"the calibration is of other cameras: rig.{name} was {then:.10g}, now it is "
-                f"{now[name]:.10g} (they may differ by {greatest:.2g}); calibrate anew"
+                f"{now[name]:.10g} (a difference of at most {greatest:.2g} is allowed); calibrate anew"
             )
 
 

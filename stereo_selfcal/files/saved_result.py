@@ -141,7 +141,7 @@ def _sections(parameters: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, 
         by = f" ({shown(version)})" if isinstance(version, str) else ""
         raise ConfigError(
             f"written by a newer version{by} of {NODE_NAME}: its schema is {schema}, this version reads "
-            f"{SCHEMA}; update {NODE_NAME}, or {_REMEDY}"
+            f"at most {SCHEMA}; update {NODE_NAME}, or {_REMEDY}"
         )
     return extrinsics, provenance
 

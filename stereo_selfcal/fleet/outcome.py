@@ -38,7 +38,7 @@ class BagOutcome:
         message: The sentence of ``replay``.
         frames: Number of frames.
         accepted: How many of them were accepted.
-        confirmed: How many of these the asphalt has confirmed.
+        confirmed: How many of these the road surface has confirmed.
         height_m: Height [m]; None where it was not calibrated, as all that follow.
         pitch_rad: Pitch [rad].
         roll_rad: Roll [rad].

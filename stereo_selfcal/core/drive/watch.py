@@ -147,9 +147,10 @@ class Watch:
         if self._change is None:
             return f"{seen}, {self.progress:.0%} of what a first comparison takes"
         axis = self._change.axis
+        drift = _sized(axis, self._change.drift[axis], "+")
         return (
-            f"no drift in {seen}: {_NAMES[axis]} by {_sized(axis, self._change.drift[axis], '+')} at most, "
-            f"{self.deviation:.1f} standard deviations; alarm at {ALARM_SIGMAS:g}"
+            f"no drift in {seen}: the greatest deviation is {drift} of the {_NAMES[axis]}, "
+            f"{self.deviation:.1f} standard deviations; an alarm needs at least {ALARM_SIGMAS:g}"
         )
 
     def add(self, result: CalibrationResult) -> WatchVerdict:
@@ -284,7 +285,7 @@ class Watch:
             least=float(least.max()),
             most=float(most.max()),
             message=f"{_NAMES[axis]} over the road has changed by {_sized(axis, drift[axis], '+')} "
-            f"(std {_sized(axis, std[axis])}; limit {_sized(axis, LIMITS[axis])})",
+            f"(std {_sized(axis, std[axis])}), at most {_sized(axis, LIMITS[axis])} allowed",
         )
 
 

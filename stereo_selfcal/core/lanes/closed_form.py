@@ -80,8 +80,8 @@ def contradictions(closed: ClosedForm, genetic: Extrinsics, covariance: Array) -
     std = np.sqrt(np.diag(closed.covariance) + np.diag(covariance))
     names = (("height", "m", 1.0), ("pitch", "deg", np.degrees(1.0)), ("roll", "deg", np.degrees(1.0)))
     return tuple(
-        f"the closed form differs in {name} by {delta * unit:+.4f} {symbol}, "
-        f"{abs(delta) / sigma:.0f} standard deviations"
+        f"the closed form differs from the genetic algorithm in {name} by {delta * unit:+.4f} {symbol}, "
+        f"{abs(delta) / sigma:.0f} standard deviations, at most {_CONTRADICTION_SIGMAS:g} expected"
         for (name, symbol, unit), delta, sigma in zip(names, difference, std, strict=True)
         if abs(delta) > _CONTRADICTION_SIGMAS * sigma
     )
