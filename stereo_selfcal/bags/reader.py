@@ -186,7 +186,7 @@ class StereoBag:
             raise BagError(
                 f"{self._name}: no pair of images among {counts.left} on {self.topics.left.name} and "
                 f"{counts.right} on {self.topics.right.name}: nearest difference of their header stamps "
-                f"{nearest}, allowed {self._tolerance_s:g} s; see --approximate-sync-tolerance"
+                f"{nearest}, at most {self._tolerance_s:g} s allowed; see --approximate-sync-tolerance"
             )
 
     def _frame(self, pair: StampedPair[Message]) -> StereoFrame:

@@ -63,7 +63,7 @@ class Setup:
         lane_width_m: Distance of the middles of both lines [m].
         line_width_m: Width of a line [m].
         noise_fraction: Standard deviation of the pixel noise as a fraction of 255.
-        contrast: Paint minus asphalt [grey levels].
+        contrast: Paint minus road surface [grey levels].
         psf_px: Standard deviation of the blur of the lens [px].
         frames: Frames that are fused; their noise is independent.
     """
@@ -297,7 +297,12 @@ def _parser() -> Parser:
         ("--height-m", _DEFAULT_HEIGHT_M, positive, "height of the middle of the baseline over the road [m]"),
         ("--pitch-deg", _DEFAULT_PITCH_DEG, _between(-tilt_deg, tilt_deg), "pitch [deg], > 0: nose down"),
         ("--noise", _DEFAULT_NOISE, _between(0.0, 1.0), "standard deviation of the noise, a fraction of 255"),
-        ("--contrast", DEFAULT_CONTRAST, _between(0.0, _GREY_LEVELS), "paint minus asphalt [grey levels]"),
+        (
+            "--contrast",
+            DEFAULT_CONTRAST,
+            _between(0.0, _GREY_LEVELS),
+            "paint minus road surface [grey levels]",
+        ),
         ("--psf-px", PSF_SIGMA_PX, _between(0.0, math.inf, open_low=False), "blur of the lens, sigma [px]"),
     )
     add("--rig", metavar="FILE", type=Path, help="rig file, YAML or JSON (default: the paper's rig)")

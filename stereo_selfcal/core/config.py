@@ -110,18 +110,18 @@ class GeneticConfig:
 
 @dataclass(frozen=True, slots=True)
 class TextureConfig:
-    """The asphalt between the lines as a witness: it must lie in the plane of the lines."""
+    """Cross-check by the texture of the road surface, which must lie in the plane of the lines."""
 
     check: int = _setting(
         1,
-        "Whether (1) to ask the asphalt: it checks the lines, helps to find them, makes the estimate better",
+        "Whether (1) to use the road surface: it checks the lines, helps to find them, improves the estimate",
         "",
         0,
         1,
     )
     required: int = _setting(
         0,
-        "Whether (1) to refuse what the asphalt has too little texture to confirm; needs texture.check",
+        "Whether (1) to refuse lines that no texture of the road surface can check; needs texture.check",
         "",
         0,
         1,

@@ -137,7 +137,9 @@ def _text(path: Path | str, most_bytes: int) -> str:
     if not content:
         raise ConfigError(f"{path} is empty: '{ANY_NODE}:' with '{PARAMETERS}:' is needed")
     if len(content) > most_bytes:
-        raise ConfigError(f"{path} is larger than {most_bytes} bytes: no parameter file is")
+        raise ConfigError(
+            f"{path} is no parameter file: it is larger than {most_bytes} bytes, which is the most allowed"
+        )
     try:
         return content.decode("utf-8")
     except UnicodeDecodeError as error:

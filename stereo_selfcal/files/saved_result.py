@@ -149,7 +149,7 @@ def check_fits(calibrated: StereoRig, rig: StereoRig) -> None:
         if not abs(now[name] - then) <= greatest:
             raise ConfigError(
                 f"the calibration is of other cameras: rig.{name} was {then:.10g}, now it is "
-                f"{now[name]:.10g} (they may differ by {greatest:.2g}); calibrate anew"
+                f"{now[name]:.10g} (a difference of at most {greatest:.2g} is allowed); calibrate anew"
             )
 
 
@@ -168,7 +168,7 @@ def _sections(parameters: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, 
         by = f" ({shown(version)})" if isinstance(version, str) else ""
         raise ConfigError(
             f"written by a newer version{by} of {NODE_NAME}: its schema is {schema}, this version reads "
-            f"{SCHEMA}; update {NODE_NAME}, or {_REMEDY}"
+            f"at most {SCHEMA}; update {NODE_NAME}, or {_REMEDY}"
         )
     return extrinsics, provenance
 

@@ -85,7 +85,7 @@ def index_page(outcomes: Sequence[BagOutcome], about: str) -> str:
 <h1>{len(outcomes)} recordings: {escape(summary)}</h1>
 {note}
 <p><code>{_EQUATION}</code>; REP-103: pitch &gt; 0 is nose down, roll &gt; 0 is right side down.
-Confirmed are accepted frames whose asphalt agrees with the lines. The whole table is in
+Confirmed are accepted frames whose road surface agrees with the lines. The whole table is in
 <a href="table.csv">table.csv</a>. A click on a heading sorts.</p>
 <div class="scroll">
 <table>

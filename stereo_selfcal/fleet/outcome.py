@@ -39,7 +39,7 @@ class BagOutcome:
         message: The sentence of ``replay``.
         frames: Number of frames.
         accepted: How many of them were accepted.
-        confirmed: How many of these the asphalt has confirmed.
+        confirmed: How many of these the road surface has confirmed.
         extrinsics: The calibration, None where there is none. Each component is a column of the table.
         std: Its standard deviations, None where there is none. Each is a column as well.
         moves: How often the camera was moved; the pose is that after the last time.

@@ -1,4 +1,4 @@
-"""What stays of a frame when its images are gone."""
+"""What is kept of a frame without its images."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..core.types import Array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameRow:
-    """Outcome of one frame, without the images and points behind it.
+    """Outcome of one frame, without its images and points.
 
     Attributes:
         stamp_s: Time stamp of the frame [s].
@@ -27,7 +27,7 @@ class FrameRow:
         lane_yaw_rad: Yaw of the camera against the lane [rad], > 0: points left; None when not known.
         lane_curvature_per_m: Curvature of the lane [1/m], > 0 bends left; None when not known.
         stages: Estimate of every stage that ran, by name, when refused too.
-        gates: Readings of all gates up to the first one that was closed.
+        gates: Readings of all gates up to the first one that refused the frame.
         notes: Sentences about what is not quite as it should be.
         uncertainty: Terms of the covariance, which they add up to; empty when refused.
         attempts: Every hypothesis that was solved for the frame, without points and lines.
@@ -81,5 +81,5 @@ class FrameRow:
 
     @property
     def confirmed(self) -> bool:
-        """Whether the texture confirmed the calibration; lines alone may be those of a kerb."""
+        """Whether the road surface confirmed the calibration; lines alone may be those of a kerb."""
         return self.accepted and self.confirmed_by_texture

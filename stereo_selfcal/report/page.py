@@ -24,7 +24,7 @@ from .pictures import digits, pictures
 from .remedies import remedy_of
 
 _TEMPLATE = "report.html.j2"
-# Below this part of the accepted frames the verdict says that the asphalt has not confirmed them.
+# If the road surface has confirmed less than this part of the accepted frames, the verdict says so.
 _MOSTLY = 0.5
 _MOST_CAUSES = 3  # named in the verdict
 _HOUR_S = 3600.0
@@ -89,8 +89,9 @@ def _verdict(replay: Replay) -> dict[str, Any]:
     if confirmed < _MOSTLY * len(accepted):
         share = f"Only {confirmed}" if confirmed else "None"
         doubts.append(
-            f"{share} of {_number(len(accepted), 'accepted frame')} could be confirmed by the asphalt "
-            "between the lines: lines alone can be those of a kerb, or of a road that is not level across."
+            f"{share} of {_number(len(accepted), 'accepted frame')} could be confirmed by the road "
+            "surface between the lines: lines alone can be those of a kerb, or of a road that is not level "
+            "across."
         )
     if drive.changes:
         kind, word = "warn", "Calibrated, and moved"

@@ -79,7 +79,7 @@ def test_raw_on_the_command_line(tmp_path, monkeypatch, capsys):
     assert "remarks" not in json.loads(capsys.readouterr().out)
     assert fake.made[0].rig == RIG
     assert main([str(path), "--json"]) == 0
-    assert "nobody rectifies" in json.loads(capsys.readouterr().out)["remarks"][0]
+    assert "not of a rectified pair" in json.loads(capsys.readouterr().out)["remarks"][0]
     rig = tmp_path / "rig.yaml"
     rig.write_text(yaml.safe_dump(RIG.to_mapping()))
     for arguments in (["--raw", "--rig", str(rig)], ["--raw", "--all", "--rig", str(rig)]):

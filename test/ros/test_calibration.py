@@ -203,7 +203,9 @@ def test_doubts_about_the_cameras_are_told_with_any_answer():
     for images, start in ((pair(), "height 1.2 m"), (pair(left=image(0)), "no frame accepted")):
         outcome = CalibrationCall(Source(images, infos=infos), without_rig()).run()
         assert outcome.message.startswith(start)
-        assert outcome.message.endswith("the baseline is 2.6 m, usual are 0.03 ... 2 m: check P[3]")
+        assert outcome.message.endswith(
+            "the baseline is 2.6 m, usual is at least 0.03 m and at most 2 m: check P[3]"
+        )
 
 
 def test_parameters_win_over_camera_info():

@@ -1,7 +1,7 @@
-"""CameraInfo, read with suspicion: what it says about a camera, and what of it cannot be right.
+"""CameraInfo: what it says about a camera, and which of its values cannot be right.
 
-Faults are raised (:class:`CameraInfoError`): with them nothing can be calibrated, or only wrongly. What is
-merely strange is in :mod:`.camera_doubts`.
+A fault is raised (:class:`CameraInfoError`): with it nothing can be calibrated, or only wrongly. A value that
+is unusual but possible is reported by :mod:`.camera_info_checks`.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from ..errors import RigError, shown
 # tools print P with about six digits, so a difference of a hundredth of a pixel is a real one.
 _RECTIFIED_TOLERANCE_PX = 0.01
 
-# No vehicle's: P[3] in pixel millimetres makes 30 m and more, P[3] = -baseline without fx below 4 mm
-# (2 m over 500 px). A wrong scale makes a wrong height by as much, and nothing in the images tells.
+# No vehicle has a baseline outside these: P[3] in pixel millimetres gives 30 m and more, P[3] = -baseline
+# without fx less than 4 mm (2 m over 500 px). The height is then wrong by the same factor, and nothing in the
+# images shows it.
 _POSSIBLE_BASELINE_M = (0.005, 10.0)
 
 # R is written with six digits or more: a rotation is one to about 1e-6.
@@ -172,7 +173,7 @@ class CameraModel:
             raise CameraInfoError(
                 InfoReason.NOT_A_ROTATION,
                 f"R of the {self.side} CameraInfo is no rotation (R R^T differs from the identity by "
-                f"{error:.2g}, limit {_ROTATION_TOLERANCE:g}): calibrate the pair again",
+                f"{error:.2g}, at most {_ROTATION_TOLERANCE:g} allowed): calibrate the pair again",
             )
 
 
@@ -221,22 +222,33 @@ def pair_geometry(left: CameraModel, right: CameraModel) -> PairGeometry:
     if not least_m <= baseline_m <= most_m:
         raise CameraInfoError(
             InfoReason.BASELINE_IMPLAUSIBLE,
-            f"CameraInfo gives a baseline of {baseline_m:.4g} m, possible are {least_m:g} ... {most_m:g} m: "
+            f"CameraInfo gives a baseline of {baseline_m:.4g} m, at least {least_m:g} m and at most "
+            f"{most_m:g} m are possible: "
             "P[3] of the right camera must be -fx * baseline in pixels times metres (not millimetres), or "
             "give the rig by parameters",
         )
     shift_px = left.p[2] - right.p[2]
     if abs(shift_px) > left.width:  # no column of one image would be left in the other
-        raise projections_differ(left, right, "cx", 2)
+        raise projections_differ(left, right, "cx", 2, left.width)
     return PairGeometry(baseline_m, shift_px if abs(shift_px) > _RECTIFIED_TOLERANCE_PX else 0.0)
 
 
-def projections_differ(left: CameraModel, right: CameraModel, name: str, i: int) -> CameraInfoError:
-    """Return the refusal of two projection matrices that differ in element ``i`` of the name."""
+def projections_differ(
+    left: CameraModel, right: CameraModel, name: str, i: int, most_px: float = _RECTIFIED_TOLERANCE_PX
+) -> CameraInfoError:
+    """Return the refusal of two projection matrices that differ in one element.
+
+    Args:
+        left: The left camera.
+        right: The right camera.
+        name: Name of the element.
+        i: Its place in P, row by row.
+        most_px: Greatest difference that is allowed [px].
+    """
     return CameraInfoError(
         InfoReason.PROJECTIONS_DIFFER,
-        f"P of the cameras differ in {name}: {left.p[i]} left, {right.p[i]} right: "
-        "rectify both images to one projection matrix",
+        f"P of the cameras differ in {name}: {left.p[i]} left, {right.p[i]} right, at most "
+        f"{most_px:g} px apart allowed: rectify both images to one projection matrix",
     )
 
 

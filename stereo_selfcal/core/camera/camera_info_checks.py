@@ -1,4 +1,4 @@
-"""What is strange about a CameraInfo, though it can be worked with: somebody should look."""
+"""What is unusual about a CameraInfo that can be worked with: somebody should check it."""
 
 from __future__ import annotations
 
@@ -8,21 +8,22 @@ import numpy as np
 
 from .camera_info import EQUIDISTANT, CameraModel, InfoReason
 
-# Baselines of cars' stereo cameras; what lies outside may still be one (a lorry, a toy).
+# Baselines of cars' stereo cameras; those of a lorry or of a toy may lie outside.
 _USUAL_BASELINE_M = (0.03, 2.0)
 
-# How far rectification may zoom: the cameras of KITTI 0.73, of EuRoC 0.95. A factor of two is what a
-# CameraInfo has of which K was scaled to another resolution and P was not. Wide lenses are zoomed more.
+# How far rectification may zoom: the cameras of KITTI 0.73, of EuRoC 0.95. A factor of two is that of a
+# CameraInfo whose K was scaled to another resolution while its P was not. Wide lenses are zoomed more.
 _MOST_ZOOM = 2.0
 _MOST_ZOOM_FISHEYE = 4.0
-# A principal point this near to the rim [of the image's side] belongs to another resolution, or to a crop.
-_RIM = 0.15
+# A principal point this near to the border of the image, as a fraction of its side, belongs to another
+# resolution, or to a crop.
+_BORDER = 0.15
 _SAME_PX = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is strange about a CameraInfo: its kind, and a sentence with the remedy."""
+    """One thing that is unusual about a CameraInfo: its kind, and a sentence with the remedy."""
 
     reason: InfoReason
     message: str
@@ -32,9 +33,9 @@ class Finding:
 
 
 def doubts_about(left: CameraModel, right: CameraModel, baseline_m: float, rectified: bool) -> list[Finding]:
-    """Return what is strange about two cameras, though they can be worked with.
+    """Return what is unusual about two cameras that can be worked with.
 
-    A D that is not zero is none of it: the CameraInfo of a rectified image is that of the raw camera.
+    A D that is not zero is usual: the CameraInfo of a rectified image is that of the raw camera.
 
     Args:
         left: The left camera.
@@ -45,7 +46,10 @@ def doubts_about(left: CameraModel, right: CameraModel, baseline_m: float, recti
     found = []
     least_m, most_m = _USUAL_BASELINE_M
     if not least_m <= baseline_m <= most_m:
-        text = f"the baseline is {baseline_m:.4g} m, usual are {least_m:g} ... {most_m:g} m: check P[3]"
+        text = (
+            f"the baseline is {baseline_m:.4g} m, usual is at least {least_m:g} m and at most {most_m:g} m: "
+            "check P[3]"
+        )
         found.append(Finding(InfoReason.BASELINE_UNUSUAL, text))
     for camera in (left, right):
         found += _doubts_about_one(camera, rectified)
@@ -76,16 +80,16 @@ def _doubts_about_one(camera: CameraModel, rectified: bool) -> list[Finding]:
         if raw > 0 and projected > 0 and not 1 / most < projected / raw < most:
             text = (
                 f"{name} of the {side} CameraInfo is {raw:.5g} in K and {projected:.5g} in P, usual is a "
-                f"ratio below {most:g}: they may belong to different resolutions"
+                f"ratio of at most {most:g}: they may belong to different resolutions"
             )
             found.append(Finding(InfoReason.FOCAL_LENGTHS_DISAGREE, text))
             break
     for name, column, row in (("K", k[2], k[5]), ("P", p[2], p[6])):
         off = max(abs((column + 0.5) / camera.width - 0.5), abs((row + 0.5) / camera.height - 0.5))
-        if off > 0.5 - _RIM and not camera.cropped:
+        if off > 0.5 - _BORDER and not camera.cropped:
             text = (
                 f"principal point ({column:.5g}, {row:.5g}) of {name} of the {side} CameraInfo lies at the "
-                f"rim of the {camera.width} x {camera.height} image: it may belong to another resolution"
+                f"border of the {camera.width} x {camera.height} image: it may belong to another resolution"
             )
             found.append(Finding(InfoReason.PRINCIPAL_POINT, text))
             break
@@ -93,8 +97,9 @@ def _doubts_about_one(camera: CameraModel, rectified: bool) -> list[Finding]:
     unturned = len(camera.r) == 9 and bool(np.allclose(camera.r, np.eye(3).ravel(), atol=_SAME_PX))
     if rectified and same and unturned and any(camera.d):
         text = (
-            f"the {side} CameraInfo is that of a camera nobody rectifies (P is K, R is the identity, D is "
-            "not zero): if the images are not rectified, set rectified: false or calibrate them as a pair"
+            f"the {side} CameraInfo is that of a single camera, not of a rectified pair (P is K, R is the "
+            "identity, D is not zero): if the images are not rectified, set rectified: false or calibrate "
+            "them as a pair"
         )
         found.append(Finding(InfoReason.SEEMS_UNRECTIFIED, text))
     return found

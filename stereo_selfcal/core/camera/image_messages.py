@@ -75,13 +75,13 @@ def to_grey(data: Any, width: int, height: int, step: int, encoding: str, is_big
         raise ImageError(f"image of {width} x {height} pixels is empty: check the camera driver")
     if step < width * pixel_bytes:
         raise ImageError(
-            f"step is {step} bytes, a row of {width} pixels in {encoding} has {width * pixel_bytes}: "
-            "check the camera driver"
+            f"step is {step} bytes, a row of {width} pixels in {encoding} needs at least "
+            f"{width * pixel_bytes}: check the camera driver"
         )
     buffer = np.frombuffer(data, dtype=np.uint8)
     if buffer.size < step * height:
         raise ImageError(
-            f"image has {buffer.size} bytes, step {step} x height {height} needs {step * height}: "
+            f"image has {buffer.size} bytes, step {step} x height {height} needs at least {step * height}: "
             "the message is cut short"
         )
     # The strides skip the padding of the rows without a copy.
@@ -146,6 +146,6 @@ def _demosaic(mosaic: Image, encoding: str) -> Image:
     if min(height, width) < _BAYER_LEAST_SIDE_PX:
         raise ImageError(
             f"{encoding} image of {width} x {height} pixels is too small: each side needs "
-            f"{_BAYER_LEAST_SIDE_PX} pixels"
+            f"at least {_BAYER_LEAST_SIDE_PX} pixels"
         )
     return np.asarray(cv2.cvtColor(mosaic, _BAYER[encoding]), dtype=np.uint8)

@@ -147,8 +147,8 @@ class Watch:
         component = POSE_COMPONENTS[axis]
         drift = component.small_unit.text(self._change.drift[axis], "+")
         return (
-            f"no drift in {seen}: {component.label} by {drift} at most, "
-            f"{self.deviation:.1f} standard deviations; alarm at {ALARM_SIGMAS:g}"
+            f"no drift in {seen}: the greatest deviation is {drift} of the {component.label}, "
+            f"{self.deviation:.1f} standard deviations; an alarm needs at least {ALARM_SIGMAS:g}"
         )
 
     def add(self, result: CalibrationResult) -> WatchVerdict:
@@ -285,5 +285,5 @@ class Watch:
             least=float(least.max()),
             most=float(most.max()),
             message=f"{component.label} over the road has changed by {unit.text(drift[axis], '+')} "
-            f"(std {unit.text(std[axis])}; limit {unit.text(AGREEMENT[axis])})",
+            f"(std {unit.text(std[axis])}), at most {unit.text(AGREEMENT[axis])} allowed",
         )

@@ -79,8 +79,9 @@ def contradictions(closed: ClosedForm, genetic: Extrinsics, covariance: Array) -
     # Both are made from the same lines, so the sum of their variances is an upper bound.
     std = np.sqrt(np.diag(closed.covariance) + np.diag(covariance))
     return tuple(
-        f"the closed form differs in {component.label} by {component.unit.text(delta, '+', fine=True)}, "
-        f"{abs(delta) / sigma:.0f} standard deviations"
+        f"the closed form differs from the genetic algorithm in {component.label} by "
+        f"{component.unit.text(delta, '+', fine=True)}, {abs(delta) / sigma:.0f} standard deviations, "
+        f"at most {_CONTRADICTION_SIGMAS:g} expected"
         for component, delta, sigma in zip(POSE_COMPONENTS, difference, std, strict=True)
         if abs(delta) > _CONTRADICTION_SIGMAS * sigma
     )

@@ -159,7 +159,9 @@ def test_a_pair_not_rectified_to_one_matrix(name, index):
     right.p = changed(right.p, index, left.p[index] + 0.009)
     StereoRig.from_camera_info(left, right)
     right.p = changed(right.p, index, left.p[index] + 0.011)
-    with pytest.raises(RigError, match=f"P of the cameras differ in {name}: .* rectify"):
+    with pytest.raises(
+        RigError, match=f"P of the cameras differ in {name}: .*, at most 0.01 px apart allowed: rectify"
+    ):
         StereoRig.from_camera_info(left, right)
 
 
