@@ -26,6 +26,8 @@ from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import named_scene
 from stereo_selfcal.synth.worlds import RIGS, named_world, render_world
 
+from .data_flow import data_flow_svg
+
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "figures"
 
 _WIDTH_PX = 960
@@ -270,6 +272,7 @@ def _jpeg(picture: Image) -> bytes:
 
 
 FIGURES: dict[str, Callable[[], bytes]] = {
+    "data_flow.svg": data_flow_svg,
     "frames.svg": frames_svg,
     "extraction.jpg": extraction,
     "fitness.png": fitness,

@@ -189,8 +189,9 @@ def test_every_page_is_on_the_site():
         assert repr(whole).count(f"'{page.name}'") == 1
 
 
-def test_drawing_of_the_frames_shows_the_signs_of_the_code():
+def test_drawings_are_those_of_the_code():
     figures = pytest.importorskip("benchmarks.figures")
-    assert (ROOT / "docs" / "figures" / "frames.svg").read_bytes() == figures.frames_svg()
+    for name in ("frames.svg", "data_flow.svg"):
+        assert (ROOT / "docs" / "figures" / name).read_bytes() == figures.FIGURES[name]()
     made = {path.name for path in (ROOT / "docs" / "figures").iterdir()}
     assert made == set(figures.FIGURES)
