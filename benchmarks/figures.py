@@ -1,5 +1,7 @@
 """The figures of docs/: ``python -m benchmarks.figures [FOLDER]``. Same versions, same bytes.
 
+Without a folder, the output that the pages show is made anew as well (:mod:`benchmarks.outputs`).
+
 Pictures are of rendered roads; the drawing of the frames is computed from the rotation all results use, so
 that it cannot show another sign.
 """
@@ -36,6 +38,7 @@ from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import named_scene
 from stereo_selfcal.synth.worlds import RIGS, named_world, render_world
 
+from . import outputs
 from .data_flow import data_flow_svg
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "figures"
@@ -329,7 +332,7 @@ def main(arguments: list[str]) -> int:
     for name, make in FIGURES.items():
         (folder / name).write_bytes(make())
         sys.stdout.write(f"{folder / name}\n")
-    return 0
+    return 0 if arguments else outputs.main()
 
 
 if __name__ == "__main__":

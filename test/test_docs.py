@@ -198,8 +198,8 @@ def test_drawings_are_those_of_the_code():
     assert made == set(figures.FIGURES)
 
 
-# Another processor may round the last digits of a few readings otherwise, of 15 to 30 pixels each. A word that
-# has changed in all of them, or a line that has moved, is a thousand pixels.
+# Another processor may round the last digits of a few readings otherwise, of 15 to 30 pixels each. A word
+# that has changed in all of them, or a line that has moved, is a thousand pixels.
 OTHER_GREY, FEW_PIXELS = 60, 200
 
 
