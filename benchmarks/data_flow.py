@@ -89,7 +89,8 @@ ROWS = (
     Row(
         ("3 Hypotheses",),
         (
-            Box("core/calibrator", ("one hypothesis after", "another, best first")),
+            Box("core/calibrator", ("one loop over the", "hypotheses of a frame")),
+            Box("search/strategy", ("which hypotheses,", "in which order")),
             Box(
                 "search/texture_guided_lines",
                 ("lines that are found", "only with the plane of", "the road surface"),
@@ -100,6 +101,7 @@ ROWS = (
     Row(
         ("4 Pose from", "the lines"),
         (
+            Box("search/solve", ("one hypothesis through", "all stages")),
             Box("estimators/fitness", ("misfit of a pose",)),
             Box("numerics/genetic", ("the best pose in", "the search box")),
             Box(
@@ -153,7 +155,11 @@ ROWS = (
     ),
     Row(
         ("8 Uncertainty",),
-        (Box("evidence/nuisances", ("terms of the covariance",), ("road/priors",)),),
+        (
+            Box("evidence/nuisances", ("what is unknown", "besides the pose"), ("road/priors",)),
+            Box("geometry/uncertainty", ("covariance as a sum", "of named terms"), ("evidence/estimate",)),
+            Box("search/attempt", ("the hypothesis, stages,", "readings and verdict")),
+        ),
         each=True,
     ),
     Row(
@@ -169,8 +175,8 @@ ROWS = (
 # Modules of core that no image passes through, and why.
 NOT_ON_THE_WAY = {
     "errors, types, config, tolerances, rejection": "read everywhere",
-    "numerics/statistics": "medians, used everywhere",
-    "geometry/pose, geometry/plane, geometry/homography": "frames, signs and projections, used everywhere",
+    "numerics/robust, numerics/derivatives, numerics/statistics": "robust fits, derivatives, medians",
+    "geometry/pose, geometry/plane, geometry/rays, geometry/homography": "frames, signs and projections",
     "drive/drive, drive/motion, drive/changes": "the whole of a drive",
     "drive/drift, drive/watch, drive/states": "the watch over an active calibration",
     "analysis/cramer_rao": "the limit of what a rig can reach",

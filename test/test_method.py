@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks.data_flow import NOT_ON_THE_WAY, ROWS, modules_beside, modules_in_figure
+from stereo_selfcal.core.evidence.frame_evidence import FoundBy
 from stereo_selfcal.core.evidence.gates import GATES
+from stereo_selfcal.core.geometry.uncertainty import TERMS
 from stereo_selfcal.core.rejection import RejectReason
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -148,6 +150,17 @@ def test_table_of_the_gates_is_that_of_the_code():
 def test_conditions_before_an_estimate_have_reasons_that_exist():
     rows = rows_of_table("| reason | measured | limit |")
     assert {row[0].strip("`") for row in rows} <= {str(reason) for reason in RejectReason}
+
+
+def test_table_of_the_terms_is_that_of_the_code():
+    rows = rows_of_table("| term | what is unknown |")
+    assert [row[0].strip("`") for row in rows] == list(TERMS)
+    assert all(len(row) == 3 and all(row) for row in rows)
+
+
+def test_ways_to_find_lines_are_those_of_the_code():
+    rows = rows_of_table("| step | found by |")
+    assert {name for row in rows for name in re.findall(r"`(\w+)`", row[1])} == {str(way) for way in FoundBy}
 
 
 def test_modules_named_in_the_text_exist():

@@ -6,7 +6,7 @@ import numpy as np
 
 from stereo_selfcal import CalibratorConfig
 from stereo_selfcal.core.lanes.detector import detect_by_hough
-from stereo_selfcal.core.lanes.hypotheses import Refused, find_hypotheses
+from stereo_selfcal.core.lanes.hypotheses import NoPattern, find_hypotheses
 from stereo_selfcal.core.lanes.matching import Candidate
 from stereo_selfcal.core.lanes.stripe_points import find_stripe_points
 from stereo_selfcal.core.rejection import RejectReason
@@ -53,5 +53,5 @@ def test_lines_of_a_detector_are_judged_as_those_of_hough_are():
         return tuple([Candidate(replace(c.line, n_rows=12), c.votes) for c in side] for side in sides)
 
     found = find_hypotheses(points, images, rig, config, detector=far_too_short)
-    assert isinstance(found.patterns, Refused)
+    assert isinstance(found.patterns, NoPattern)
     assert found.patterns.rejection.reason is RejectReason.NO_LINES_FOUND
