@@ -106,6 +106,13 @@ def test_long_sentences_of_the_other_pages_are_reported(page: Path):
         )
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_pages_use_the_terms_of_the_field(page: Path):
+    """Words that this project had made up: the glossary has those that took their place."""
+    text = page.read_text(encoding="utf-8").replace("asphalt or concrete", "")  # what a road surface is
+    assert not re.findall(r"\b(?:witness\w*|buried|rims?|in force|further lines?|asphalts?)\b", text)
+
+
 def test_modules_of_the_figure_exist():
     named = [*modules_in_figure(), *modules_beside()]
     missing = [name for name in named if not (PACKAGE / f"{name}.py").is_file()]
