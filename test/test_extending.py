@@ -93,3 +93,15 @@ def test_each_recipe_names_at_most_four_files():
         assert len(files.split(", ")) <= MOST_FILES, name
         for file in re.findall(r"`([^`]+\.\w+)`", files):
             assert any((ROOT / start / file).exists() for start in ("", "stereo_selfcal")), file
+
+
+def test_files_and_names_of_the_page_exist():
+    text = re.sub(r"^```.*?^```$", "", PAGE, flags=re.MULTILINE | re.DOTALL)
+    files = [name for name in re.findall(r"`([\w./]+\.(?:py|md|yaml))`", text) if "your_" not in name]
+    assert len(files) > 15
+    assert not [
+        name for name in files if not any((ROOT / at / name).exists() for at in ("", "stereo_selfcal"))
+    ]
+    source = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "stereo_selfcal").rglob("*.py"))
+    names = {name for name in re.findall(r"`([A-Z]\w+|_?[a-z]+_\w+)`", text) if name != "replay"}
+    assert not [name for name in names if not re.search(rf"\b{name}\b", source)]
