@@ -1,13 +1,18 @@
 """The figures of docs/: ``python -m benchmarks.figures [FOLDER]``. Same versions, same bytes.
 
+Without a folder, the output that the pages show is made anew as well (:mod:`benchmarks.outputs`).
+
 Pictures are of rendered roads; the drawing of the frames is computed from the rotation all results use, so
 that it cannot show another sign.
 """
 
 from __future__ import annotations
 
+import contextlib
+import io
 import math
 import sys
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +21,7 @@ import cv2
 import numpy as np
 
 from stereo_selfcal import Calibrator, CalibratorConfig, Extrinsics
+from stereo_selfcal.cli import limits as limits_command
 from stereo_selfcal.core.estimators.fitness import PatternFitness
 from stereo_selfcal.core.geometry.pose import road_from_camera_rotation
 from stereo_selfcal.core.lanes.stripe_points import find_stripe_points
@@ -23,11 +29,14 @@ from stereo_selfcal.core.types import Array, Image
 from stereo_selfcal.pictures.birds_eye import draw_birds_eye
 from stereo_selfcal.pictures.camera_view import draw_camera_view
 from stereo_selfcal.pictures.canvas import DARK, VERMILION, WHITE, Canvas
-from stereo_selfcal.pictures.overview import draw_overview
-from stereo_selfcal.pictures.verdict import StripContent, verdict_strip
+from stereo_selfcal.pictures.overview import draw_debug_image, draw_overview
+from stereo_selfcal.pictures.verdict import StripContent, verdict_of, verdict_strip
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import named_scene
 from stereo_selfcal.synth.worlds import RIGS, named_world, render_world
+
+from . import outputs
+from .data_flow import data_flow_svg
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "figures"
 
@@ -183,6 +192,33 @@ def _escaped(text: str) -> str:
     return text.replace("&", "&amp;").replace(">", "&gt;").replace("<", "&lt;")
 
 
+def overview() -> bytes:
+    """Show what `make demo` writes: a calibrated frame."""
+    scene = named_scene("straight_road")
+    frame = scene.frame(0)
+    rig = scene.scene.rig
+    return _jpeg(draw_overview(frame.left, frame.right, rig, Calibrator(rig).add(frame.left, frame.right)))
+
+
+def debug_image() -> bytes:
+    """Show what the node publishes of a frame that was refused, in a bend."""
+    scene = named_scene("curve")
+    frame = scene.frame(0)
+    rig = scene.scene.rig
+    result = Calibrator(rig).add(frame.left, frame.right)
+    points = find_stripe_points(frame.left, CalibratorConfig().extraction)
+    stripes = np.column_stack([points.columns, points.rows])
+    return _jpeg(draw_debug_image(frame.left, rig, result, verdict_of(result), stripes))
+
+
+def limits() -> bytes:
+    """Show what `limits --noise 0.05 --plot` draws."""
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
+        path = Path(folder) / "limits.png"
+        limits_command.main(["--noise", "0.05", "--plot", str(path)])
+        return path.read_bytes()
+
+
 def extraction() -> bytes:
     """Show the marked edges, and the lines, their points and where they meet."""
     scene = named_scene("straight_road")
@@ -273,11 +309,15 @@ def _jpeg(picture: Image) -> bytes:
 
 
 FIGURES: dict[str, Callable[[], bytes]] = {
+    "data_flow.svg": data_flow_svg,
     "frames.svg": frames_svg,
+    "debug_image.jpg": debug_image,
     "extraction.jpg": extraction,
     "fitness.png": fitness,
     "kerb.jpg": kerb,
+    "limits.png": limits,
     "misfit.jpg": misfit,
+    "overview.jpg": overview,
 }
 
 
@@ -289,7 +329,7 @@ def main(arguments: list[str]) -> int:
     for name, make in FIGURES.items():
         (folder / name).write_bytes(make())
         sys.stdout.write(f"{folder / name}\n")
-    return 0
+    return 0 if arguments else outputs.main()
 
 
 if __name__ == "__main__":

@@ -15,12 +15,11 @@ from ..road.priors import GREATEST_FALL, LANE_M
 from ..types import Image
 from . import frame_checks
 from .closed_form import solve_plane
-from .hough import hough_peaks
+from .detector import LineDetector, detect_by_hough
 from .lane_pair import ImageLine, LanePattern
-from .line_fit import fit_line, refit_line
+from .line_fit import refit_line
 from .line_geometry import BelowPlane, height_std_m, place_of_line
 from .matching import (
-    Candidate,
     Candidates,
     MatchedLines,
     Matches,
@@ -66,6 +65,7 @@ def find_hypotheses(
     rig: StereoRig,
     config: CalibratorConfig,
     chained: bool = False,
+    detector: LineDetector = detect_by_hough,
 ) -> LaneHypotheses:
     """Find the pairs of lane boundaries that both cameras see.
 
@@ -75,8 +75,9 @@ def find_hypotheses(
         rig: Intrinsics and baseline.
         config: Settings of the extraction.
         chained: Whether points vote as chains (:func:`~stereo_selfcal.core.lanes.hough.hough_peaks`).
+        detector: What finds the lines of an image.
     """
-    left, right = (_find_lines(each, image, chained) for each, image in zip(points, images, strict=True))
+    left, right = (detector(each, image, chained=chained) for each, image in zip(points, images, strict=True))
     matches = match_lines(left, right, images, rig, config)
     refusal = frame_checks.check_lines_found([left, right], config)
     if refusal:
@@ -104,15 +105,6 @@ def _patterns(
         return NoPattern(frame_checks.lines_too_short(config))
     refined.sort(key=lambda pair: -pair.score)
     return [sample_pattern(pair, rig, config) for pair in refined]
-
-
-def _find_lines(points: StripePoints, image: Image, chained: bool) -> Candidates:
-    """Return the lines of one image: left lane boundaries, right lane boundaries."""
-    sides = []
-    for peaks in hough_peaks(points, image.shape, chained):
-        lines = [(fit_line(points.gradient, peak, points.noise_grey), peak.votes) for peak in peaks]
-        sides.append([Candidate(line, votes) for line, votes in lines if line is not None])
-    return sides[0], sides[1]
 
 
 def _refit(

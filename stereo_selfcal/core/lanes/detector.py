@@ -1,0 +1,50 @@
+"""Line detectors: each finds the lines of one image that may be the boundaries of a lane.
+
+A detector only proposes lines. Whether two of them bound a lane is decided by what comes after it, in the
+same way for every detector: matching between the cameras, the fit, and the gates.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from ..types import Image
+from .hough import hough_peaks
+from .line_fit import fit_line
+from .matching import Candidate, Candidates
+from .stripe_points import StripePoints
+
+
+class LineDetector(Protocol):
+    """Finds the lines of one image: any function with these arguments."""
+
+    def __call__(self, points: StripePoints, image: Image, *, chained: bool) -> Candidates:
+        """Find the lines of one image.
+
+        Args:
+            points: Its stripe points, with the gradient and the noise of the image.
+            image: (H, W) uint8, rectified.
+            chained: Whether this is the second look at a frame, for which stripe points are linked to
+                chains. A detector that makes no use of chains may return the same lines again.
+
+        Returns:
+            Lines that may be left boundaries of a lane, which run to the left going down, and lines that may
+            be right boundaries. The votes of a line say how much speaks for it, compared with the other
+            lines of the same detector.
+        """
+
+
+def detect_by_hough(points: StripePoints, image: Image, *, chained: bool) -> Candidates:
+    """Find lines by the Hough transform of the stripe points, and fit each of them to the gradient.
+
+    This is the detector of the paper (section 2.2). Arguments and result are those of :class:`LineDetector`.
+    """
+    left, right = (
+        [
+            Candidate(line, peak.votes)
+            for peak in peaks
+            if (line := fit_line(points.gradient, peak, points.noise_grey)) is not None
+        ]
+        for peaks in hough_peaks(points, image.shape, chained)
+    )
+    return left, right

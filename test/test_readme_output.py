@@ -1,0 +1,74 @@
+"""The output that README.md and docs/ show is what the commands print today.
+
+Words and layout are compared exactly. With the versions that requirements/base.txt pins, a number may differ
+by one in its last digit, or by a hundred thousandth: the same input and seed give the same bytes on one
+machine, but processors add in another order. With other versions of NumPy and OpenCV (a vehicle's), points of
+a line may differ, and numbers by a twentieth.
+``python -m benchmarks.outputs`` puts the output of today into the pages.
+"""
+
+import math
+
+import pytest
+
+from benchmarks import outputs
+
+BLOCKS = list(outputs.blocks())
+OF_ANOTHER_PROCESSOR, OF_ANOTHER_VERSION = 1e-5, 0.05
+
+
+def last_digit(number: str) -> float:
+    """Return the place value of the last digit of a number."""
+    mantissa, _, exponent = number.partition("e")
+    return 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
+
+
+def differences(shown: str, printed: str, exact: bool) -> list[tuple[str, str]]:
+    """Return the pairs of numbers that differ by more than they may."""
+    pairs = zip(outputs.NUMBER.findall(shown), outputs.NUMBER.findall(printed), strict=True)
+    return [
+        (a, b)
+        for a, b in pairs
+        if abs(float(a) - float(b))
+        > 1.01 * last_digit(a) + (OF_ANOTHER_PROCESSOR if exact else OF_ANOTHER_VERSION) * abs(float(a))
+    ]
+
+
+def test_numbers_may_differ_in_their_last_digit_only():
+    assert outputs.NUMBER.findall("640 x 480 px, -1.080 and 1e-05, f516 v1.2.3") == [
+        "640",
+        "480",
+        "-1.080",
+        "1e-05",
+    ]
+    assert math.isclose(last_digit("-1.080"), 1e-3) and math.isclose(last_digit("2.50e-07"), 1e-9)
+    assert not differences("roll -1.080", "roll -1.081", exact=True)
+    assert differences("roll -1.080", "roll -1.082", exact=True) == [("-1.080", "-1.082")]
+    assert not differences("roll -1.080", "roll -1.100", exact=False)
+    assert (
+        outputs.words_of("std 1.4 mm, 2 of  2")
+        == outputs.words_of("std 4.0 mm, 2 of 2")
+        != outputs.words_of("std 1.4 m, 2 of 2")
+    )
+
+
+def parameter(block: outputs.Block):
+    """Return a block as a parameter of a test: the demo needs ROS 2."""
+    marks = [pytest.mark.ros] if " demo" in block.command else []
+    return pytest.param(block, marks=marks, id=f"{block.page.name}: {block.command}")
+
+
+def test_pages_show_output_of_each_kind():
+    commands = " ".join(block.command for block in BLOCKS)
+    assert all(f"stereo_selfcal {name}" in commands for name in ("demo", "replay", "limits"))
+    for page in outputs.pages():
+        text = page.read_text(encoding="utf-8")
+        assert text.count("<!-- output") == len(outputs.MARKED.findall(text)), page.name
+
+
+@pytest.mark.parametrize("block", [parameter(block) for block in BLOCKS])
+def test_output_is_what_the_command_prints(block: outputs.Block):
+    printed = outputs.run(block.command)
+    assert outputs.words_of(printed) == outputs.words_of(block.text)
+    if not block.one_run:
+        assert not differences(block.text, printed, outputs.pinned())
