@@ -12,7 +12,7 @@ from typing import NoReturn, TextIO
 
 from ..core.errors import SelfcalError
 
-# interface.md, "Command line".
+# Exit status of every command.
 EXIT_OK = 0
 EXIT_NOT_ACCEPTED = 1
 EXIT_BAD_INPUT = 2

@@ -39,7 +39,7 @@ _NUMBERS = (
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status of interface.md, "Command line"."""
+    """Entry point; returns the exit status (`cli.console`)."""
     return run("synth", _synth, argv)
 
 

@@ -24,5 +24,8 @@ MAX_LINE_HEIGHT_M = 0.030
 # Smaller shifts are those of load and speed: one person more in a car does as much. Height [m], pitch, roll
 # [rad].
 LEAST_SHIFT: Array = np.array([0.010, np.radians(0.10), np.radians(0.15)])
+# What load, speed and fuel move over an hour without anybody having touched the camera, standard deviations:
+# no drift. Height [m], pitch, roll [rad].
+WANDER_STD: Array = np.array([0.001, np.radians(0.005), np.radians(0.01)])
 # Twice what is called wrong: a tape measure and a spirit level on the parked car tell as much.
 MAX_STD = 2.0 * WRONG

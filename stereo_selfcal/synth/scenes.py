@@ -38,7 +38,7 @@ SPEED_MPS = 13.9  # 50 km/h
 LEFT_PHOTOMETRY = Photometry(vignetting=0.15)
 RIGHT_PHOTOMETRY = Photometry(gain=1.03, offset=1.0, vignetting=0.12)
 
-# Poses of the accuracy tests of issue 2: plausible mountings behind a windscreen.
+# Poses of the accuracy tests: plausible mountings behind a windscreen.
 RANDOM_HEIGHT_M = (1.1, 1.7)
 RANDOM_PITCH_RAD = (math.radians(1.0), math.radians(6.0))
 RANDOM_ROLL_MAX_RAD = math.radians(2.0)

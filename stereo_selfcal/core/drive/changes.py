@@ -18,12 +18,11 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from ..numerics.statistics import SIGMA_OVER_MAD
+from ..numerics.statistics import OUTLIER_SIGMAS, SIGMA_OVER_MAD
 from ..tolerances import LEAST_SHIFT
 from ..types import Array
 from .motion import (
     BLOCK_S,
-    OUTLIER_SIGMAS,
     Motion,
     TimeBlocks,
     blocks_of,

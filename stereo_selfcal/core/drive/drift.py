@@ -11,13 +11,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from ..numerics.statistics import SIGMA_OVER_MAD
-from ..types import Array
-
-Indices = npt.NDArray[np.intp]
-Flags = npt.NDArray[np.bool_]
+from ..numerics.statistics import OUTLIER_SIGMAS, SIGMA_OVER_MAD
+from ..tolerances import WANDER_STD
+from ..types import Array, Indices, Mask
 
 # What frames scatter by before a drive has shown it: height [m], pitch [rad], roll [rad]. Braking and driving
 # off pitch a car by 0.1 to 0.3 deg, its springs let it down by a centimetre, cambers roll it by 0.3 deg.
@@ -36,12 +33,8 @@ _SHORTEST_HORIZON_S = 24.0
 _LONGEST_HORIZON_S = 60.0
 _HORIZON_OF_SPAN = 1.0 / 60.0
 
-# What load, speed and fuel move over an hour without anybody having touched the camera: height, pitch, roll.
-_WANDER_STD: Array = np.array([0.001, math.radians(0.005), math.radians(0.01)])
-
 # A frame is compared with the median of so many on either side: a few wrong ones are no change, most are.
 _NEIGHBOURS = 5
-_OUTLIER_SIGMAS = 4.0
 
 # The fewest frames and the shortest time that can be told from a long braking.
 LEAST_FRAMES = 5
@@ -66,7 +59,7 @@ class Series:
     times_s: Array
     values: Array
     variances: Array
-    used: Flags
+    used: Mask
 
     def __len__(self) -> int:
         return len(self.times_s)
@@ -145,7 +138,7 @@ def prior_scatter() -> Scatter:
     return Scatter(MOTION_STD**2, np.ones(3), _MOTION_FRAMES)
 
 
-def mark_outliers(series: Series, known: int) -> Flags:
+def mark_outliers(series: Series, known: int) -> Mask:
     """Return (N,) which frames are no outliers: far from the median of their neighbours on either side.
 
     Args:
@@ -153,7 +146,7 @@ def mark_outliers(series: Series, known: int) -> Flags:
         known: How many of them; their neighbours have not changed.
     """
     n = len(series)
-    used: Flags = series.used.copy()
+    used: Mask = series.used.copy()
     around = np.arange(known, n)[:, None] + np.arange(-_NEIGHBOURS, _NEIGHBOURS + 1)
     inside = (around >= 0) & (around < n)
     # What does not exist is sorted behind what does.
@@ -164,7 +157,7 @@ def mark_outliers(series: Series, known: int) -> Flags:
     spread = SIGMA_OVER_MAD * np.median(np.abs(recent - np.median(recent, axis=0)), axis=0)
     # Few frames may lie close together by chance: what a road does at least is no outlier.
     scale = np.sqrt(np.maximum(spread, MOTION_STD / 2.0) ** 2 + series.variances[known:])
-    used[known:] = np.all(np.abs(series.values[known:] - medians) <= _OUTLIER_SIGMAS * scale, axis=1)
+    used[known:] = np.all(np.abs(series.values[known:] - medians) <= OUTLIER_SIGMAS * scale, axis=1)
     return used
 
 
@@ -284,7 +277,7 @@ def _best(series: Series, candidates: Indices, reference: Reference | None, scat
     chi2 = after[2] - after[0] * mean_after**2
     rougher = np.maximum(1.0, (_MOTION_FRAMES + chi2) / (_MOTION_FRAMES + n_after - 1.0))
     drift = mean_after - mean_before
-    variance = rougher * scatter.inflation / after[0] + 1.0 / precision + _WANDER_STD**2
+    variance = rougher * scatter.inflation / after[0] + 1.0 / precision + WANDER_STD**2
     std = np.sqrt(variance)
     z = _as_normal(drift / std, scatter.freedom)
     best = int(np.argmax(np.abs(z).max(axis=1)))

@@ -13,12 +13,11 @@ from ..camera.rig import StereoRig
 from ..evidence.nuisances import rectification_covariance
 from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, merge_terms, propagate_terms, total_covariance
-from ..numerics.statistics import SIGMA_OVER_MAD
+from ..numerics.statistics import OUTLIER_SIGMAS, SIGMA_OVER_MAD
 from ..results import CalibrationResult, announce
 from ..types import Array
 
 # Frames farther from the median than this many robust standard deviations are left out.
-_OUTLIER_SIGMAS = 4.0
 # Part of a frame's variance that the next frame repeats: the edges of the paint are as ragged, and the
 # template of an edge as imperfect, in all frames of a drive. On the rendered straight_road, where asphalt
 # texture is most of the noise, ten frames together are 4 of their own standard deviations off in
@@ -83,7 +82,7 @@ def fuse(estimates: Array, covariances: Array) -> tuple[Array, Array, npt.NDArra
         deviation = np.abs(estimates - np.median(estimates, axis=0))
         formal = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
         scale = np.maximum(SIGMA_OVER_MAD * np.median(deviation, axis=0), np.median(formal, axis=0))
-        used = np.all(deviation <= _OUTLIER_SIGMAS * scale, axis=1)
+        used = np.all(deviation <= OUTLIER_SIGMAS * scale, axis=1)
         if not used.any():  # each frame is off in another value: none can be told from the rest
             used[:] = True
     information = np.linalg.inv(covariances[used])

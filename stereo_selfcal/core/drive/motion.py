@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..numerics.statistics import SIGMA_OVER_MAD
+from ..numerics.statistics import OUTLIER_SIGMAS, SIGMA_OVER_MAD
 from ..types import Array, Indices
 
 # Suspensions ring for a second or two and brakes are applied for some: means over ten seconds hardly repeat
@@ -17,7 +17,6 @@ BLOCK_S = 10.0
 _FEWEST_FOR_ERROR = 3
 # Neighbours on either side of a block, for outliers; single frames are compared with their block.
 _NEIGHBOURS = 2
-OUTLIER_SIGMAS = 4.0
 # Three quarters of normal deviations are within this many standard deviations: a scale that up to a quarter
 # of wrong values does not move, and that wastes less than the median would.
 _QUARTILE = 0.75

@@ -41,8 +41,6 @@ _LEAST_OF_DRIFT = 0.7
 # How far beyond "none" and "all of the drift" a frame may speak: then an outlier counts as three.
 _LEAST_SHARE, _GREATEST_SHARE = -1.0, 2.0
 
-# What two estimates of one road may differ by (gate "stages_disagree"): height, pitch, roll.
-LIMITS: Array = AGREEMENT
 _BOUND_SIGMAS = 2.0
 
 # A mean that takes the place of a calibration: enough road for a bump or a camber to be little of it.
@@ -276,8 +274,8 @@ class Watch:
         change = doubt.change
         mean, variance = mean_of(self._series, change.scatter)
         drift, std = mean - change.before, np.sqrt(variance + change.before_variance)
-        least = (np.abs(drift) - _BOUND_SIGMAS * std) / LIMITS
-        most = (np.abs(drift) + _BOUND_SIGMAS * std) / LIMITS
+        least = (np.abs(drift) - _BOUND_SIGMAS * std) / AGREEMENT
+        most = (np.abs(drift) + _BOUND_SIGMAS * std) / AGREEMENT
         axis = int(np.argmax(least)) if least.max() >= 1.0 else change.axis
         component = POSE_COMPONENTS[axis]
         unit = component.small_unit
@@ -287,5 +285,5 @@ class Watch:
             least=float(least.max()),
             most=float(most.max()),
             message=f"{component.label} over the road has changed by {unit.text(drift[axis], '+')} "
-            f"(std {unit.text(std[axis])}; limit {unit.text(LIMITS[axis])})",
+            f"(std {unit.text(std[axis])}; limit {unit.text(AGREEMENT[axis])})",
         )

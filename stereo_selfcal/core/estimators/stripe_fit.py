@@ -22,7 +22,7 @@ from ..geometry.pose import Extrinsics
 from ..lanes.lane_pair import LanePattern, row_towards
 from ..lanes.line_geometry import lane_in_road
 from ..lanes.stripe_points import edge_response
-from ..numerics.derivatives import central_difference, linearise, point_by_point
+from ..numerics.derivatives import central_difference, point_by_point
 from ..road.stripe_model import N_POSE, bent_columns, predict_edges
 from ..types import Array, Image
 from .gauss_newton import MIN_BLOCKS, Known, Step, solve_step
@@ -210,11 +210,17 @@ def _predict(
     if bent:
         columns = bent_columns(road, rows.astype(np.float64), rig)
         slopes = (columns[..., -1, -1] - columns[..., 0, 0]) / (rows[-1, -1] - rows[0, 0])
-        at_blocks = point_by_point(lambda one: bent_columns(one, middles, rig))
-        return columns, slopes, central_difference(at_blocks, road, steps)
-    edges, jac_edges_road = linearise(lambda roads: predict_edges(roads, rig), road, steps)
+        bent_at = point_by_point(lambda one: bent_columns(one, middles, rig))
+        return columns, slopes, central_difference(bent_at, road, steps)
+
+    def straight_at(roads: Array) -> Array:
+        edges = predict_edges(roads, rig)
+        columns: Array = edges[..., :1] + edges[..., 1:] * middles
+        return columns
+
+    edges = predict_edges(road[None], rig)[0]
     columns = edges[..., :1, None] + edges[..., 1:, None] * rows
-    return columns, edges[..., 1], jac_edges_road[..., :1] + jac_edges_road[..., 1:] * middles
+    return columns, edges[..., 1], central_difference(straight_at, road, steps)
 
 
 def _residuals(

@@ -23,7 +23,7 @@ from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, propagate_terms, total_covariance
 from ..numerics.robust import TUKEY_SIGMAS, tukey_weights
 from ..road.cell_grid import FAR_M, HALF_WIDTH_M, Corridor, lay_out
-from ..road.surface import Cells, RoadUnevenness, Surface, fit_surface, measure_shape
+from ..road.surface import Cells, RoadUnevenness, Surface, fit_surface
 from ..tolerances import AGREEMENT, MAX_NOISE_STD
 from ..types import Array, Floats, Image
 from .sampling import half_disparity, places, prepare, sample, usable_samples, warp
@@ -56,7 +56,6 @@ _ROUNDING = 1.0 / 12.0  # variance of rounding to whole grey levels: less is the
 # Sum of the squared autocorrelation, at whole pixels, of the derivative of noise, per pixel of its blur: so
 # many samples count as one. It is an upper bound for samples farther apart.
 _CORRELATED_SAMPLES = 1.88
-_DECORRELATED_PX = 6.0  # correlation elsewhere is taken this far from the alignment
 
 MIN_SIGMAS = 8.0
 MIN_CELL_SHARE = 0.4
@@ -71,7 +70,6 @@ class TextureQuality:
         cell_share: Part of the corridor's area in cells with significant texture that agree with the plane.
         pixel_share: Part of the samples that were used: not saturated, no paint, no outlier.
         correlation: Of the grey values of both images, rows' means removed, after alignment.
-        correlation_elsewhere: The same with a disparity that is wrong by 6 px.
         noise_std: (height [m], pitch [rad], roll [rad]) standard deviations by the images' noise alone.
     """
 
@@ -79,7 +77,6 @@ class TextureQuality:
     cell_share: float
     pixel_share: float
     correlation: float
-    correlation_elsewhere: float
     noise_std: tuple[float, float, float]
 
 
@@ -213,11 +210,9 @@ def _align(
                 return None
             plane = plane.moved(surface.plane)
         if last:
-            half += np.float32(_DECORRELATED_PX / 2.0)
-            wrong = warp(prepared.grey, places(prepared.first_row, corridor, half, vertical_px))
-            correlations = [_correlation(*pair, cells.weights, corridor) for pair in (grey, wrong)]
             assert surface is not None  # there was a pass
-            return _report(rig, plane, corridor, surface, cells, (correlations[0], correlations[1]))
+            correlation = _correlation(*grey, cells.weights, corridor)
+            return _report(rig, plane, corridor, surface, cells, correlation)
     return None
 
 
@@ -368,7 +363,7 @@ def _report(
     corridor: Corridor,
     surface: Surface,
     cells: _Cells,
-    correlations: tuple[float, float],
+    correlation: float,
 ) -> TextureFit:
     """Turn the last pass into what is returned."""
     pose = pose_from_plane(plane, rig)
@@ -380,15 +375,14 @@ def _report(
         sigmas=cells.sigmas,
         cell_share=float(agreeing.sum() / corridor.cell_area.sum()),
         pixel_share=float(cells.weights.sum()) / corridor.n_samples,
-        correlation=correlations[0],
-        correlation_elsewhere=correlations[1],
+        correlation=correlation,
         noise_std=(float(noise[0]), float(noise[1]), float(noise[2])),
     )
     return TextureFit(
         extrinsics=pose,
         terms=propagate_terms(terms, jac_pose_plane),
         quality=quality,
-        shape=measure_shape(corridor.cell_xy, surface),
+        shape=surface.shape,
         cells_xy_m=corridor.cell_xy,
         cells_height_m=surface.residuals,
         cells_weight=surface.weights,

@@ -9,6 +9,9 @@ from ..types import Array
 
 # Of normal values: standard deviation over the median of the absolute deviations.
 SIGMA_OVER_MAD = 1.4826
+# Of estimates of one thing: one farther than this from the median of the others is an outlier, as is one in
+# 15 000 of normal ones.
+OUTLIER_SIGMAS = 4.0
 # Of the chi-squared distribution with three degrees of freedom: its median, and what one of twenty exceeds.
 MEDIAN_CHI2_3 = 2.366
 UNLIKELY_CHI2_3 = 7.815

@@ -28,7 +28,7 @@ CELL_RATIO = 1.15
 SPACING_M = 0.025
 # At this disparity a tenth of a pixel is a fortieth of the camera's height, 35 mm: as much as what is to be
 # told by it. Farther away nothing is learned.
-_LEAST_DISPARITY_PX = 4.0
+_LEAST_DISPARITY_OF_CELLS_PX = 4.0
 _MARGIN_PX = 8  # reach of interpolation and blur
 _LEAST_SAMPLES = 6  # of a row in a cell: fewer than that have no mean to be removed
 _ALIGN = 256  # samples are shaped (N / 256, 256): OpenCV's images have at most 32 767 columns
@@ -120,8 +120,8 @@ def lay_out(
     rows = np.arange(_MARGIN_PX // 2, rig.height - _MARGIN_PX // 2)
     middle = float(np.clip(rig.cx + rig.fx * np.tan(lane_yaw_rad), 0, rig.width))
     disparity = plane.disparities(pixel_rays(rig, middle, rows))
-    ahead = rig.fx * rig.baseline_m / np.maximum(disparity, _LEAST_DISPARITY_PX)
-    visible = (disparity > _LEAST_DISPARITY_PX) & (ahead < far_m)
+    ahead = rig.fx * rig.baseline_m / np.maximum(disparity, _LEAST_DISPARITY_OF_CELLS_PX)
+    visible = (disparity > _LEAST_DISPARITY_OF_CELLS_PX) & (ahead < far_m)
     if not visible.any():
         return None
     rows, ahead, disparity = rows[visible], ahead[visible], disparity[visible]

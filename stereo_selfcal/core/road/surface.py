@@ -47,7 +47,6 @@ _PROFILE_LENGTH_M = 1.0  # wheel tracks and gutters are half a metre to a metre 
 _LEAST_EVIDENCE = math.log(100.0)
 _WORST_STD_M = 0.3  # two kerbs: a cell that cannot tell them apart says nothing of the road
 _LEAST_CELLS = 6  # twice the numbers of a plane
-_LEAST_CELLS_OF_SHAPE = 12  # twice the six numbers of a bent surface
 _OUTLIER_WEIGHT = 0.5  # Tukey's at 2.5 robust standard deviations
 _ROUNDING = 1e-12  # of the greatest eigenvalue: what is less is that of the arithmetic
 LEAST_WEIGHT = 1e-3  # an outlier's variance is a thousand times its squared distance at most
@@ -72,56 +71,18 @@ class Cells:
     xy: Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Surface:
-    """Plane through heights of cells.
-
-    Attributes:
-        plane: (3,) coefficients of the design.
-        covariance: (3, 3) of them, noise and unevenness.
-        noise_covariance: (3, 3) by the noise alone.
-        covariance_by_cause: What the covariance is the sum of, (3, 3) each, by name.
-        roughness: D [m^2/m^1.5], mean of its posterior.
-        mismatch_px: Error of each cell's disparity beyond the noise, standard deviation.
-        profile: Bend across the road, in units of a usual camber, root mean square of its posterior.
-        evidence: Logarithm of the likelihood of the best shape over that of a plane.
-        weights: (C,) robust weights, 0 ... 1.
-        residuals: (C,) heights over the plane [m]; NaN where not measured.
-        noise_variance: (C,) of them [m^2].
-    """
-
-    plane: Array
-    covariance: Array
-    noise_covariance: Array
-    covariance_by_cause: dict[str, Array]
-    roughness: float
-    mismatch_px: float
-    profile: float
-    evidence: float
-    weights: Array
-    residuals: Array
-    noise_variance: Array
-
-
 @dataclass(frozen=True, slots=True)
 class RoadUnevenness:
     """What of the road is no plane.
 
     Attributes:
-        slope_change_rad: Slope of the far half of the corridor minus that of the near half, > 0: a dip.
-        slope_change_std_rad: Its standard deviation by the scatter of the cells.
-        crown_rad: Slope of both halves outwards, down > 0, over that of the plane.
-        crown_std_rad: Its standard deviation.
-        roughness: Mean squared difference of heights over distance^1.5 [m^2/m^1.5].
-        mismatch_px: Error of the cells' disparities that neither noise nor road explains [px].
-        profile: Bend across the road, in units of a usual camber (2.5 % at the edge of a two-lane road).
+        roughness: D, mean of its posterior: mean squared difference of heights over distance^1.5 [m^2/m^1.5].
+        mismatch_px: Error of the cells' disparities that neither noise nor road explains, standard deviation.
+        profile: Bend across the road, in units of a usual camber (2.5 % at the edge of a two-lane road), root
+            mean square of its posterior.
         evidence: Logarithm of the likelihood of the best shape over that of a plane.
     """
 
-    slope_change_rad: float
-    slope_change_std_rad: float
-    crown_rad: float
-    crown_std_rad: float
     roughness: float
     mismatch_px: float
     profile: float
@@ -131,6 +92,31 @@ class RoadUnevenness:
     def uneven(self) -> bool:
         """Whether the road is surely no plane, as far as the images show it."""
         return self.evidence > _LEAST_EVIDENCE
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """Plane through heights of cells.
+
+    Attributes:
+        plane: (3,) coefficients of the design.
+        covariance: (3, 3) of them, noise and unevenness.
+        noise_covariance: (3, 3) by the noise alone.
+        covariance_by_cause: What the covariance is the sum of, (3, 3) each, by name.
+        shape: What of the road is no plane.
+        weights: (C,) robust weights, 0 ... 1.
+        residuals: (C,) heights over the plane [m]; NaN where not measured.
+        noise_variance: (C,) of them [m^2].
+    """
+
+    plane: Array
+    covariance: Array
+    noise_covariance: Array
+    covariance_by_cause: dict[str, Array]
+    shape: RoadUnevenness
+    weights: Array
+    residuals: Array
+    noise_variance: Array
 
 
 def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface | None:
@@ -163,12 +149,11 @@ def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface |
     # No part of that for the others: it would pass for noise what is the road's shape.
     outlier = weights < _OUTLIER_WEIGHT
     inflated = noise + np.where(outlier, off**2 / np.maximum(weights, LEAST_WEIGHT), 0.0)
-    found = (_TYPICAL_ROUGHNESS, _TYPICAL_MISMATCH_PX, 1.0, math.inf)
+    shape = RoadUnevenness(_TYPICAL_ROUGHNESS, _TYPICAL_MISMATCH_PX, 1.0)
     if final:
-        found = _likely(y, x, inflated, profile, kernel, cells.metres[seen])
-    roughness, mismatch, bend, evidence = found
-    inflated = inflated + (mismatch * cells.metres[seen]) ** 2
-    total = roughness * kernel + bend**2 * profile + np.diag(inflated)
+        shape = _likely(y, x, inflated, profile, kernel, cells.metres[seen])
+    inflated = inflated + (shape.mismatch_px * cells.metres[seen]) ** 2
+    total = shape.roughness * kernel + shape.profile**2 * profile + np.diag(inflated)
     weighted = np.linalg.solve(total, x).T
     covariance = np.linalg.inv(weighted @ x)
     solve = covariance @ weighted
@@ -182,16 +167,13 @@ def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface |
         covariance_by_cause={
             "noise": (solve * noise) @ solve.T,
             "mismatch": (solve * (inflated - noise)) @ solve.T,
-            "roughness": roughness * solve @ kernel @ solve.T,
-            "camber": bend**2 * solve @ profile @ solve.T,
+            "roughness": shape.roughness * solve @ kernel @ solve.T,
+            "camber": shape.profile**2 * solve @ profile @ solve.T,
         },
-        roughness=roughness,
-        mismatch_px=mismatch,
-        profile=bend,
-        evidence=evidence,
+        shape=shape,
         weights=everywhere,
         residuals=cells.heights - design @ plane,
-        noise_variance=cells.variances + (mismatch * cells.metres) ** 2,
+        noise_variance=cells.variances + (shape.mismatch_px * cells.metres) ** 2,
     )
 
 
@@ -222,14 +204,11 @@ def _robust_weights(y: Array, x: Array, sigma: Array) -> tuple[Array, Array]:
     return found.weights, found.residuals * sigma
 
 
-def _likely(
-    y: Array, x: Array, noise: Array, profile: Array, kernel: Array, metres: Array
-) -> tuple[float, float, float, float]:
-    """Return roughness [m^2/m^1.5], mismatch [px] and factor on the profile: means of their posterior.
+def _likely(y: Array, x: Array, noise: Array, profile: Array, kernel: Array, metres: Array) -> RoadUnevenness:
+    """Return what the heights say of the road's shape: means of the posterior.
 
-    Fourth, the logarithm of the greatest likelihood over that of a plane. It is the restricted
-    likelihood: of the contrasts that no plane changes. Before, all values tried are
-    equally probable.
+    The likelihood is the restricted one: of the contrasts that no plane changes. Before, all values
+    tried are equally probable.
     """
     basis = np.linalg.qr(x, mode="complete")[0][:, x.shape[1] :]
     contrast, road_covariance = basis.T @ y, basis.T @ kernel @ basis
@@ -256,11 +235,11 @@ def _likely(
     posterior /= posterior.sum()
     n = len(_MISMATCH_OF_PLANE_PX)  # the first of those tried
     plane = -0.5 * ((inverse[:n] @ contrast) ** 2).sum(axis=1) - log_root[:n]
-    return (
-        float(posterior.sum(axis=(0, 2)) @ _ROUGHNESS),
-        float(np.sqrt(posterior.sum(axis=(1, 2)) @ _MISMATCH_PX**2)),
-        float(np.sqrt(posterior.sum(axis=(0, 1)) @ _PROFILES**2)),
-        float(log_likelihood.max() - plane.max()),
+    return RoadUnevenness(
+        roughness=float(posterior.sum(axis=(0, 2)) @ _ROUGHNESS),
+        mismatch_px=float(np.sqrt(posterior.sum(axis=(1, 2)) @ _MISMATCH_PX**2)),
+        profile=float(np.sqrt(posterior.sum(axis=(0, 1)) @ _PROFILES**2)),
+        evidence=float(log_likelihood.max() - plane.max()),
     )
 
 
@@ -270,46 +249,3 @@ def _root(covariance: Array) -> Array:
     of_rank = values > _ROUNDING * values[-1]
     root: Array = vectors[:, of_rank] * np.sqrt(values[of_rank])
     return root
-
-
-def measure_shape(xy: Array, surface: Surface) -> RoadUnevenness:
-    """Measure how the road bends along and across, from the heights of the cells over the plane.
-
-    Args:
-        xy: (C, 2) position of the cells [m].
-        surface: The plane and the cells.
-    """
-    seen = np.isfinite(surface.residuals) & (surface.weights > LEAST_WEIGHT)
-    x, y = xy[seen].T
-    along, across = np.ptp(x) / 2.0, np.ptp(y) / 2.0
-    if len(x) < _LEAST_CELLS_OF_SHAPE or along == 0.0 or across == 0.0:
-        return RoadUnevenness(
-            0.0,
-            math.inf,
-            0.0,
-            math.inf,
-            surface.roughness,
-            surface.mismatch_px,
-            surface.profile,
-            surface.evidence,
-        )
-    s, t = (x - np.mean(x)) / along, (y - np.mean(y)) / across
-    design = np.column_stack([np.ones_like(s), s, t, s * s, t * t])
-    weights = surface.weights[seen] / surface.noise_variance[seen]
-    heights = surface.residuals[seen]
-    inverse = np.linalg.pinv(design.T @ (weights[:, None] * design))
-    solution = inverse @ (design.T @ (weights * heights))
-    rest = heights - design @ solution
-    birge = max(1.0, float((weights * rest**2).sum()) / max(len(x) - design.shape[1], 1))
-    std = np.sqrt(np.diag(inverse) * birge)
-    # z = a s^2: the mean slopes of both halves differ by 2 a / half length; one has a / half length.
-    return RoadUnevenness(
-        slope_change_rad=float(2.0 * solution[3] / along),
-        slope_change_std_rad=float(2.0 * std[3] / along),
-        crown_rad=float(-solution[4] / across),
-        crown_std_rad=float(std[4] / across),
-        roughness=surface.roughness,
-        mismatch_px=surface.mismatch_px,
-        profile=surface.profile,
-        evidence=surface.evidence,
-    )

@@ -9,9 +9,10 @@ import pytest
 from stereo_selfcal import CalibrationResult, Extrinsics, StereoRig
 from stereo_selfcal.core.drive import watch as watch_module
 from stereo_selfcal.core.drive.drift import LEAST_FRAMES, LEAST_SPAN_S
-from stereo_selfcal.core.drive.watch import LIMITS, PROPOSAL_FRAMES, PROPOSAL_SPAN_S, Watch
+from stereo_selfcal.core.drive.watch import PROPOSAL_FRAMES, PROPOSAL_SPAN_S, Watch
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import rejected
+from stereo_selfcal.core.tolerances import AGREEMENT
 
 RIG = StereoRig(640, 480, 516.6, 516.6, 319.5, 239.5, 0.1481)
 TRUTH = np.array([1.4, 0.05, 0.01])
@@ -134,7 +135,7 @@ def test_size_of_a_drift_is_judged_by_its_bounds(watch, outliers):
     drive.into(watch, 300)
     drive.pose = TRUTH + BUMPS["pitch"]
     drive.into(watch, 300)
-    ratio = BUMPS["pitch"][1] / LIMITS[1]
+    ratio = BUMPS["pitch"][1] / AGREEMENT[1]
     assert watch.verdict.least < ratio < watch.verdict.most
     assert watch.verdict.most - watch.verdict.least < 0.5
 

@@ -13,7 +13,7 @@ from stereo_selfcal.core.estimators.texture_alignment import MIN_SIGMAS, align_t
 from stereo_selfcal.core.evidence.row_offset import vertical_offset
 from stereo_selfcal.core.geometry.plane import plane_from_pose, pose_from_plane
 from stereo_selfcal.core.road.cell_grid import lay_out
-from stereo_selfcal.core.road.surface import Cells, fit_surface, measure_shape
+from stereo_selfcal.core.road.surface import Cells, fit_surface
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import PAPER_RIG, random_scene
 
@@ -92,7 +92,7 @@ def test_views_of_different_roads_are_no_texture():
 def test_quality_says_why():
     _, fit = aligned(0, 12.0, 0.005)
     assert fit.quality.sigmas > MIN_SIGMAS
-    assert fit.quality.correlation > 0.9 > fit.quality.correlation_elsewhere
+    assert fit.quality.correlation > 0.9
     assert 0.4 < fit.quality.cell_share <= 1.0
     assert 0.4 < fit.quality.pixel_share <= 1.0
     assert np.all(np.array(fit.quality.noise_std) <= np.sqrt(np.diag(fit.covariance)))
@@ -283,7 +283,7 @@ def test_a_plane_is_told_from_a_road(bump_m, uneven):
     heights = 0.002 * rng.standard_normal(x.size) + bump_m * np.exp(-0.5 * ((x - 12.0) / 2.0) ** 2)
     cells = Cells(heights, np.full(x.size, 0.002**2), np.full(x.size, 0.05), np.column_stack([x, y]))
     surface = fit_surface(cells, np.column_stack([np.ones_like(x), x, y]))
-    assert measure_shape(cells.xy, surface).uneven == uneven
+    assert surface.shape.uneven == uneven
 
 
 @pytest.mark.parametrize(("bump_m", "uneven"), [(0.0, False), (0.02, True)])
@@ -297,4 +297,4 @@ def test_interpolation_does_not_make_a_plane_a_road(bump_m, uneven):
         heights += bump_m * np.exp(-0.5 * ((x - 12.0) / 2.0) ** 2)
         cells = Cells(heights, np.full(x.size, 0.0001**2), metres, np.column_stack([x, y]))
         surface = fit_surface(cells, np.column_stack([np.ones_like(x), x, y]))
-        assert measure_shape(cells.xy, surface).uneven == uneven
+        assert surface.shape.uneven == uneven

@@ -39,7 +39,7 @@ from stereo_selfcal.synth.scenes import PAPER_RIG
 
 POSE = Extrinsics(1.4, 0.05, 0.02)
 PATTERN = ideal_pattern(PAPER_RIG, POSE)
-PLANE = RoadUnevenness(0.0, 1e-3, 0.0, 1e-3, 0.0, 0.0, 0.0)
+PLANE = RoadUnevenness(0.0, 0.0, 0.0)
 
 
 def road_shape(pattern, rig, pose, shape):
@@ -121,7 +121,7 @@ def test_shape_of_many_roads_scatters_the_lines_as_claimed():
 
 def test_mean_lies_nearer_to_the_surer_and_is_surer_than_both():
     nothing = np.empty(0)
-    quality = TextureQuality(50.0, 0.9, 0.9, 0.9, 0.1, (1e-3, 1e-4, 1e-4))
+    quality = TextureQuality(50.0, 0.9, 0.9, 0.9, (1e-3, 1e-4, 1e-4))
     texture_fit = TextureFit(POSE, known_to(np.eye(3)), quality, PLANE, nothing, nothing, nothing, nothing)
     sure, unsure = np.diag([1e-3, 1e-4, 1e-3]) ** 2, np.diag([1e-2, 1e-3, 1e-2]) ** 2
     lines = moved(height_m=0.02)
@@ -135,7 +135,7 @@ def test_mean_lies_nearer_to_the_surer_and_is_surer_than_both():
 def test_terms_of_both_are_weighted_and_what_contradicts_is_one_more():
     """By hand: the inverse of the sum of informations, times chi squared over three where it is unlikely."""
     nothing = np.empty(0)
-    quality = TextureQuality(50.0, 0.9, 0.9, 0.9, 0.1, (1e-3, 1e-4, 1e-4))
+    quality = TextureQuality(50.0, 0.9, 0.9, 0.9, (1e-3, 1e-4, 1e-4))
     rng = np.random.default_rng(3)
     scales = np.diag([1e-2, 1e-3, 1e-2])
 
@@ -180,7 +180,7 @@ def asphalt(height_beside_m, height_beyond_m):
     """Return a road whose cells between the lines (at 1.75 m) and beyond lie this high over its plane."""
     places = np.array([(x, y) for x in np.arange(6.0, 25.0, 2.0) for y in (-2.3, -1.2, 0.0, 1.2, 2.3)])
     heights = np.where(np.abs(places[:, 1]) < 1.75, height_beside_m, height_beyond_m)
-    quality = TextureQuality(50.0, 0.9, 0.9, 0.9, 0.1, (1e-3, 1e-4, 1e-4))
+    quality = TextureQuality(50.0, 0.9, 0.9, 0.9, (1e-3, 1e-4, 1e-4))
     shape = replace(PLANE, roughness=1e-4, profile=1.0)
     sure = np.full(len(places), 1e-3**2)
     return TextureFit(POSE, known_to(np.eye(3)), quality, shape, places, heights, np.ones(len(places)), sure)

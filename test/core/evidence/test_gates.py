@@ -36,8 +36,8 @@ REFINED = StripeFit(
 ASPHALT = TextureFit(
     POSE,
     (UncertaintyTerm("noise", np.eye(3) * 1e-8),),
-    TextureQuality(50.0, 0.9, 0.9, 0.9, 0.1, (1e-3, 1e-4, 1e-4)),
-    RoadUnevenness(0.0, 1e-3, 0.0, 1e-3, 0.0, 0.0, 0.0),
+    TextureQuality(50.0, 0.9, 0.9, 0.9, (1e-3, 1e-4, 1e-4)),
+    RoadUnevenness(0.0, 0.0, 0.0),
     NOTHING,
     NOTHING,
     NOTHING,

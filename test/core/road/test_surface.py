@@ -1,3 +1,5 @@
+from dataclasses import astuple
+
 import numpy as np
 import pytest
 
@@ -39,17 +41,17 @@ def test_likelihoods_of_road_and_profile_are_those_of_their_covariance(road):
     posterior = np.exp(expected - expected.max())
     means = posterior / posterior.sum() @ np.array(tried) ** [2, 1, 2]
     plane = max(log_likelihood(mismatch, 0.0, 0.0) for mismatch in surface._MISMATCH_OF_PLANE_PX)
-    roughness, mismatch, bend, evidence = surface._likely(heights, design, noise, profile, kernel, metres)
-    assert roughness == pytest.approx(means[1], rel=1e-6)
-    assert mismatch == pytest.approx(np.sqrt(means[0]), rel=1e-6)
-    assert bend == pytest.approx(np.sqrt(means[2]), rel=1e-6)
-    assert evidence == pytest.approx(expected.max() - plane, rel=1e-6)
+    shape = surface._likely(heights, design, noise, profile, kernel, metres)
+    assert shape.roughness == pytest.approx(means[1], rel=1e-6)
+    assert shape.mismatch_px == pytest.approx(np.sqrt(means[0]), rel=1e-6)
+    assert shape.profile == pytest.approx(np.sqrt(means[2]), rel=1e-6)
+    assert shape.evidence == pytest.approx(expected.max() - plane, rel=1e-6)
 
 
 def test_heights_of_a_plane_without_any_noise_have_a_likelihood(road):
     _, design, noise, profile, kernel, metres = road
     found = surface._likely(np.zeros(len(metres)), design, noise, profile, kernel, metres)
-    assert np.all(np.isfinite(found))
+    assert np.all(np.isfinite(astuple(found)))
 
 
 @pytest.mark.parametrize("column", [1, 2])
