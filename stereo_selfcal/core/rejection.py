@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import TypeVar
 
 
 class RejectReason(Enum):
@@ -82,14 +83,14 @@ class Rejection:
     def measured(self) -> str:
         """What was measured, and the value."""
         text = self.what if _VALUE in self.what else f"{self.what}: {_VALUE}"
-        return text.replace(_VALUE, self._with_unit(self.value)).replace(
-            _LIMIT, self._with_unit(self.threshold)
+        return text.replace(_VALUE, _with_unit(self.value, self.unit)).replace(
+            _LIMIT, _with_unit(self.threshold, self.unit)
         )
 
     @property
     def limit(self) -> str:
         """The limit and which side of it is good."""
-        return f"{self.bound} {self._with_unit(self.threshold)}"
+        return f"{self.bound} {_with_unit(self.threshold, self.unit)}"
 
     @property
     def finding(self) -> str:
@@ -103,8 +104,42 @@ class Rejection:
         """One sentence: what, the measured value, the limit, the remedy."""
         return f"{self.finding}; {self.remedy}"
 
-    def _with_unit(self, number: float) -> str:
-        return f"{number:.4g} {self.unit}".rstrip()
+
+@dataclass(frozen=True, slots=True)
+class NotFitted:
+    """Why an estimator gives up.
+
+    Attributes:
+        what: What was measured.
+        value: The measured value.
+        bound: Whether the limit is the least or the most that is good.
+        limit: The limit.
+        unit: Unit of both ("" for counts and ratios).
+    """
+
+    what: str
+    value: float
+    bound: Bound
+    limit: float
+    unit: str = ""
+
+    @property
+    def reason(self) -> str:
+        """What was measured, the value and the limit."""
+        value, limit = _with_unit(self.value, self.unit), _with_unit(self.limit, self.unit)
+        return f"{self.what}: {value}, {self.bound} {limit} {_VERBS[self.bound]}"
+
+
+Outcome = TypeVar("Outcome")
+
+
+def fitted(outcome: Outcome | NotFitted) -> Outcome | None:
+    """Return what an estimator has found, None where it has given up."""
+    return None if isinstance(outcome, NotFitted) else outcome
+
+
+def _with_unit(number: float, unit: str) -> str:
+    return f"{number:.4g} {unit}".rstrip()
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stereo_selfcal import CalibrationResult, Extrinsics, Rejection, RejectReason
-from stereo_selfcal.core.rejection import Bound
+from stereo_selfcal.core.rejection import Bound, NotFitted, fitted
 from stereo_selfcal.core.results import rejected
 
 REJECTION = Rejection(
@@ -88,3 +88,11 @@ def test_results_do_not_share_their_stages():
 @pytest.mark.parametrize("reason", RejectReason)
 def test_every_reason_can_be_looked_up_by_its_word(reason):
     assert RejectReason(str(reason)) is reason
+
+
+def test_an_estimator_says_why_it_gave_up():
+    few = NotFitted("cells", 3, Bound.LEAST, 6)
+    assert few.reason == "cells: 3, at least 6 needed"
+    assert NotFitted("offset", 9.5, Bound.MOST, 8.0, "px").reason == "offset: 9.5 px, at most 8 px allowed"
+    assert fitted(few) is None
+    assert fitted("a fit") == "a fit"

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from ..numerics.robust import Reweighting, fit_reweighted
 from ..numerics.statistics import MEDIAN_CHI2_3, upper_median
+from ..rejection import Bound, NotFitted
 from ..road.stripe_model import N_POSE
 from ..types import Array
 from .row_blocks import RowBlocks
@@ -17,6 +18,8 @@ from .row_blocks import RowBlocks
 MIN_BLOCKS = 12  # of four stripe images, 10 parameters: 36 displacements at least
 # A stripe with fewer blocks has no say: its own position and width take two displacements each.
 _MIN_STRIPE_BLOCKS = 3
+
+_LEAST_STRIPES = 2  # on either side of the lane
 
 # Tukey's biweight on the deviance of a block of three displacements: 95 % efficiency for normal errors.
 _TUKEY_DEVIANCE = 30.0
@@ -69,8 +72,8 @@ class Step:
     relative: Array
     scale: float
 
-    def covariance(self, variance: float) -> Array | None:
-        """Return the covariance (P, P) of an M-estimator, None where the weights say nothing.
+    def covariance(self, variance: float) -> Array | NotFitted:
+        """Return the covariance (P, P) of an M-estimator, or why the weights say nothing.
 
         With deviance d and weight w(d) of a block it is ``E[w^2 d] / 3`` over the square of
         ``E[w + 2 w' d / 3]``, times the inverse information of the blocks that count (Huber, Robust
@@ -84,23 +87,30 @@ class Step:
         steepness = float(np.mean(weight**2 - 4.0 / 3.0 * weight * self.relative))
         scatter = float(np.mean(weight**4 * self.relative)) * _TUKEY_DEVIANCE / 3.0
         if steepness <= 0.0:
-            return None
+            return NotFitted("mean slope of the weighted residuals", steepness, Bound.LEAST, 0.0)
         covariance = np.zeros((len(self.step), len(self.step)))
         inverse = np.linalg.pinv(self.information, hermitian=True)
         covariance[np.ix_(self.free, self.free)] = inverse * (scatter / steepness**2 * variance)
         return covariance
 
 
-def solve_step(blocks: RowBlocks, jac_columns_road: Array, reweightings: int, known: Known) -> Step | None:
+def solve_step(
+    blocks: RowBlocks, jac_columns_road: Array, reweightings: int, known: Known
+) -> Step | NotFitted:
     """Solve for the change of all parameters, block by block weighted robustly.
 
     Returns:
-        The step; None when undetermined.
+        The step, or why there is none.
     """
     usable = blocks.usable
     enough = usable.sum(axis=(0, 2)) >= _MIN_STRIPE_BLOCKS
-    if np.count_nonzero(usable) < MIN_BLOCKS or np.count_nonzero(enough) < 2:
-        return None
+    n_usable, n_stripes = int(np.count_nonzero(usable)), int(np.count_nonzero(enough))
+    if n_usable < MIN_BLOCKS:
+        return NotFitted("blocks of rows that show both edges of a stripe", n_usable, Bound.LEAST, MIN_BLOCKS)
+    if n_stripes < _LEAST_STRIPES:
+        return NotFitted(
+            "stripes with enough blocks of rows that show both edges", n_stripes, Bound.LEAST, _LEAST_STRIPES
+        )
     enough_of = np.concatenate([np.ones(N_POSE, bool), np.tile(enough, 3)])
     free = np.flatnonzero(np.concatenate([known.varied & enough_of, np.ones(2, bool)]))
     usable = usable & enough[:, None]
@@ -119,11 +129,12 @@ def solve_step(blocks: RowBlocks, jac_columns_road: Array, reweightings: int, kn
     prior, pull = (part[..., free] for part in known.heights(blocks.variance))
     prior = prior[free]
 
-    def fit(weights: Array, scale: float | Array) -> tuple[Array, Array] | None:
+    def fit(weights: Array, scale: float | Array) -> tuple[Array, Array] | NotFitted:
         weights = weights / np.square(scale)
         normal = (weights @ normals).reshape(prior.shape) + prior
-        if not np.isfinite(normal).all() or np.linalg.matrix_rank(normal, hermitian=True) < len(normal):
-            return None
+        rank = int(np.linalg.matrix_rank(normal, hermitian=True)) if np.isfinite(normal).all() else 0
+        if rank < len(normal):
+            return NotFitted("numbers of the road that the stripes determine", rank, Bound.LEAST, len(normal))
         change = np.linalg.solve(normal, weights @ sides + pull)
         residual = displacement - design @ change
         deviance = np.einsum("mi,mij,mj->m", residual, information, residual) / blocks.variance
@@ -142,13 +153,13 @@ def solve_step(blocks: RowBlocks, jac_columns_road: Array, reweightings: int, kn
 
     how = Reweighting(rounds=reweightings, limit=_TUKEY_DEVIANCE**0.5)
     found = fit_reweighted(fit, len(sides), how, lambda residuals: scales_of(residuals)[of_camera])
-    if found is None:
-        return None
+    if isinstance(found, NotFitted):
+        return found
     variances = scales_of(found.residuals) ** 2
     relative = found.residuals**2 / (_TUKEY_DEVIANCE * variances)[of_camera]
     counted = relative < 1.0
     if not counted.any():
-        return None
+        return NotFitted("blocks of rows that agree with the fit", 0, Bound.LEAST, 1)
     whole = np.zeros(n_road + 2)
     whole[free] = found.solution
     counted_information = (counted / variances[of_camera] @ normals).reshape(prior.shape) + prior

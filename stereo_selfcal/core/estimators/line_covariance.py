@@ -22,6 +22,7 @@ from ..geometry.uncertainty import UncertaintyTerm, merge_terms
 from ..lanes.lane_pair import ImageLine, LanePattern
 from ..lanes.line_geometry import lane_in_road
 from ..numerics.derivatives import central_difference, linearise
+from ..rejection import Bound, NotFitted
 from ..road.stripe_model import predict_edges
 from ..types import Array
 from .fitness import PatternFitness
@@ -64,7 +65,7 @@ class LineFit:
 
 def propagate(
     pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics, config: FitnessConfig
-) -> LineFit | None:
+) -> LineFit | NotFitted:
     """Propagate the covariance of the measured lines to the extrinsics.
 
     Args:
@@ -76,7 +77,7 @@ def propagate(
     Returns:
         The fit, with the covariance enlarged by chi2 / 2 where the lines agree less than they
         promise (R. T. Birge, "The calculation of errors by the method of least squares", Phys. Rev.
-        40, 1932); None when the lines leave a parameter undetermined.
+        40, 1932); or why not: the lines leave a parameter undetermined.
     """
     pattern = pattern.boundaries  # what the others add is not counted
     lines = (*pattern.left, *pattern.right)
@@ -88,16 +89,19 @@ def propagate(
     for _ in range(_N_ITERATIONS):
         predicted, jac_transposed = linearise(lambda p: _predict(p, lines, rig), parameters, _STEPS)
         normal = jac_transposed @ information @ jac_transposed.T
-        if not np.all(np.isfinite(normal)) or np.linalg.matrix_rank(normal) < len(parameters):
-            return None
+        rank = int(np.linalg.matrix_rank(normal)) if np.all(np.isfinite(normal)) else 0
+        if rank < len(parameters):
+            return NotFitted(
+                "numbers of the road that the lines determine", rank, Bound.LEAST, len(parameters)
+            )
         parameters = parameters + np.linalg.solve(
             normal, jac_transposed @ information @ (measured - predicted)
         )
     residual = measured - _predict(parameters[None], lines, rig)[0]
     chi2 = float(residual @ information @ residual)
     jac_pose_lines = _sensitivity(pattern, rig, extrinsics.as_array(), config)
-    if jac_pose_lines is None:
-        return None
+    if isinstance(jac_pose_lines, NotFitted):
+        return jac_pose_lines
     covariance = jac_pose_lines @ np.linalg.inv(information) @ jac_pose_lines.T
     covariance *= _enlargement(chi2)
     return LineFit((covariance + covariance.T) / 2.0, float(parameters[3]), chi2)
@@ -110,7 +114,7 @@ def _enlargement(chi2: float) -> float:
 
 def _sensitivity(
     pattern: LanePattern, rig: StereoRig, estimate: Array, config: FitnessConfig
-) -> Array | None:
+) -> Array | NotFitted:
     """Return the derivative (3, 8) of the genetic result by (u_mid, slope) of the four lines.
 
     The result minimises E1 = |d|^2 under the constraint that the angle g in the camera that sees the
@@ -145,8 +149,9 @@ def _sensitivity(
                 columns[boundary] += step * change
                 g_l[0, 2 * i + j] = (fitness.angle_with(columns, pattern.rows, estimate) - angle) / step
     system = np.block([[d_t.T @ d_t, g_t.T], [g_t, np.zeros((1, 1))]])
-    if not np.all(np.isfinite(system)) or np.linalg.matrix_rank(system) < len(system):
-        return None
+    rank = int(np.linalg.matrix_rank(system)) if np.all(np.isfinite(system)) else 0
+    if rank < len(system):
+        return NotFitted("equations of the best fit that are independent", rank, Bound.LEAST, len(system))
     solution: Array = -np.linalg.solve(system, np.concatenate([d_t.T @ d_l, g_l]))[:3]
     return solution
 

@@ -23,6 +23,7 @@ from ..lanes.lane_pair import LanePattern, row_towards
 from ..lanes.line_geometry import lane_in_road
 from ..lanes.stripe_points import edge_response
 from ..numerics.derivatives import central_difference, point_by_point
+from ..rejection import Bound, NotFitted
 from ..road.stripe_model import N_POSE, bent_columns, predict_edges
 from ..types import Array, Image
 from .gauss_newton import MIN_BLOCKS, Known, Step, solve_step
@@ -66,6 +67,8 @@ _PASSES = (
 # First row, as the height over the bottom of the image relative to the vanishing point: closer to it
 # stripes are thinner than a pixel and every road is a hill or a bend.
 _FIRST_ROW = 0.97
+
+_LEAST_ROWS_OF_BLOCKS = MIN_BLOCKS // 4  # two stripes in two images are four to a row
 
 _MAX_VIGNETTING = 0.6  # share of the light lost in the farthest corner: more than any lens on a car
 
@@ -114,7 +117,7 @@ def refine(
     rig: StereoRig,
     start: Extrinsics,
     curvature_per_m: float | None = None,
-) -> StripeFit | None:
+) -> StripeFit | NotFitted:
     """Fit the road to the grey values around the edges of the stripes.
 
     Args:
@@ -125,12 +128,14 @@ def refine(
         curvature_per_m: Curvature of the lane to start from; None where the road is straight.
 
     Returns:
-        The fit, or None when too few blocks of rows show both edges of a stripe, or the fit runs away.
+        The fit, or why there is none: too few blocks of rows show both edges of a stripe, or it runs away.
     """
     first = row_towards(pattern.vanishing_point, _FIRST_ROW, rig)
     n_blocks = (rig.height - int(np.ceil(first))) // BLOCK_ROWS
-    if n_blocks < MIN_BLOCKS // 4:
-        return None
+    if n_blocks < _LEAST_ROWS_OF_BLOCKS:
+        return NotFitted(
+            "blocks of rows below the vanishing point", n_blocks, Bound.LEAST, _LEAST_ROWS_OF_BLOCKS
+        )
     yaw, *left_edges = lane_in_road(pattern, rig, start)
     n_stripes = len(left_edges)
     widths = _start_widths(images, pattern, rig, start)
@@ -143,7 +148,7 @@ def refine(
     noise = 0.0  # not known before the first pass
     vignetting: Array = np.zeros(2)
     all_rows = np.arange(rig.height - n_blocks * BLOCK_ROWS, rig.height).reshape(n_blocks, BLOCK_ROWS)
-    solution: Step | None = None
+    solution: Step | NotFitted | None = None
     for one in _PASSES:
         rows = all_rows[:, :: one.row_step]
         columns, slopes, jac_columns_road = _predict(road, rows, varied, rig, curvature_per_m is not None)
@@ -154,8 +159,8 @@ def refine(
         noise = blocks.variance
         known = Known(varied, heights, pattern.height_stds_m)
         solution = solve_step(blocks, jac_columns_road, one.reweightings, known)
-        if solution is None:
-            return None
+        if isinstance(solution, NotFitted):
+            return solution
         step = solution.step
         road = road + step[: len(road)]
         # Far from the road its blur cannot be known, but must be free: else a camera that is sharper
@@ -166,12 +171,13 @@ def refine(
                 loss = vignetting + _measure_vignetting(blocks, darkening)
                 vignetting = np.clip(loss, 0.0, _MAX_VIGNETTING)
         middles, widths, heights = np.split(road[N_POSE:], 3)
-        if not np.all(np.isfinite(road)) or road[0] <= 0.0 or np.any(widths <= 0.0):
-            return None
-    assert solution is not None  # there are passes
+        least_m = float(min(road[0], widths.min())) if np.all(np.isfinite(road)) else -np.inf
+        if least_m <= 0.0:
+            return NotFitted("least of the height and the stripes' widths", least_m, Bound.LEAST, 0.0, "m")
+    assert isinstance(solution, Step)  # there are passes
     covariance = solution.covariance(blocks.variance)
-    if covariance is None:
-        return None
+    if isinstance(covariance, NotFitted):
+        return covariance
     pose = Extrinsics.from_array(road[:3])
     return StripeFit(
         extrinsics=pose,

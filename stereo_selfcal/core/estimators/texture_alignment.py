@@ -22,6 +22,7 @@ from ..geometry.plane import DisparityPlane, jacobian_pose_wrt_plane, plane_from
 from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, propagate_terms, total_covariance
 from ..numerics.robust import TUKEY_SIGMAS, tukey_weights
+from ..rejection import Bound, NotFitted
 from ..road.cell_grid import FAR_M, HALF_WIDTH_M, Corridor, lay_out
 from ..road.surface import Cells, RoadUnevenness, Surface, fit_surface
 from ..tolerances import AGREEMENT, MAX_NOISE_STD
@@ -56,6 +57,8 @@ _ROUNDING = 1.0 / 12.0  # variance of rounding to whole grey levels: less is the
 # Sum of the squared autocorrelation, at whole pixels, of the derivative of noise, per pixel of its blur: so
 # many samples count as one. It is an upper bound for samples farther apart.
 _CORRELATED_SAMPLES = 1.88
+
+_NOT_IN_VIEW = NotFitted("cells of the road in view", 0, Bound.LEAST, 1)
 
 MIN_SIGMAS = 8.0
 MIN_CELL_SHARE = 0.4
@@ -142,7 +145,7 @@ def align_texture(
     far_m: float = FAR_M,
     keep_paint: bool = False,
     vertical_px: float = 0.0,
-) -> TextureFit | None:
+) -> TextureFit | NotFitted:
     """Align the grey values of the road before the camera.
 
     Args:
@@ -156,23 +159,26 @@ def align_texture(
         vertical_px: Row of a point in the right image minus that in the left one, where it is known.
 
     Returns:
-        The fit with its verdict, or None where nothing could be aligned.
+        The fit with its verdict, or why nothing could be aligned.
     """
     layout = (lane_yaw_rad, limits_m, far_m)
     searched = _search(images, rig, plane_from_pose(start, rig), layout)
-    if searched is None:
-        return None
-    first = None
+    if isinstance(searched, NotFitted):
+        return searched
+    first: TextureFit | None = None
     for blur, thinnings in _ATTEMPTS:
         fit = _align(images, rig, searched, layout, blur, thinnings, keep_paint, vertical_px)
-        if fit is None or not np.all(
-            np.abs(fit.extrinsics.as_array() - start.as_array()) < _MOST_RUN * _SEARCHED
-        ):
+        if isinstance(fit, NotFitted):
+            given_up = fit
+            continue
+        run = float(np.max(np.abs(fit.extrinsics.as_array() - start.as_array()) / _SEARCHED))
+        if not run < _MOST_RUN:
+            given_up = NotFitted("distance from the start over what is searched", run, Bound.MOST, _MOST_RUN)
             continue
         if fit.enough_texture:
             return fit
         first = first or fit
-    return first
+    return first or given_up
 
 
 def _align(
@@ -184,14 +190,14 @@ def _align(
     thinnings: tuple[int, ...],
     keep_paint: bool,
     vertical_px: float,
-) -> TextureFit | None:
+) -> TextureFit | NotFitted:
     """Align from a plane on that is good to about a pixel: one pass for each thinning, and a last one."""
     prepared = None
     for i, thinning in enumerate(thinnings):
         last = i == len(thinnings) - 1
         corridor = lay_out(rig, pose_from_plane(plane, rig), *layout, thinning=thinning)
         if corridor is None:
-            return None
+            return _NOT_IN_VIEW
         half = half_disparity(corridor, plane, rig)
         usable = usable_samples(images, corridor, half, rig, None if keep_paint else blur_px)
         if prepared is None:
@@ -206,14 +212,14 @@ def _align(
             heights = np.where(cells.significant, cells.displacement * metres, np.nan)
             road = Cells(heights, cells.variance * metres**2, metres, corridor.cell_xy)
             surface = fit_surface(road, corridor.cell_rays * metres[:, None], final=final)
-            if surface is None or np.abs(corridor.cell_rays @ surface.plane).max() > _MOST_STEP_PX:
-                return None
+            if isinstance(surface, NotFitted):
+                return surface
+            step_px = float(np.abs(corridor.cell_rays @ surface.plane).max())
+            if step_px > _MOST_STEP_PX:
+                return NotFitted("change of disparity in a pass", step_px, Bound.MOST, _MOST_STEP_PX, "px")
             plane = plane.moved(surface.plane)
-        if last:
-            assert surface is not None  # there was a pass
-            correlation = _correlation(*grey, cells.weights, corridor)
-            return _report(rig, plane, corridor, surface, cells, correlation)
-    return None
+    assert corridor is not None and isinstance(surface, Surface)  # there are passes
+    return _report(rig, plane, corridor, surface, cells, _correlation(*grey, cells.weights, corridor))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -294,12 +300,12 @@ def _gain(left: Floats, right: Floats, usable: Floats, count: Array, corridor: C
 
 def _search(
     images: tuple[Image, Image], rig: StereoRig, start: DisparityPlane, layout: _Layout
-) -> DisparityPlane | None:
+) -> DisparityPlane | NotFitted:
     """Try planes around the start; return the one under which the most cells correlate."""
     pose = pose_from_plane(start, rig)
     corridor = lay_out(rig, pose, *layout, thinning=_SEARCH_THINNING)
     if corridor is None:
-        return None
+        return _NOT_IN_VIEW
     changes = []
     for index, size in enumerate((SEARCH_HEIGHT_M, SEARCH_PITCH_RAD, SEARCH_ROLL_RAD)):
         moved = pose.as_array()

@@ -19,7 +19,7 @@ from ..geometry.uncertainty import UncertaintyTerm
 from ..lanes.extra_lines import height_between
 from ..lanes.lane_pair import LanePattern
 from ..lanes.line_geometry import lane_in_road
-from ..rejection import GateReading, Rejection
+from ..rejection import GateReading, Rejection, fitted
 from ..road.cell_grid import CELL_WIDTH_M
 from ..types import Array
 from .cue_fusion import combine
@@ -103,7 +103,7 @@ def cross_check_texture(
     _, left_m, right_m = lane_in_road(pattern.boundaries, rig, estimate.pose)
     limits_m = (float(right_m) - _BESIDE_M, float(left_m) + _BESIDE_M)
     line_pose, yaw = estimate.pose, estimate.lane_yaw_rad
-    fit = align_texture(frame.images, rig, line_pose, yaw, limits_m=limits_m)
+    fit = fitted(align_texture(frame.images, rig, line_pose, yaw, limits_m=limits_m))
     if hypothesis.locating_texture is not None and (fit is None or fit.sufficiency < 1.0):
         fit = hypothesis.locating_texture
     if (
@@ -118,7 +118,7 @@ def cross_check_texture(
         sufficiency = 0.0 if fit is None else fit.sufficiency
     else:
         within_m = (float(right_m) + _WITHIN_M, float(left_m) - _WITHIN_M)
-        between = align_texture(frame.images, rig, line_pose, yaw, limits_m=within_m)
+        between = fitted(align_texture(frame.images, rig, line_pose, yaw, limits_m=within_m))
         own_m = _heights_over_own(pattern, rig, line_pose, between)
         sufficiency = 0.0 if own_m is None else surely_no_kerb(*own_m)
         if between is not None and between.enough_texture:  # less may be aligned by chance
@@ -134,8 +134,8 @@ def cross_check_texture(
         evidence,
         texture=fit,
         heights_m=heights_over_asphalt(pattern, rig, line_pose, fit)[0],
-        vertical=vertical_offset(frame.images, rig, fit.extrinsics, yaw, limits_m=limits_m)
-        or horizon_offset(frame.images, rig, fit.extrinsics),
+        vertical=fitted(vertical_offset(frame.images, rig, fit.extrinsics, yaw, limits_m=limits_m))
+        or fitted(horizon_offset(frame.images, rig, fit.extrinsics)),
     )
     poses = replace(poses, textured=fit.extrinsics)
     readings, refusal = evaluate_gates(evidence, already=readings)
@@ -184,7 +184,7 @@ def _cross_check_lines_only(
         plane = plane_from_pose(estimate.pose, rig)
         between = height_between(pattern, plane, hypothesis.other_lines, frame.points, rig, evidence.config)
         evidence = replace(evidence, between_m=between)
-    evidence = replace(evidence, vertical=horizon_offset(frame.images, rig, estimate.pose))
+    evidence = replace(evidence, vertical=fitted(horizon_offset(frame.images, rig, estimate.pose)))
     readings, refusal = evaluate_gates(evidence, already=readings)
     return CrossChecked(estimate, poses, readings, refusal)
 

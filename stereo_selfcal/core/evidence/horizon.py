@@ -19,6 +19,7 @@ from ..geometry.homography import horizon_row
 from ..geometry.plane import plane_from_pose
 from ..geometry.pose import Extrinsics
 from ..geometry.rays import pixel_rays
+from ..rejection import Bound, NotFitted
 from ..road.cell_grid import Corridor
 from ..types import Array, Floats, Image
 from .row_offset import Place, VerticalOffset, refine_offset, with_slopes
@@ -52,7 +53,7 @@ _NEARER_STD_RAD = math.radians(0.04)
 
 def horizon_offset(
     images: tuple[Image, Image], rig: StereoRig, extrinsics: Extrinsics
-) -> VerticalOffset | None:
+) -> VerticalOffset | NotFitted:
     """Measure the vertical offset between both images along the horizon.
 
     Args:
@@ -61,7 +62,7 @@ def horizon_offset(
         extrinsics: Where the horizon is, good to a few rows in the middle of the image.
 
     Returns:
-        The offset, or None where the horizon is not in view or shows too little.
+        The offset, or why there is none: the horizon is not in view, or shows too little.
     """
     wide_columns = rig.width // (_WIDE_CELLS * _COLUMN_STEP)
     for cells, columns, least in (
@@ -69,17 +70,17 @@ def horizon_offset(
         (_WIDE_CELLS, wide_columns, _LEAST_WIDE_CELLS),
     ):
         band = _lay_out(rig, extrinsics, cells, columns)
-        if band is None:
-            return None
+        if isinstance(band, NotFitted):
+            return band
         seen = _compare(images, rig, extrinsics, band, least)
-        if seen is not None:
+        if isinstance(seen, VerticalOffset):
             return replace(seen, roll_std_rad=math.hypot(seen.roll_std_rad, _NEARER_STD_RAD))
-    return None
+    return seen
 
 
 def _compare(
     images: tuple[Image, Image], rig: StereoRig, extrinsics: Extrinsics, band: Corridor, least_cells: int
-) -> VerticalOffset | None:
+) -> VerticalOffset | NotFitted:
     """Compare the rows of a band, in as many cells as it has."""
     most = round(_MOST * rig.width)
     first = max(0, int(band.v.min()) - 2 * most)
@@ -96,12 +97,12 @@ def _compare(
         seen = refine_offset(
             (left, right), band, place, usable, rig, start, _PASSES, most, cv2.INTER_LINEAR, *of_disparity
         )
-        if seen is not None:
+        if isinstance(seen, VerticalOffset):
             return seen
-    return None
+    return seen
 
 
-def _lay_out(rig: StereoRig, extrinsics: Extrinsics, cells: int, cell_columns: int) -> Corridor | None:
+def _lay_out(rig: StereoRig, extrinsics: Extrinsics, cells: int, cell_columns: int) -> Corridor | NotFitted:
     """Lay out the band: a segment is a piece of a column, so that its mean takes no horizontal edge away.
 
     The band is level: a wrong roll must not lead it away from the horizon.
@@ -109,8 +110,9 @@ def _lay_out(rig: StereoRig, extrinsics: Extrinsics, cells: int, cell_columns: i
     middle = round(float(horizon_row(rig, extrinsics, rig.cx)))
     room = min(middle, rig.height - 1 - middle) - round(_MOST * rig.width)
     half = min(round(_HALF_BAND * rig.width), room)
-    if half < _LEAST_HALF_BAND * rig.width:
-        return None
+    least = _LEAST_HALF_BAND * rig.width
+    if half < least:
+        return NotFitted("rows above and below the horizon that are in view", half, Bound.LEAST, least)
     n = cells * cell_columns
     u = (np.arange(n) + 0.5) * (rig.width / n)
     rows = np.linspace(middle - half, middle + half, _ROWS)

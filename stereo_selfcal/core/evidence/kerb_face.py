@@ -14,6 +14,7 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..estimators.row_blocks import EdgeResiduals
 from ..numerics.robust import Reweighting, fit_reweighted, scale_by_median
+from ..rejection import NotFitted
 from ..types import Array
 from .profile import EDGE_STD_PX, MOST_RAMP_SIGMAS, REACH_PX
 
@@ -96,5 +97,5 @@ def _wider(edges: EdgeResiduals, width_m: float, camera: int, stripe: int) -> tu
         return mean, (wider - mean) / sigma
 
     found = fit_reweighted(fit, len(wider), _REWEIGHTING, _SCALE)
-    assert found is not None  # a mean is always determined
+    assert not isinstance(found, NotFitted)  # a mean is always determined
     return found.solution, float(found.scale / np.sqrt((found.weights / sigma**2).sum()))

@@ -18,6 +18,7 @@ from ..estimators.texture_alignment import TextureFit
 from ..geometry.homography import horizon_row
 from ..geometry.pose import Extrinsics
 from ..numerics.robust import Reweighting, fit_reweighted, scale_by_median
+from ..rejection import NotFitted
 from ..tolerances import AGREEMENT
 from ..types import Array, Mask
 
@@ -165,7 +166,7 @@ def _fit(jac_off_heights: Array, jac_off_bend: Array, off: Array, variance: Arra
     solution, covariance = np.zeros(len(prior)), np.linalg.inv(prior)
     if len(off):
         found = fit_reweighted(fit, len(off), _REWEIGHTING, _SCALE)
-        assert found is not None  # the prior determines what is not seen
+        assert not isinstance(found, NotFitted)  # the prior determines what is not seen
         solution, covariance = found.solution[0], found.solution[1] * found.scale**2
     # The plane through the heights from near to far, by least squares.
     steps = np.linspace(NEAR_M, FAR_M, _N_STEPS)

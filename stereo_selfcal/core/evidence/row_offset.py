@@ -18,6 +18,7 @@ from ..geometry.plane import plane_from_pose
 from ..geometry.pose import Extrinsics
 from ..numerics.robust import Reweighting, fit_reweighted, scale_by_median
 from ..numerics.statistics import upper_median
+from ..rejection import Bound, NotFitted
 from ..road.cell_grid import FAR_M, HALF_WIDTH_M, Corridor, lay_out
 from ..types import Array, Floats, Image
 
@@ -73,7 +74,7 @@ def vertical_offset(
     *,
     limits_m: tuple[float, float] = (-HALF_WIDTH_M, HALF_WIDTH_M),
     far_m: float = FAR_M,
-) -> VerticalOffset | None:
+) -> VerticalOffset | NotFitted:
     """Measure the vertical offset between both images on the road.
 
     Args:
@@ -85,12 +86,12 @@ def vertical_offset(
         far_m: End of the corridor [m].
 
     Returns:
-        The offset, or None where the road has too little texture to measure it.
+        The offset, or why there is none: the road is not seen, or has too little texture.
     """
     plane = plane_from_pose(extrinsics, rig)
     corridor = lay_out(rig, extrinsics, lane_yaw_rad, limits_m, far_m, _THINNING)
     if corridor is None:
-        return None
+        return NotFitted("cells of the road in view", 0, Bound.LEAST, _LEAST_CELLS)
     half = half_disparity(corridor, plane, rig)
     usable = usable_samples(images, corridor, half, rig, None)
     at_left, at_right = corridor.u + half, corridor.u - half
@@ -118,7 +119,7 @@ def refine_offset(
     how: int,
     disparity_std_px: float = math.inf,
     least_cells: int = _LEAST_CELLS,
-) -> VerticalOffset | None:
+) -> VerticalOffset | NotFitted:
     """Refine an offset and a turn, good to a row or so, by what the cells show.
 
     Args:
@@ -135,24 +136,26 @@ def refine_offset(
         least_cells: Fewer than that are too few.
 
     Returns:
-        Offset and turn, or None where too little is seen, or it has run away.
+        Offset and turn, or why there are none: too little is seen, or the offset has run away.
     """
     (left, right), (at_left, at_right, v) = images, place
     offset, turn = start
     columns = samples.cell_rays[:, 1] * -rig.fx
-    solution = None
+    solution: VerticalOffset | NotFitted | None = None
     for _ in range(passes):
         tilt = np.float32(0.5) * (np.float32(offset) + np.float32(turn) * (samples.u - np.float32(rig.cx)))
         of_left = np.stack([sample(channel, at_left, v - tilt, how) for channel in left])
         of_right = np.stack([sample(channel, at_right, v + tilt, how) for channel in right])
         cells = measure_cells(of_left, of_right, usable, samples, disparity_std_px)
         solution = combine_cells(*cells, columns, least_cells)
-        if solution is None:
-            return None
+        if isinstance(solution, NotFitted):
+            return solution
         offset, turn = offset + solution.offset_px, turn + solution.roll_rad
         if not abs(offset) <= 2.0 * most_px:
-            return None
-    assert solution is not None
+            return NotFitted(
+                "offset between the rows of both images", abs(offset), Bound.MOST, 2.0 * most_px, "px"
+            )
+    assert isinstance(solution, VerticalOffset)  # there are passes
     return VerticalOffset(offset, solution.std_px, turn, solution.roll_std_rad, solution.n_cells)
 
 
@@ -229,7 +232,7 @@ def measure_cells(
 
 def combine_cells(
     cells: Array, variance: Array, columns: Array, least_cells: int = _LEAST_CELLS
-) -> VerticalOffset | None:
+) -> VerticalOffset | NotFitted:
     """Fit an offset and a turn to the displacements of the cells; their scatter is the uncertainty.
 
     Args:
@@ -239,9 +242,10 @@ def combine_cells(
         least_cells: Fewer than that are too few.
     """
     seen = np.isfinite(variance)
-    if np.count_nonzero(seen) < least_cells:
-        return None
-    design = np.column_stack([np.ones(np.count_nonzero(seen)), columns[seen]])
+    n_seen = int(np.count_nonzero(seen))
+    if n_seen < least_cells:
+        return NotFitted("cells whose rows can be compared", n_seen, Bound.LEAST, least_cells)
+    design = np.column_stack([np.ones(n_seen), columns[seen]])
     sigma = np.sqrt(variance[seen])
     # No cell counts for more than a typical one: what scatters is the road, not the noise.
     sigma = np.maximum(sigma, upper_median(sigma))
@@ -256,7 +260,7 @@ def combine_cells(
         return (solution, np.array([[a, b], [b, c]])), target - rows @ solution
 
     found = fit_reweighted(fit, len(target), _REWEIGHTING, _SCALE)
-    assert found is not None  # the ridge determines what is not seen
+    assert not isinstance(found, NotFitted)  # the ridge determines what is not seen
     solution, normal = found.solution
     covariance = np.linalg.inv(normal) * found.scale**2 * len(target) / (len(target) - 2)
     std = np.sqrt(np.diag(covariance))

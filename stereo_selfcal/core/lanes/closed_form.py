@@ -17,6 +17,7 @@ from ..camera.rig import StereoRig
 from ..geometry.plane import DisparityPlane, PlaneCamera, jacobian_pose_wrt_plane, pose_from_plane
 from ..geometry.pose import POSE_COMPONENTS, Extrinsics
 from ..geometry.rays import pixel_rays
+from ..rejection import Bound, NotFitted
 from ..road.priors import UNEVEN_STD_M
 from ..types import Array
 from .lane_pair import LanePattern
@@ -32,21 +33,23 @@ class ClosedForm:
     covariance: Array
 
 
-def solve_plane(pattern: LanePattern, rig: StereoRig) -> ClosedForm | None:
+def solve_plane(pattern: LanePattern, rig: StereoRig) -> ClosedForm | NotFitted:
     """Fit a plane to the disparities of the sampled points.
 
     Returns:
-        The extrinsics, or None when the points lie on one line or the plane is no road below the rig.
+        The extrinsics, or why not: the points lie on one line, or the plane is no road below the rig.
     """
     design, disparity = disparity_model(pattern, rig)
     weighted = design.T * point_weights(pattern)
     normal = weighted @ design
-    if np.linalg.matrix_rank(normal) < len(normal):
-        return None
+    rank = int(np.linalg.matrix_rank(normal))
+    if rank < len(normal):
+        return NotFitted("numbers of the plane that the lines determine", rank, Bound.LEAST, len(normal))
     solve = np.linalg.inv(normal) @ weighted
     plane = DisparityPlane(solve @ disparity, PlaneCamera.LEFT)
-    if plane.coefficients[2] >= 0.0:  # disparity must grow downwards
-        return None
+    growth_px = -float(plane.coefficients[2]) / rig.fy
+    if growth_px <= 0.0:
+        return NotFitted("growth of the disparity a row downwards", growth_px, Bound.LEAST, 0.0, "px")
     jac_pose_disparity = jacobian_pose_wrt_plane(plane, rig) @ solve
     covariance = np.zeros((3, 3))
     n_rows = len(pattern.rows)

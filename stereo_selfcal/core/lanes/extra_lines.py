@@ -13,6 +13,7 @@ from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
 from ..geometry.plane import DisparityPlane, plane_from_pose
 from ..geometry.rays import LEAST_DISPARITY_PX, pixel_rays
+from ..rejection import NotFitted
 from ..road.priors import FALL_STD, GREATEST_FALL, HIGHEST_CROWN_M, LANE_M, UNEVEN_STD_M
 from ..tolerances import MAX_LINE_HEIGHT_M
 from .closed_form import solve_plane
@@ -50,7 +51,7 @@ def find_extra_lines(
         config: Settings of the extraction.
     """
     closed = solve_plane(pattern, rig)
-    if closed is None:
+    if isinstance(closed, NotFitted):
         return ()
     plane = plane_from_pose(closed.extrinsics, rig)
     own = [place_of_line(*pair, plane, rig)[1] for pair in zip(pattern.left, pattern.right, strict=True)]

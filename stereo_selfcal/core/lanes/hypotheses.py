@@ -10,7 +10,7 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
 from ..geometry.plane import jacobian_pose_wrt_plane, plane_from_pose
-from ..rejection import Rejection, RejectReason
+from ..rejection import NotFitted, Rejection, RejectReason
 from ..road.priors import GREATEST_FALL, LANE_M
 from ..types import Image
 from . import frame_checks
@@ -144,7 +144,7 @@ def lines_below_plane(patterns: list[LanePattern], rig: StereoRig) -> list[Below
     for pattern in patterns:
         closed = solve_plane(pattern, rig)
         depths.append(BelowPlane())
-        if closed is None:
+        if isinstance(closed, NotFitted):
             continue
         plane = plane_from_pose(closed.extrinsics, rig)
         by_pose = np.linalg.inv(jacobian_pose_wrt_plane(plane, rig))

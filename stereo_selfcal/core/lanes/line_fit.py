@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from ..numerics.robust import Reweighting, fit_reweighted, scale_by_median
+from ..rejection import Bound, NotFitted
 from ..types import Array
 from .hough import HoughPeak
 from .lane_pair import ImageLine
@@ -175,20 +176,20 @@ def _robust_line(v: Array, u: Array, weights: Array) -> tuple[tuple[float, float
     relative = weights / weights.mean()
     root = np.sqrt(relative)
 
-    def fit(robust: Array, _: object) -> tuple[tuple[float, float, Array], Array] | None:
+    def fit(robust: Array, _: object) -> tuple[tuple[float, float, Array], Array] | NotFitted:
         used = relative * robust
         # Normal equations of two parameters, written out: this runs for every line of every frame.
         s0, s1, s2 = float(used.sum()), float(used @ v), float(used @ (v * v))
         t0, t1 = float(used @ u), float(used @ (v * u))
         determinant = s0 * s2 - s1 * s1
         if determinant <= _SINGULAR * s0 * s2:
-            return None
+            return NotFitted("spread of the rows", determinant / (s0 * s2), Bound.LEAST, _SINGULAR)
         a, b = (s2 * t0 - s1 * t1) / determinant, (s0 * t1 - s1 * t0) / determinant
         # Residuals in units of a point of mean weight.
         return (a, b, np.array([[s2, -s1], [-s1, s0]]) / determinant), (u - a - b * v) * root
 
     found = fit_reweighted(fit, len(v), _REWEIGHTING, _SCALE)
-    if found is None or np.count_nonzero(found.weights) < _MIN_BLOCKS:
+    if isinstance(found, NotFitted) or np.count_nonzero(found.weights) < _MIN_BLOCKS:
         return None
     a, b, inverse = found.solution
     return (a, b), found.scale**2 * inverse, found.weights

@@ -8,6 +8,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
+from ..rejection import NotFitted
 from ..types import Array
 from .statistics import SIGMA_OVER_MAD, upper_median
 
@@ -86,28 +87,28 @@ def scale_by_median(
 
 
 def fit_reweighted(
-    fit: Callable[[Array, float | Array], tuple[Solution, Array] | None],
+    fit: Callable[[Array, float | Array], tuple[Solution, Array] | NotFitted],
     n: int,
     how: Reweighting,
     scale_of: Callable[[Array], float | Array],
-) -> RobustFit[Solution] | None:
+) -> RobustFit[Solution] | NotFitted:
     """Fit by weighted least squares, again and again with the weights that the last fit's residuals have.
 
     Args:
         fit: Takes weights (N,) and the scale before (1 at first), returns a solution and its residuals (N,);
-            None where the weighted observations do not determine one.
+            or why the weighted observations do not determine one.
         n: Number of observations, at least one.
         how: Rounds and limits.
         scale_of: Takes residuals (N,), returns their scale: a number, or one of each (N,).
 
     Returns:
-        The last fit, or None where one of them is undetermined.
+        The last fit, or why one of them is undetermined.
     """
     weights, scale = np.ones(n), 1.0  # type: Array, float | Array
     for i in range(how.absolute_rounds + how.rounds):
         found = fit(weights, scale)
-        if found is None:
-            return None
+        if isinstance(found, NotFitted):
+            return found
         solution, residuals = found
         previous, scale = scale, scale_of(residuals)
         if i < how.absolute_rounds:

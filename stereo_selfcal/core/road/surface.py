@@ -17,6 +17,7 @@ import numpy as np
 
 from ..numerics.robust import Reweighting, fit_reweighted, scale_by_median
 from ..numerics.statistics import median
+from ..rejection import Bound, NotFitted
 from ..types import Array
 
 # The spectrum of a road falls with its waviness as the power: 2 in ISO 8608's definition, 2.5 in the middle
@@ -119,7 +120,7 @@ class Surface:
     noise_variance: Array
 
 
-def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface | None:
+def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface | NotFitted:
     """Fit the plane of a road.
 
     Args:
@@ -128,15 +129,17 @@ def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface |
         final: Whether to estimate the road's own roughness; else a typical one serves.
 
     Returns:
-        The plane, or None where the measured cells do not determine one.
+        The plane, or why the measured cells do not determine one.
     """
     seen = np.isfinite(cells.heights) & (cells.variances < _WORST_STD_M**2)  # false for NaN as well
-    if np.count_nonzero(seen) < _LEAST_CELLS:
-        return None
+    n_seen = int(np.count_nonzero(seen))
+    if n_seen < _LEAST_CELLS:
+        return NotFitted("cells whose height is known", n_seen, Bound.LEAST, _LEAST_CELLS)
     y, x, noise, at = cells.heights[seen], design[seen], cells.variances[seen], cells.xy[seen]
     greatest = np.abs(x).max(axis=0)  # zero where all cells are straight before the camera
-    if np.any(greatest == 0.0) or np.linalg.matrix_rank(x / greatest) < x.shape[1]:
-        return None
+    rank = 0 if np.any(greatest == 0.0) else int(np.linalg.matrix_rank(x / greatest))
+    if rank < x.shape[1]:
+        return NotFitted("numbers of the plane that the cells determine", rank, Bound.LEAST, x.shape[1])
     kernel, profile = kernels(at)
     typical = (
         noise
@@ -200,7 +203,7 @@ def _robust_weights(y: Array, x: Array, sigma: Array) -> tuple[Array, Array]:
         return plane, target - rows @ plane
 
     found = fit_reweighted(fit, len(y), _REWEIGHTING, _SCALE)
-    assert found is not None  # the cells determine a plane, with any weights
+    assert not isinstance(found, NotFitted)  # the cells determine a plane, with any weights
     return found.weights, found.residuals * sigma
 
 

@@ -32,7 +32,7 @@ from ..geometry.uncertainty import UncertaintyTerm, merge_terms
 from ..lanes.closed_form import contradictions, solve_plane
 from ..lanes.lane_pair import LanePattern
 from ..numerics.genetic import GeneticResult, maximise_each
-from ..rejection import GateReading, Rejection
+from ..rejection import GateReading, NotFitted, Rejection, fitted
 from ..types import Image
 from .attempt import Attempt, Verdict
 from .texture_guided_lines import line_on_road
@@ -79,26 +79,27 @@ def _solve_lines(
         return _refused(hypothesis, refusal, readings, poses, genetic)
     fit = propagate(pattern, rig, pose, config.fitness)
     bends = measure_bends(pattern, rig, pose.height_m)
-    evidence = replace(evidence, bends=bends, lines=fit)
+    evidence = replace(evidence, bends=bends, lines=fitted(fit))
     readings, refusal = evaluate_gates(evidence, already=readings)
     if refusal:
         return _refused(hypothesis, refusal, readings, poses, genetic)
-    assert fit is not None  # the gate "determined" refuses where there is no fit
+    assert not isinstance(fit, NotFitted)  # the gate "determined" refuses where there is no fit
     closed = solve_plane(pattern, rig)
-    if closed is None:
-        notes: tuple[str, ...] = ("no closed form: the lines leave the plane undetermined",)
+    if isinstance(closed, NotFitted):
+        notes: tuple[str, ...] = (f"no closed form: {closed.reason}",)
     else:
         poses = replace(poses, closed_form=closed.extrinsics)
         notes = contradictions(closed, pose, fit.covariance)
-    refined = refine(frame.images, pattern, rig, pose)
-    if refined is None:
-        notes = (*notes, "not refined: too few rows show both edges of a stripe")
+    stripe_fit = refine(frame.images, pattern, rig, pose)
+    refined = fitted(stripe_fit)
+    if isinstance(stripe_fit, NotFitted):
+        notes = (*notes, f"not refined: {stripe_fit.reason}")
     else:
-        poses = replace(poses, refined=refined.extrinsics)
+        poses = replace(poses, refined=stripe_fit.extrinsics)
         evidence = replace(
             evidence,
-            profile=measure_profile(refined.residuals, rig, refined.extrinsics),
-            wide_profile=measure_profile(refined.residuals, rig, refined.extrinsics, wide=True),
+            profile=measure_profile(stripe_fit.residuals, rig, stripe_fit.extrinsics),
+            wide_profile=measure_profile(stripe_fit.residuals, rig, stripe_fit.extrinsics, wide=True),
         )
     evidence = replace(evidence, refined=refined, clipped=_clipped(frame.images))
     readings, refusal = evaluate_gates(evidence, already=readings)
@@ -179,10 +180,10 @@ def _solve_surface(
     _, yaw = found
     # What is beyond a kerb is not of the road, and may have decided the plane.
     beneath = align_texture(frame.images, rig, texture.extrinsics, yaw, limits_m=_BENEATH_M)
-    if beneath is None or not surely_same(texture.extrinsics, beneath, rig):
+    if isinstance(beneath, NotFitted) or not surely_same(texture.extrinsics, beneath, rig):
         return not_fitted("the road surface of the own lane does not exclude a kerb beside it")
     vertical = vertical_offset(frame.images, rig, texture.extrinsics, yaw)
-    if vertical is None:  # rows that cannot be compared may be those of a turned camera
+    if isinstance(vertical, NotFitted):  # rows that cannot be compared may be those of a turned camera
         return not_fitted("the rows of both images cannot be compared on the road surface")
     readings, refusal = evaluate_gates(Evidence(config, texture=texture, vertical=vertical))
     if refusal:

@@ -20,7 +20,7 @@ from ..lanes.closed_form import solve_plane
 from ..lanes.extra_lines import find_extra_lines
 from ..lanes.hypotheses import LaneHypotheses, cross, find_hypotheses, lines_below_plane
 from ..lanes.lane_pair import LanePattern
-from ..rejection import RejectReason
+from ..rejection import NotFitted, RejectReason
 from .attempt import Attempt, Verdict
 from .texture_guided_lines import find_road, lines_on_road
 
@@ -137,7 +137,7 @@ def _other_pairs(
     for found, found_by in ((chained, FoundBy.CHAINS), (first, FoundBy.HOUGH)):
         for pattern in found.patterns if isinstance(found.patterns, list) else ():
             closed = solve_plane(pattern, rig)
-            if closed is None or n_tried == _MAX_FURTHER_PAIRS:
+            if isinstance(closed, NotFitted) or n_tried == _MAX_FURTHER_PAIRS:
                 continue
             if any(same_road(closed.extrinsics, other) for other in tried):
                 continue

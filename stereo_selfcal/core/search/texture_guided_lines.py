@@ -34,6 +34,7 @@ from ..lanes.matching import (
     sample_pattern,
     similarity,
 )
+from ..rejection import NotFitted
 from ..tolerances import MAX_LINE_HEIGHT_M
 from ..types import Image
 
@@ -91,7 +92,7 @@ def find_road(
     starts = [known] if known else islice(roads_of_single_lines(matches, rig, config), _MOST_STARTS)
     for start in starts:
         fit = align_texture(images, rig, start)
-        if fit is not None and fit.enough_texture and fit.even_enough:
+        if not isinstance(fit, NotFitted) and fit.enough_texture and fit.even_enough:
             return fit
     return None
 

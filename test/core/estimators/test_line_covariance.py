@@ -11,6 +11,7 @@ from stereo_selfcal.core.config import FitnessConfig, GeneticConfig
 from stereo_selfcal.core.estimators.fitness import PatternFitness
 from stereo_selfcal.core.estimators.line_covariance import measure_bends, propagate
 from stereo_selfcal.core.numerics.genetic import maximise
+from stereo_selfcal.core.rejection import NotFitted
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import PAPER_RIG, random_scene
 
@@ -106,7 +107,9 @@ def test_lines_that_disagree_enlarge_the_covariance():
 
 
 def test_lines_that_coincide_leave_the_pose_undetermined():
-    assert propagate(pattern_of(positions_m=(1.75, 1.7500001)), PAPER_RIG, POSE, CONFIG) is None
+    assert isinstance(
+        propagate(pattern_of(positions_m=(1.75, 1.7500001)), PAPER_RIG, POSE, CONFIG), NotFitted
+    )
 
 
 @pytest.mark.parametrize("curvature_per_m", [1 / 800, -1 / 800, 1 / 300, -1 / 300])

@@ -10,6 +10,7 @@ from independent_camera import CAMERAS, ideal_pattern, image_line
 
 from stereo_selfcal import Calibrator, Extrinsics, RejectReason, StereoRig, calibrate
 from stereo_selfcal.core.estimators.stripe_fit import predict_edges, refine
+from stereo_selfcal.core.rejection import Bound, NotFitted
 from stereo_selfcal.core.search import solve
 from stereo_selfcal.synth.renderer import render, render_camera
 from stereo_selfcal.synth.scenes import PAPER_RIG, random_scene
@@ -314,35 +315,40 @@ def test_same_input_same_bits():
 
 
 @pytest.mark.parametrize("grey", [0, 90, 255])
-def test_constant_images_give_none(grey):
+def test_constant_images_give_no_fit(grey):
     image = np.full((480, 640), grey, np.uint8)
-    assert fit(scene_of(), (image, image)) is None
+    result = fit(scene_of(), (image, image))
+    assert isinstance(result, NotFitted)
+    assert result.reason == "blocks of rows that show both edges of a stripe: 0, at least 12 needed"
 
 
 @pytest.mark.parametrize("noise", [0.01, 0.1, 0.3])
-def test_pure_noise_gives_none(noise):
+def test_pure_noise_gives_no_fit(noise):
     for seed in range(5):
-        assert fit(scene_of(), noisy([np.full((480, 640), 120.0)] * 2, seed, noise)) is None
+        assert isinstance(fit(scene_of(), noisy([np.full((480, 640), 120.0)] * 2, seed, noise)), NotFitted)
 
 
 def test_one_blind_camera_is_no_exception():
-    """Half the blocks are left: a pose from one camera has no height, so None or a claim that says so."""
+    """Half the blocks are left: a pose from one camera has no height, so no fit or a claim that says so."""
     left, _ = noisy(pictures(scene_of()), 0)
     result = fit(scene_of(), (left, np.full_like(left, 90)))
-    assert result is None or std_of(result)[0] > 0.1
+    assert isinstance(result, NotFitted) or std_of(result)[0] > 0.1
 
 
 @pytest.mark.parametrize("positions", [(40.0, 30.0), (-30.0, -40.0), (60.0, -60.0)])
-def test_stripes_outside_the_image_give_none(positions):
+def test_stripes_outside_the_image_give_no_fit(positions):
     pattern = ideal_pattern(PAPER_RIG, POSE, positions, YAW)
-    assert fit(scene_of(), noisy(pictures(scene_of()), 0), pattern=pattern) is None
+    assert isinstance(fit(scene_of(), noisy(pictures(scene_of()), 0), pattern=pattern), NotFitted)
 
 
 @pytest.mark.parametrize("horizon", [460.0, 479.0, 500.0])
-def test_a_road_below_the_image_gives_none(horizon):
+def test_a_road_below_the_image_gives_no_fit(horizon):
     """Horizon at the bottom or below: no rows are left to be read."""
     pattern = replace(lines_of(scene_of()), vanishing_point=np.array([320.0, horizon]))
-    assert fit(scene_of(), noisy(pictures(scene_of()), 0), pattern=pattern) is None
+    result = fit(scene_of(), noisy(pictures(scene_of()), 0), pattern=pattern)
+    assert isinstance(result, NotFitted)
+    assert result.what == "blocks of rows below the vanishing point"
+    assert result.value < result.limit
 
 
 # --- in the calibrator ----------------------------------------------------------------------------------
@@ -363,7 +369,7 @@ def test_stages_in_their_order_and_the_refined_one_is_the_result(rendered, calib
 
 def test_lines_that_cannot_be_refined_do_not_stand_alone(rendered, monkeypatch):
     scene, left, right = rendered(1, NOISE)
-    monkeypatch.setattr(solve, "refine", lambda *_: None)
+    monkeypatch.setattr(solve, "refine", lambda *_: NotFitted("blocks of rows", 3, Bound.LEAST, 12))
     result = calibrate(left, right, scene.rig)
     assert result.reason is RejectReason.LINE_NOT_PAINTED
     assert "both edges" in result.message
@@ -374,7 +380,7 @@ def test_without_refinement_the_genetic_result_stands_where_the_asphalt_confirms
     scene = random_scene(np.random.default_rng(3), texture_amplitude=12.0)
     images = render(scene, np.random.default_rng(0))
     refined = calibrate(*images, scene.rig)
-    monkeypatch.setattr(solve, "refine", lambda *_: None)
+    monkeypatch.setattr(solve, "refine", lambda *_: NotFitted("blocks of rows", 3, Bound.LEAST, 12))
     result = calibrate(*images, scene.rig)
     assert result.accepted
     assert list(result.stages) == ["genetic", "closed_form", "textured", "combined"]
@@ -382,7 +388,7 @@ def test_without_refinement_the_genetic_result_stands_where_the_asphalt_confirms
     assert np.all(
         np.abs(result.extrinsics.as_array() - refined.extrinsics.as_array()) < refined.std.as_array()
     )
-    assert result.notes[0].startswith("not refined: ")
+    assert result.notes[0] == "not refined: blocks of rows: 3, at least 12 needed"
     assert f"; {result.notes[0]}" in result.message
 
 

@@ -12,6 +12,7 @@ from stereo_selfcal import Extrinsics, StereoRig
 from stereo_selfcal.core.estimators.texture_alignment import MIN_SIGMAS, align_texture
 from stereo_selfcal.core.evidence.row_offset import vertical_offset
 from stereo_selfcal.core.geometry.plane import plane_from_pose, pose_from_plane
+from stereo_selfcal.core.rejection import NotFitted
 from stereo_selfcal.core.road.cell_grid import lay_out
 from stereo_selfcal.core.road.surface import Cells, fit_surface
 from stereo_selfcal.synth.renderer import render
@@ -67,7 +68,7 @@ def test_reported_uncertainty_is_the_error_made():
 @pytest.mark.parametrize("seed", range(3))
 def test_bare_asphalt_is_no_texture(seed, noise):
     _, fit = aligned(seed, 0.0, noise)
-    assert fit is None or not fit.enough_texture
+    assert isinstance(fit, NotFitted) or not fit.enough_texture
 
 
 @pytest.mark.parametrize("blur", [0.0, 1.0, 3.0])
@@ -79,14 +80,14 @@ def test_noise_alone_is_no_texture(seed, blur):
         noise = 120.0 + 2.0 * blur * (np.array([cv2.GaussianBlur(n, (0, 0), blur) for n in noise]) - 120.0)
     left, right = np.clip(noise, 0, 255).astype(np.uint8)
     fit = align_texture((left, right), PAPER_RIG, Extrinsics(1.4, 0.05, 0.0))
-    assert fit is None or (not fit.enough_texture and fit.quality.sigmas < 4.0 * MIN_SIGMAS)
+    assert isinstance(fit, NotFitted) or (not fit.enough_texture and fit.quality.sigmas < 4.0 * MIN_SIGMAS)
 
 
 def test_views_of_different_roads_are_no_texture():
     left = rendered(0, 12.0, 0.0)[1][0]
     scene, (_, right) = rendered(1, 12.0, 0.0)
     fit = align_texture((left, right), PAPER_RIG, scene.extrinsics)
-    assert fit is None or not fit.enough_texture
+    assert isinstance(fit, NotFitted) or not fit.enough_texture
 
 
 def test_quality_says_why():
@@ -141,21 +142,21 @@ def test_a_lane_of_paint_only_tells_nothing_unless_asked_for():
             limits_m=(-2.0, 2.0),
         )
         if not keep_paint:
-            assert fit is None or not fit.enough_texture
+            assert isinstance(fit, NotFitted) or not fit.enough_texture
 
 
 @pytest.mark.parametrize("grey", [0, 128, 255])
 def test_images_without_contrast(grey):
     flat = np.full((480, 640), grey, np.uint8)
-    assert align_texture((flat, flat), PAPER_RIG, Extrinsics(1.4, 0.05, 0.0)) is None
-    assert vertical_offset((flat, flat), PAPER_RIG, Extrinsics(1.4, 0.05, 0.0)) is None
+    assert isinstance(align_texture((flat, flat), PAPER_RIG, Extrinsics(1.4, 0.05, 0.0)), NotFitted)
+    assert isinstance(vertical_offset((flat, flat), PAPER_RIG, Extrinsics(1.4, 0.05, 0.0)), NotFitted)
 
 
 @pytest.mark.parametrize("pitch_deg", [-60.0, 45.0, 89.0])
 def test_a_camera_that_sees_no_road_ahead(pitch_deg):
     _, images = rendered(0, 12.0, 0.005)
     fit = align_texture(images, PAPER_RIG, Extrinsics(1.4, math.radians(pitch_deg), 0.0))
-    assert fit is None or not fit.enough_texture
+    assert isinstance(fit, NotFitted) or not fit.enough_texture
 
 
 @pytest.mark.parametrize("rows", [-1.0, 0.0, 0.5, 1.0])
@@ -228,7 +229,7 @@ class TestSurface:
     def test_too_few_cells(self):
         heights = np.full(len(self.xy), np.nan)
         heights[:4] = 0.0
-        assert fit_surface(self.cells(heights), self.design) is None
+        assert isinstance(fit_surface(self.cells(heights), self.design), NotFitted)
 
 
 @pytest.mark.skipif(not FRAMES.is_dir(), reason=f"no real frames at {FRAMES}")
@@ -265,7 +266,7 @@ class TestRealFrames:
     def test_what_is_believed_is_right(self, tag):
         for rig, images, truth in self.frames(tag):
             fit = align_texture(images, rig, Extrinsics.from_array(truth))
-            if fit is not None and fit.enough_texture and fit.even_enough:
+            if not isinstance(fit, NotFitted) and fit.enough_texture and fit.even_enough:
                 error = np.abs(fit.extrinsics.as_array() - truth)
                 assert np.all(error < replace_roll(TOLERANCE)), error
 

@@ -20,6 +20,7 @@ from stereo_selfcal.core.lanes.extra_lines import height_between
 from stereo_selfcal.core.lanes.hypotheses import find_hypotheses
 from stereo_selfcal.core.lanes.line_geometry import place_of_line
 from stereo_selfcal.core.lanes.stripe_points import find_stripe_points
+from stereo_selfcal.core.rejection import NotFitted
 from stereo_selfcal.synth.ingredients import Car, Paint, Shadow
 from stereo_selfcal.synth.road_shape import RoadShape
 from stereo_selfcal.synth.world import LaneLine
@@ -70,7 +71,7 @@ def test_a_bare_horizon_that_is_slanted_shows_the_turn_as_well(turned_deg):
     turned = replace(soft, turned_rad=math.radians(turned_deg))
     world, images, _ = bare("plain", pose=pose, left=soft, right=turned)
     found = horizon_offset(images, world.scene.rig, pose)
-    assert found is not None
+    assert not isinstance(found, NotFitted)
     assert found.roll_rad == pytest.approx(-math.radians(turned_deg), abs=math.radians(0.05))
 
 
@@ -82,7 +83,7 @@ def test_horizon_shows_a_turn_through_noise_that_drowns_its_cells(turned_deg):
     turned = replace(noisy, turned_rad=math.radians(turned_deg))
     world, images, _ = bare("plain", sky_grey=130.0, left=noisy, right=turned)
     found = horizon_offset(images, world.scene.rig, world.truth)
-    assert found is not None
+    assert not isinstance(found, NotFitted)
     assert found.roll_rad == pytest.approx(-math.radians(turned_deg), abs=math.radians(0.1))
     assert abs(found.roll_rad + math.radians(turned_deg)) < 4.0 * found.roll_std_rad
 
@@ -90,9 +91,9 @@ def test_horizon_shows_a_turn_through_noise_that_drowns_its_cells(turned_deg):
 def test_horizon_outside_of_the_image_says_nothing():
     world, images, _ = bare("plain")
     up = Extrinsics(1.4, math.radians(24.5), 0.0)
-    assert horizon_offset(images, world.scene.rig, up) is None
+    assert isinstance(horizon_offset(images, world.scene.rig, up), NotFitted)
     blank = np.full_like(images[0], 90)
-    assert horizon_offset((blank, blank), world.scene.rig, world.truth) is None
+    assert isinstance(horizon_offset((blank, blank), world.scene.rig, world.truth), NotFitted)
 
 
 def test_a_turned_camera_is_refused_without_any_texture():
@@ -293,7 +294,7 @@ def test_a_few_cells_in_noise_do_not_tell_a_turn():
     scene = replace(world.scene, texture_amplitude=0.0, sky_grey=150.0, left=noisy, right=noisy)
     for seed in range(20):
         images = render_world(replace(world, scene=scene), np.random.default_rng(seed))
-        assert horizon_offset(images, scene.rig, world.truth) is None
+        assert isinstance(horizon_offset(images, scene.rig, world.truth), NotFitted)
     clear = replace(scene, sky_grey=200.0)
     images = render_world(replace(world, scene=clear), np.random.default_rng(0))
     assert abs(horizon_offset(images, scene.rig, world.truth).roll_rad) < math.radians(0.1)

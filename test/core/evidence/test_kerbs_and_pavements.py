@@ -8,6 +8,7 @@ import pytest
 
 from stereo_selfcal import Calibrator, Extrinsics, RejectReason
 from stereo_selfcal.core.evidence import cross_checks
+from stereo_selfcal.core.rejection import Bound, NotFitted
 from stereo_selfcal.core.search import solve, strategy
 from stereo_selfcal.synth.ingredients import Band, Shadow
 from stereo_selfcal.synth.road_shape import RoadShape
@@ -16,6 +17,8 @@ from stereo_selfcal.synth.worlds import RIGS, named_world, random_world, render_
 # What the node promises never to accept: mm, deg, deg.
 WRONG = np.array([30.0, 0.3, 0.8])
 HALF_LANE_M = 1.56
+
+NOT_FITTED = NotFitted("cells", 0, Bound.LEAST, 6)
 
 
 def kerb_before_pavement(texture_amplitude, texture_seed):
@@ -94,7 +97,7 @@ def test_between_the_lines_there_has_to_be_texture(monkeypatch):
 
     def only_all(*arguments, limits_m, **settings):
         within = limits_m[0] > min(scene.lane_m)
-        return None if within else align(*arguments, limits_m=limits_m, **settings)
+        return NOT_FITTED if within else align(*arguments, limits_m=limits_m, **settings)
 
     monkeypatch.setattr(cross_checks, "align_texture", only_all)
     result = Calibrator(scene.rig).add(*images)
@@ -143,8 +146,8 @@ def test_a_turned_camera_is_seen_at_the_horizon_where_the_road_does_not_show_it(
     camera = named_world("plain").scene.right
     camera = replace(camera, photometry=replace(camera.photometry, psf_sigma_px=1.6))
     scene, images = textured(left=camera, right=replace(camera, turned_rad=math.radians(0.3)))
-    monkeypatch.setattr(cross_checks, "vertical_offset", lambda *_, **__: None)
-    monkeypatch.setattr(solve, "vertical_offset", lambda *_, **__: None)
+    monkeypatch.setattr(cross_checks, "vertical_offset", lambda *_, **__: NOT_FITTED)
+    monkeypatch.setattr(solve, "vertical_offset", lambda *_, **__: NOT_FITTED)
     result = Calibrator(scene.rig).add(*images)
     assert result.reason is RejectReason.IMAGES_NOT_RECTIFIED
     assert result.gates[-1].name == "not_turned"

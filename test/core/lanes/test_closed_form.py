@@ -9,6 +9,7 @@ from independent_camera import drawn, ideal_pattern
 
 from stereo_selfcal import Extrinsics, StereoRig
 from stereo_selfcal.core.lanes.closed_form import contradictions, solve_plane
+from stereo_selfcal.core.rejection import NotFitted
 from stereo_selfcal.synth.scenes import PAPER_RIG
 
 POSE = Extrinsics(1.2, 0.10, -0.03)
@@ -118,13 +119,13 @@ def test_one_line_seen_twice_gives_none():
         position = rng.uniform(-2.0, 2.0)
         base = pattern_of(random_pose(rng), positions_m=(position, position - 3.0))
         pattern = replace(base, columns=base.columns[:, [0, 0]])
-        assert solve_plane(pattern, PAPER_RIG) is None
+        assert isinstance(solve_plane(pattern, PAPER_RIG), NotFitted)
 
 
 def test_one_row_gives_none():
     base = pattern_of()
     pattern = replace(base, rows=base.rows[-1:], columns=base.columns[..., -1:])
-    assert solve_plane(pattern, PAPER_RIG) is None
+    assert isinstance(solve_plane(pattern, PAPER_RIG), NotFitted)
 
 
 def test_disparity_that_grows_upwards_gives_none():
@@ -132,7 +133,7 @@ def test_disparity_that_grows_upwards_gives_none():
     base = pattern_of()
     left, right = base.columns
     for columns in ((right, left), (left, left)):
-        assert solve_plane(replace(base, columns=np.array(columns)), PAPER_RIG) is None
+        assert isinstance(solve_plane(replace(base, columns=np.array(columns)), PAPER_RIG), NotFitted)
 
 
 # --- the second opinion ---------------------------------------------------------------------------------

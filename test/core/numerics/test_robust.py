@@ -11,8 +11,10 @@ from stereo_selfcal.core.numerics.robust import (
     tukey_weights,
 )
 from stereo_selfcal.core.numerics.statistics import median
+from stereo_selfcal.core.rejection import Bound, NotFitted
 
 SCALE = scale_by_median(1e-9)
+UNDETERMINED = NotFitted("numbers that are determined", 1, Bound.LEAST, 2)
 
 
 def line_fit(x, y):
@@ -22,7 +24,7 @@ def line_fit(x, y):
     def fit(weights, _):
         normal = (design.T * weights) @ design
         if np.linalg.matrix_rank(normal) < 2:
-            return None
+            return UNDETERMINED
         solution = np.linalg.solve(normal, (design.T * weights) @ y)
         return solution, y - design @ solution
 
@@ -104,12 +106,12 @@ def test_efficient_for_normal_errors():
     assert np.var(means) / np.var(robust) == pytest.approx(0.95, abs=0.03)
 
 
-def test_an_undetermined_fit_is_none():
+def test_an_undetermined_fit_says_why():
     x = np.ones(5)
-    assert fit_reweighted(line_fit(x, x), 5, Reweighting(rounds=3), SCALE) is None
+    assert fit_reweighted(line_fit(x, x), 5, Reweighting(rounds=3), SCALE) is UNDETERMINED
 
 
-def test_a_fit_whose_outliers_leave_too_little_is_none():
+def test_a_fit_whose_outliers_leave_too_little_says_why():
     """All points but one are on one place; without that one, which is an outlier, there is no slope."""
     x = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     calls = []
@@ -117,9 +119,11 @@ def test_a_fit_whose_outliers_leave_too_little_is_none():
     def fit(weights, _):
         calls.append(weights)
         found = line_fit(x, x)(weights, 1.0)
-        return found and (found[0], np.array([0.1, -0.1, 0.1, -0.1, 0.1, 50.0]))
+        if found is UNDETERMINED:
+            return found
+        return found[0], np.array([0.1, -0.1, 0.1, -0.1, 0.1, 50.0])
 
-    assert fit_reweighted(fit, 6, Reweighting(rounds=3), SCALE) is None
+    assert fit_reweighted(fit, 6, Reweighting(rounds=3), SCALE) is UNDETERMINED
     assert [weights[-1] for weights in calls] == [1.0, 0.0]
 
 
@@ -135,7 +139,7 @@ def test_ends_when_the_scale_has_settled_but_not_in_the_first_round():
 
     def fit(weights, _):
         rounds.append(weights)
-        return None if len(rounds) > 40 else (0.0, np.array([1.0, -1.0, 1.0]) / 1.4826)
+        return UNDETERMINED if len(rounds) > 40 else (0.0, np.array([1.0, -1.0, 1.0]) / 1.4826)
 
     fit_reweighted(fit, 3, Reweighting(rounds=40, settled=1e-3), SCALE)  # a scale of 1, as is assumed before
     assert len(rounds) == 2

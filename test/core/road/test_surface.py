@@ -3,6 +3,7 @@ from dataclasses import astuple
 import numpy as np
 import pytest
 
+from stereo_selfcal.core.rejection import NotFitted
 from stereo_selfcal.core.road import surface
 
 RNG = np.random.default_rng(5)
@@ -60,8 +61,8 @@ def test_cells_that_do_not_determine_a_plane_have_none(road, column):
     heights, design, noise, _, _, metres = road
     xy = design[:, 1:].copy()
     cells = surface.Cells(heights, noise, metres, xy)
-    assert surface.fit_surface(cells, design) is not None
+    assert not isinstance(surface.fit_surface(cells, design), NotFitted)
     for value in (0.0, 1.0):
         flat = design.copy()
         flat[:, column] = value
-        assert surface.fit_surface(cells, flat) is None
+        assert isinstance(surface.fit_surface(cells, flat), NotFitted)
