@@ -91,8 +91,9 @@ found = {
 assert BagOutcome.from_mapping(outcome.to_mapping()) == outcome
 if "rclpy" in sys.argv:
     from stereo_selfcal.ros import diagnostics, parameters
+    from stereo_selfcal.ros.calibration_keeper import ActiveCalibration
 
-    report = SimpleNamespace(in_force=SimpleNamespace(result=result, saved=""), age_s=1.0)
+    report = diagnostics.CalibrationReport("calibrated", active=ActiveCalibration(result, rig, 0.0))
     found["diagnostics"] = " ".join(diagnostics._estimate(report))
     found["descriptions of parameters"] = json.dumps(parameters._RESULT_DESCRIPTION)
 print(json.dumps(found))
