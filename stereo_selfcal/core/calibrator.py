@@ -110,7 +110,9 @@ class Calibrator:
 
     def _observe(self, left: Image, right: Image) -> FrameObservations:
         points = [find_stripe_points(image, self.config.extraction) for image in (left, right)]
-        return FrameObservations((left, right), (points[0], points[1]))
+        return FrameObservations(
+            (left, right), (points[0], points[1]), frame_checks.clipped_share((left, right))
+        )
 
 
 def calibrate(

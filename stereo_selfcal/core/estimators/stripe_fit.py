@@ -21,7 +21,6 @@ from ..camera.rig import StereoRig
 from ..geometry.pose import Extrinsics
 from ..lanes.lane_pair import LanePattern, row_towards
 from ..lanes.line_geometry import lane_in_road
-from ..lanes.stripe_points import edge_response
 from ..numerics.derivatives import central_difference, point_by_point
 from ..rejection import Bound, NotFitted
 from ..road.stripe_model import N_POSE, bent_columns, predict_edges
@@ -281,12 +280,14 @@ def _start_widths(
     px_per_m = (rows - horizon) / start.height_m * rig.fx / rig.fy
     score = np.zeros((len(pattern.columns[0]), len(_WIDTHS_M)))
     for image, lines in zip(images, pattern.lines, strict=True):
-        gradient = edge_response(image[rows], 1)
+        pixels = image[rows].astype(np.int16)  # differences may be negative
         for stripe, line in enumerate(lines):
             left = line.column_at(rows.astype(np.float64))[:, None]
             columns = np.rint(left + px_per_m[:, None] * _WIDTHS_M).astype(np.intp)
             seen = (columns > 0) & (columns < rig.width - 1) & (left > 0)
-            falling = -np.take_along_axis(gradient, np.clip(columns, 0, rig.width - 1), axis=1)
+            columns = np.clip(columns, 1, rig.width - 2)
+            before, after = (np.take_along_axis(pixels, columns + beside, axis=1) for beside in (-1, 1))
+            falling = before - after
             score[stripe] += np.where(seen, falling, 0.0).sum(axis=0)
     widths: Array = _WIDTHS_M[np.argmax(score, axis=1)]
     return widths

@@ -18,16 +18,15 @@ from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm
 from ..lanes.extra_lines import height_between
 from ..lanes.lane_pair import LanePattern
-from ..lanes.line_geometry import lane_in_road
+from ..lanes.line_geometry import HeightOverLane, lane_in_road
 from ..rejection import GateReading, Rejection, fitted
 from ..road.cell_grid import CELL_WIDTH_M
-from ..types import Array
 from .cue_fusion import combine
 from .estimate import Estimate, StagePoses
 from .frame_evidence import Evidence, FrameObservations, Hypothesis
 from .gates import evaluate_gates
 from .horizon import horizon_offset
-from .lane_heights import heights_over_asphalt, surely_no_kerb
+from .lane_heights import heights_over_surface, surely_no_kerb
 from .nuisances import (
     crown_covariance,
     kerb_covariance,
@@ -119,21 +118,21 @@ def cross_check_texture(
     else:
         within_m = (float(right_m) + _WITHIN_M, float(left_m) - _WITHIN_M)
         between = fitted(align_texture(frame.images, rig, line_pose, yaw, limits_m=within_m))
-        own_m = _heights_over_own(pattern, rig, line_pose, between)
-        sufficiency = 0.0 if own_m is None else surely_no_kerb(*own_m)
+        lane_heights = _heights_over_lane(pattern, rig, line_pose, between)
+        sufficiency = surely_no_kerb(lane_heights) if lane_heights else 0.0
         if between is not None and between.enough_texture:  # less may be aligned by chance
-            evidence = replace(evidence, own_m=own_m)
+            evidence = replace(evidence, lane_heights=lane_heights)
         if sufficiency < 1.0:
             lacking = "too little texture between the lines"
     if fit is None or lacking:
         if config.texture.required:
-            evidence = replace(evidence, witness=sufficiency)
+            evidence = replace(evidence, texture_sufficiency=sufficiency)
         estimate = estimate.with_note(f"not checked against the texture of the road surface: {lacking}")
         return _cross_check_lines_only(estimate, poses, evidence, readings, hypothesis, pattern, frame, rig)
     evidence = replace(
         evidence,
         texture=fit,
-        heights_m=heights_over_asphalt(pattern, rig, line_pose, fit)[0],
+        surface_heights=heights_over_surface(pattern, rig, line_pose, fit),
         vertical=fitted(vertical_offset(frame.images, rig, fit.extrinsics, yaw, limits_m=limits_m))
         or fitted(horizon_offset(frame.images, rig, fit.extrinsics)),
     )
@@ -168,9 +167,9 @@ def _cross_check_lines_only(
     if evidence.refined is not None and evidence.profile is not None:
         if slope_ahead_unknown(evidence.profile):  # also where it is seen to bend
             estimate = estimate.with_note(OTHER_SLOPE)
-        rims = measure_borders(frame.images, pattern, evidence.refined, rig)
-        evidence = replace(evidence, rims=rims)
-        certain = {rim.line for rim in rims if not rim.doubtful}
+        borders = measure_borders(frame.images, pattern, evidence.refined, rig)
+        evidence = replace(evidence, borders=borders)
+        certain = {border.line for border in borders if not border.doubtful}
         doubtful = [line for line in range(2) if line not in certain]
         estimate = estimate.with_terms(
             UncertaintyTerm("slope_unseen", unseen_slope_covariance(evidence.profile)),
@@ -179,20 +178,20 @@ def _cross_check_lines_only(
         if doubtful:
             estimate = estimate.with_note(_KERB)
     std = np.sqrt(np.diag(estimate.covariance))
-    evidence = replace(evidence, fitted=evidence.refined is not None, std=std)
+    evidence = replace(evidence, stripes_fitted=evidence.refined is not None, std=std)
     if hypothesis.other_lines is not None:
         plane = plane_from_pose(estimate.pose, rig)
         between = height_between(pattern, plane, hypothesis.other_lines, frame.points, rig, evidence.config)
-        evidence = replace(evidence, between_m=between)
+        evidence = replace(evidence, height_between=between)
     evidence = replace(evidence, vertical=fitted(horizon_offset(frame.images, rig, estimate.pose)))
     readings, refusal = evaluate_gates(evidence, already=readings)
     return CrossChecked(estimate, poses, readings, refusal)
 
 
-def _heights_over_own(
+def _heights_over_lane(
     pattern: LanePattern, rig: StereoRig, line_pose: Extrinsics, between: TextureFit | None
-) -> tuple[Array, Array] | None:
-    """Return how high the boundaries lie over the surface between them, and the standard deviations [m]."""
+) -> tuple[HeightOverLane, ...]:
+    """Return how high both boundaries lie over the surface between them; nothing where it is not seen."""
     if between is None or not between.seen:
-        return None
-    return heights_over_asphalt(pattern.boundaries, rig, line_pose, between)
+        return ()
+    return heights_over_surface(pattern.boundaries, rig, line_pose, between)

@@ -12,7 +12,7 @@ from ..estimators.texture_alignment import TextureFit
 from ..geometry.pose import Extrinsics
 from ..lanes.hypotheses import Points
 from ..lanes.lane_pair import LanePattern
-from ..lanes.line_geometry import BelowPlane
+from ..lanes.line_geometry import BelowPlane, HeightOverLane
 from ..lanes.matching import Match, Matches
 from ..types import Array, Image
 from .profile import Profile
@@ -27,10 +27,12 @@ class FrameObservations:
     Attributes:
         images: Left and right image, (H, W) uint8.
         points: Stripe points of both.
+        clipped: Greatest part of black and white pixels in the lower half of an image.
     """
 
     images: tuple[Image, Image]
     points: Points
+    clipped: float
 
 
 class FoundBy(Enum):
@@ -82,7 +84,7 @@ class Evidence:
 
     Attributes:
         config: Settings.
-        genetic: Estimate of the genetic algorithm; None where there is but the asphalt.
+        genetic: Estimate of the genetic algorithm; None where the surface alone is estimated.
         fitness: Its fitness.
         misfit_px: Misfit of the lines under it.
         below: How deep another line both cameras see lies below the plane of these.
@@ -93,14 +95,16 @@ class Evidence:
         wide_profile: The same by edges that are too far off to be measured well: where it shows another slope
             ahead, there is one, of that size at least.
         clipped: Greatest part of clipped pixels in the lower half of an image.
-        witness: Texture of the asphalt over what is needed to believe it; None where it need not be.
-        texture: The asphalt, where it can be believed.
-        heights_m: (L,) heights of the lines over it [m].
-        own_m: (2,) heights of the boundaries over the asphalt between them, and their deviations [m].
+        texture_sufficiency: Texture of the road surface over what a check of the lines needs; None where such
+            a check is not required.
+        texture: The alignment of the road surface, where it can check the lines.
+        surface_heights: Heights of all lines over that surface.
+        lane_heights: Heights of the two boundaries over the surface between them alone.
         vertical: Vertical offset between the images.
-        rims: What lies between the boundaries and the lane; empty where the asphalt is the better witness.
-        fitted: Whether the stripes' grey values could be fitted; None where the asphalt is asked instead.
-        between_m: Height of a line between the boundaries over their plane, and its standard deviation [m].
+        borders: What lies between the boundaries and the lane; empty where the texture checks the lines.
+        stripes_fitted: Whether the stripes' grey values could be fitted; None where the texture checks the
+            lines.
+        height_between: Height of a line between the boundaries over their plane.
         std: (3,) standard deviations of an estimate that rests on the lines alone [m, rad, rad].
     """
 
@@ -115,14 +119,14 @@ class Evidence:
     profile: Profile | None = None
     wide_profile: Profile | None = None
     clipped: float | None = None
-    witness: float | None = None
+    texture_sufficiency: float | None = None
     texture: TextureFit | None = None
-    heights_m: Array | None = None
-    own_m: tuple[Array, Array] | None = None
+    surface_heights: tuple[HeightOverLane, ...] = ()
+    lane_heights: tuple[HeightOverLane, ...] = ()
     vertical: VerticalOffset | None = None
-    rims: tuple[StripeBorder, ...] = ()
-    fitted: bool | None = None
-    between_m: tuple[float, float] | None = None
+    borders: tuple[StripeBorder, ...] = ()
+    stripes_fitted: bool | None = None
+    height_between: HeightOverLane | None = None
     std: Array | None = None
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,7 @@ from ..geometry.plane import plane_from_pose
 from ..geometry.pose import Extrinsics, road_from_camera_rotation
 from ..geometry.rays import LEAST_DISPARITY_PX
 from ..lanes.lane_pair import LanePattern
-from ..lanes.line_geometry import N_ROWS, lane_in_road, rays_of_lines
+from ..lanes.line_geometry import N_ROWS, HeightOverLane, lane_in_road, rays_of_lines
 from ..road.priors import HALF_LANE_M
 from ..road.surface import LEAST_WEIGHT, kernels
 from ..tolerances import KERB_SIGMAS, MAX_LINE_HEIGHT_M
@@ -32,10 +32,10 @@ def heights_over(pattern: LanePattern, rig: StereoRig, lines: Extrinsics, road: 
     return np.array([np.average(h, weights=w) for h, w, _ in _heights_along(pattern, rig, lines, road)])
 
 
-def heights_over_asphalt(
+def heights_over_surface(
     pattern: LanePattern, rig: StereoRig, lines: Extrinsics, texture: TextureFit
-) -> tuple[Array, Array]:
-    """Return how high each line lies over the asphalt beside it, on the side of the camera.
+) -> tuple[HeightOverLane, ...]:
+    """Return how high each line lies over the road surface beside it, on the side of the camera.
 
     Where the asphalt is no plane, a line in it need not lie in its plane; what tells a kerb is its height
     over the asphalt it runs along: over the heights of the lane's own cells, carried on to it (universal
@@ -48,20 +48,19 @@ def heights_over_asphalt(
         texture: The asphalt.
 
     Returns:
-        (L,) heights, (L,) their standard deviations by the asphalt's [m].
+        One for each of the L lines; the standard deviations are those of the surface alone.
     """
     yaw, left_m, right_m = lane_in_road(pattern.boundaries, rig, lines)
     aside = texture.cells_xy_m[:, 1] + np.tan(yaw) * texture.cells_xy_m[:, 0]
     inner = (right_m < aside) & (aside < left_m)
     along = _heights_along(pattern, rig, lines, texture.extrinsics)
-    over = [_over_cells(*of_line, texture, inner) for of_line in along]
-    return np.array([height for height, _ in over]), np.array([std for _, std in over])
+    return tuple(_over_cells(*of_line, texture, inner) for of_line in along)
 
 
 def _over_cells(
     heights: Array, weights: Array, places: Array, texture: TextureFit, which: npt.NDArray[np.bool_]
-) -> tuple[float, float]:
-    """Return how high something lies over cells of the asphalt, carried on to it, and its deviation [m].
+) -> HeightOverLane:
+    """Return how high something lies over cells of the road surface, carried on to it.
 
     Args:
         heights: (N,) heights over the plane of the asphalt [m].
@@ -82,10 +81,11 @@ def _over_cells(
     to_cells, measured = mean @ of_road[:n, n:], of_road[n:, n:] + np.diag(variances)
     carried = np.linalg.solve(measured, np.column_stack([to_cells, planes[n:]]))
     by_cells, information = carried[:, 0], planes[n:].T @ carried[:, 1:]
-    left = mean @ planes[:n] - by_cells @ planes[n:]
+    # What the cells leave open of their own plane.
+    open_plane = mean @ planes[:n] - by_cells @ planes[n:]
     variance = mean @ of_road[:n, :n] @ mean - by_cells @ to_cells
-    variance += left @ np.linalg.pinv(information) @ left
-    return float(mean @ heights - by_cells @ residuals), float(np.sqrt(max(variance, 0.0)))
+    variance += open_plane @ np.linalg.pinv(information) @ open_plane
+    return HeightOverLane(float(mean @ heights - by_cells @ residuals), float(np.sqrt(max(variance, 0.0))))
 
 
 def _heights_along(
@@ -128,18 +128,18 @@ def surely_same(road: Extrinsics, other: TextureFit, rig: StereoRig) -> bool:
         seen, expected = (plane_from_pose(each, rig).disparities(ray) for each in (road, other.extrinsics))
         heights = (seen - expected) * other.extrinsics.height_m / seen
         over.append(_over_cells(heights, seen**2.0, places, other, known))
-    heights_m, stds_m = np.transpose(over)
-    return surely_no_kerb(heights_m, stds_m) >= 1.0
+    return surely_no_kerb(over) >= 1.0
 
 
-def surely_no_kerb(heights_m: Array, stds_m: Array) -> float:
+def surely_no_kerb(heights: Sequence[HeightOverLane]) -> float:
     """Return how surely nothing is the lowest kerb, twice as high as a line may be: 1 is enough.
 
     Args:
-        heights_m: (N,) heights over the asphalt [m].
-        stds_m: (N,) their standard deviations [m].
+        heights: Over the road surface of the lane; at least one.
     """
-    return float(np.min((2.0 * MAX_LINE_HEIGHT_M - np.abs(heights_m)) / (KERB_SIGMAS * stds_m)))
+    return min(
+        (2.0 * MAX_LINE_HEIGHT_M - abs(height.value_m)) / (KERB_SIGMAS * height.std_m) for height in heights
+    )
 
 
 def lies_on(pattern: LanePattern, rig: StereoRig, lines: Extrinsics, road: Extrinsics) -> bool:

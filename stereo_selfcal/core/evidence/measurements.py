@@ -255,9 +255,9 @@ def read_surface_difference(evidence: Evidence) -> Reading | None:
 
 def read_height_over_surface(evidence: Evidence) -> Reading | None:
     """Read how high the lines lie over the road surface beside them."""
-    if evidence.heights_m is None:
+    if not evidence.surface_heights:
         return None
-    value_m = float(np.abs(evidence.heights_m).max())
+    value_m = max(abs(height.value_m) for height in evidence.surface_heights)
     what = "a lane line and the road surface beside it differ in height by {value}"
     good = value_m <= MAX_LINE_HEIGHT_M
     return Reading(what, 1e3 * value_m, Bound.MOST, 1e3 * MAX_LINE_HEIGHT_M, "mm", good)
@@ -265,12 +265,13 @@ def read_height_over_surface(evidence: Evidence) -> Reading | None:
 
 def read_height_over_lane(evidence: Evidence) -> Reading | None:
     """Read how high the lane lines lie over the road surface between them, aligned by itself."""
-    if evidence.own_m is None:
+    if not evidence.lane_heights:
         return None
-    heights_m, stds_m = evidence.own_m
-    limits_m = np.maximum(MAX_LINE_HEIGHT_M, _SHAPE_SIGMAS * stds_m)
-    worst = int(np.argmax(np.abs(heights_m) / limits_m))
-    value_m, limit_m = float(abs(heights_m[worst])), float(limits_m[worst])
+    limits = [
+        (abs(height.value_m), max(MAX_LINE_HEIGHT_M, _SHAPE_SIGMAS * height.std_m))
+        for height in evidence.lane_heights
+    ]
+    value_m, limit_m = max(limits, key=lambda each: each[0] / each[1])
     what = (
         "a lane line and the road surface between the lines, without what is beyond them, differ in "
         "height by {value}"
@@ -280,10 +281,11 @@ def read_height_over_lane(evidence: Evidence) -> Reading | None:
 
 def read_texture_sufficiency(evidence: Evidence) -> Reading | None:
     """Read whether the texture of the road surface can confirm the lines, where that is required."""
-    if evidence.witness is None:
+    if evidence.texture_sufficiency is None:
         return None
     what = "the road surface has {value} of the texture and evenness that a check of the lines needs"
-    return Reading(what, evidence.witness, Bound.LEAST, 1.0, "", evidence.witness >= 1.0)
+    value = evidence.texture_sufficiency
+    return Reading(what, value, Bound.LEAST, 1.0, "", value >= 1.0)
 
 
 def read_row_offset(evidence: Evidence) -> Reading | None:
@@ -327,11 +329,11 @@ def read_profile_change(evidence: Evidence) -> Reading | None:
 
 def read_border_step(evidence: Evidence) -> Reading | None:
     """Read the steps of grey between the stripes and the lane, and within the stripes."""
-    if not evidence.rims:
+    if not evidence.borders:
         return None
     beside, within = "between a stripe and the lane", "within a stripe"
     steps = []
-    for border in evidence.rims:
+    for border in evidence.borders:
         # Where the edges do not show whether they are level, the strip beside has to be bare.
         most = LEFT_OF_EDGES if math.isnan(border.lower.height_m) else _MAX_BORDER_STEP
         steps.append((border.step, border.step_std, most, beside))
@@ -340,7 +342,7 @@ def read_border_step(evidence: Evidence) -> Reading | None:
         tone, most = (border.own_tone, _MAX_OWN_TONE) if level else (border.tone, _MAX_BORDER_STEP)
         steps.append((tone, border.tone_std, most, within))
     steps += [
-        (each.face, each.face_std, _MAX_FACE, beside) for each in evidence.rims if math.isfinite(each.face)
+        (each.face, each.face_std, _MAX_FACE, beside) for each in evidence.borders if math.isfinite(each.face)
     ]
     limits = [(abs(step), max(most, _SURELY_SIGMAS * std), where) for step, std, most, where in steps]
     step, limit, where = max(limits, key=lambda each: each[0] / each[1])
@@ -350,7 +352,7 @@ def read_border_step(evidence: Evidence) -> Reading | None:
 
 def read_edge_heights(evidence: Evidence) -> Reading | None:
     """Read how low the edges of the stripes towards the lane lie below their other edges."""
-    faces = [border.lower for border in evidence.rims if math.isfinite(border.lower.height_m)]
+    faces = [border.lower for border in evidence.borders if math.isfinite(border.lower.height_m)]
     if not faces:
         return None
     limits = [(abs(face.height_m), max(MAX_LINE_HEIGHT_M, _SURELY_SIGMAS * face.std_m)) for face in faces]
@@ -361,21 +363,21 @@ def read_edge_heights(evidence: Evidence) -> Reading | None:
 
 def read_fitted_stripes(evidence: Evidence) -> Reading | None:
     """Read whether the grey values of both stripes could be fitted."""
-    if evidence.fitted is None:
+    if evidence.stripes_fitted is None:
         return None
-    n = 2 if evidence.fitted else 0
+    n = 2 if evidence.stripes_fitted else 0
     what = (
         "{value} of {limit} lane lines could be fitted to the grey values: too few rows show both edges of a "
         "painted stripe"
     )
-    return Reading(what, n, Bound.LEAST, 2, "", evidence.fitted)
+    return Reading(what, n, Bound.LEAST, 2, "", evidence.stripes_fitted)
 
 
 def read_height_between(evidence: Evidence) -> Reading | None:
     """Read how far a line between the lane lines lies above or below their plane."""
-    if evidence.between_m is None:
+    if evidence.height_between is None:
         return None
-    height_m, std_m = evidence.between_m
-    limit_m = max(MAX_LINE_HEIGHT_M, _SURELY_SIGMAS * std_m)
+    height_m = abs(evidence.height_between.value_m)
+    limit_m = max(MAX_LINE_HEIGHT_M, _SURELY_SIGMAS * evidence.height_between.std_m)
     what = "a line between the two lane lines lies {value} above or below their plane"
-    return Reading(what, 1e3 * abs(height_m), Bound.MOST, 1e3 * limit_m, "mm", abs(height_m) <= limit_m)
+    return Reading(what, 1e3 * height_m, Bound.MOST, 1e3 * limit_m, "mm", height_m <= limit_m)

@@ -19,7 +19,7 @@ from ..tolerances import MAX_LINE_HEIGHT_M
 from .closed_form import solve_plane
 from .lane_pair import ExtraLine, ImageLine, LanePattern
 from .line_fit import refit_line
-from .line_geometry import height_std_m, place_of_line
+from .line_geometry import HeightOverLane, height_std_m, place_of_line
 from .matching import HALF_CREDIT_PX, Match, Matches, common_point, first_sampled_row
 from .stripe_points import StripePoints
 
@@ -99,8 +99,8 @@ def height_between(
     points: tuple[StripePoints, StripePoints],
     rig: StereoRig,
     config: CalibratorConfig,
-) -> tuple[float, float]:
-    """Return how far a line between the boundaries lies beside their plane, and its standard deviation [m].
+) -> HeightOverLane:
+    """Return how far a line between the boundaries lies above or below their plane.
 
     A lane has no lines in it but its own: one that lies over the plane says that the boundaries are those of
     more than one lane, with a crown between them; one below it, that one of them is a kerb or a rail.
@@ -118,7 +118,7 @@ def height_between(
     """
     own = [place_of_line(*pair, plane, rig)[1] for pair in zip(pattern.left, pattern.right, strict=True)]
     widths = [_width_m(line, plane, rig) for line in pattern.left]
-    worst = (0.0, 0.0)
+    worst = HeightOverLane(0.0, 0.0)
     for match in (m for side in matches for m in side):
         # Before it is fitted again, a line may be off by as much as it is wide.
         _, aside_m = place_of_line(match.left.line, match.right.line, plane, rig)
@@ -134,8 +134,8 @@ def height_between(
         if missed_px > _MAX_CONCURRENCY_PX:
             continue
         std_m = height_std_m(*lines, plane, rig)
-        if abs(height_m) - _SIGMAS * std_m > abs(worst[0]) - _SIGMAS * worst[1]:
-            worst = height_m, std_m
+        if abs(height_m) - _SIGMAS * std_m > abs(worst.value_m) - _SIGMAS * worst.std_m:
+            worst = HeightOverLane(height_m, std_m)
     return worst
 
 

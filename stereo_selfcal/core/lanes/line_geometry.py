@@ -20,6 +20,19 @@ N_ROWS = 8  # a line is evaluated in, as it has two parameters
 
 
 @dataclass(frozen=True, slots=True)
+class HeightOverLane:
+    """How high something lies over the plane of a lane, or over its surface.
+
+    Attributes:
+        value_m: The height [m], > 0: above.
+        std_m: Its standard deviation [m].
+    """
+
+    value_m: float
+    std_m: float
+
+
+@dataclass(frozen=True, slots=True)
 class BelowPlane:
     """How deep a line lies below a plane, and the standard deviation [m]."""
 

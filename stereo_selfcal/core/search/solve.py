@@ -33,13 +33,11 @@ from ..lanes.closed_form import contradictions, solve_plane
 from ..lanes.lane_pair import LanePattern
 from ..numerics.genetic import GeneticResult, maximise_each
 from ..rejection import GateReading, NotFitted, Rejection, fitted
-from ..types import Image
 from .attempt import Attempt, Verdict
 from .texture_guided_lines import line_on_road
 
 # A lane of 2.5 m has this on both sides of a camera in it, with a quarter of a metre to spare.
 _BENEATH_M = (-1.0, 1.0)
-_CLIPPED_STEP = 4  # every fourth pixel of every fourth row is enough for two digits
 
 
 def solve(
@@ -101,7 +99,7 @@ def _solve_lines(
             profile=measure_profile(stripe_fit.residuals, rig, stripe_fit.extrinsics),
             wide_profile=measure_profile(stripe_fit.residuals, rig, stripe_fit.extrinsics, wide=True),
         )
-    evidence = replace(evidence, refined=refined, clipped=_clipped(frame.images))
+    evidence = replace(evidence, refined=refined, clipped=frame.clipped)
     readings, refusal = evaluate_gates(evidence, already=readings)
     if refusal:
         return _refused(hypothesis, refusal, readings, poses, genetic)
@@ -222,9 +220,3 @@ def _search(fitness: PatternFitness, config: CalibratorConfig) -> GeneticResult:
     )
     best = max(runs, key=lambda run: run.fitness)
     return replace(best, evaluations=sum(run.evaluations for run in runs))
-
-
-def _clipped(images: tuple[Image, Image]) -> float:
-    """Return the greatest part of black and white pixels in the lower half of an image."""
-    lower = (image[image.shape[0] // 2 :: _CLIPPED_STEP, ::_CLIPPED_STEP] for image in images)
-    return max(float(np.mean((part == 0) | (part == np.iinfo(np.uint8).max))) for part in lower)

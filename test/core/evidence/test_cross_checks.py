@@ -212,7 +212,8 @@ def test_a_line_between_two_others_tells_a_crown(fall):
     outer = max(found.patterns, key=width_m)
     assert width_m(outer) == pytest.approx(3.5, abs=0.2)
     plane = plane_from_pose(solve_plane(outer, rig).extrinsics, rig)
-    height_m, std_m = height_between(outer, plane, found.matches, points, rig, config)
+    between = height_between(outer, plane, found.matches, points, rig, config)
+    height_m, std_m = between.value_m, between.std_m
     # Both outer lines lie as much lower as the road falls to them, the crown is rounded off.
     assert height_m == pytest.approx(1.75 * fall, abs=0.012)
     assert std_m < 0.01

@@ -15,7 +15,7 @@ from stereo_selfcal.core.evidence.estimate import Estimate
 from stereo_selfcal.core.evidence.lane_heights import (
     _heights_along,
     heights_over,
-    heights_over_asphalt,
+    heights_over_surface,
     lies_on,
     surely_same,
 )
@@ -186,16 +186,20 @@ def asphalt(height_beside_m, height_beyond_m):
     return TextureFit(POSE, known_to(np.eye(3)), quality, shape, places, heights, np.ones(len(places)), sure)
 
 
+def heights_of(*arguments):
+    return [height.value_m for height in heights_over_surface(*arguments)]
+
+
 def test_a_line_in_a_hollow_of_the_asphalt_lies_in_it():
     lower = moved(height_m=0.03)
     np.testing.assert_allclose(heights_over(PATTERN, PAPER_RIG, lower, POSE), -0.03, rtol=0.05)
-    heights, _ = heights_over_asphalt(PATTERN, PAPER_RIG, lower, asphalt(-0.03, 0.03))
+    heights = heights_of(PATTERN, PAPER_RIG, lower, asphalt(-0.03, 0.03))
     np.testing.assert_allclose(heights, 0.0, atol=0.012)  # the nearest cell is half a metre away
 
 
 def test_a_kerb_is_higher_than_the_lane_however_high_the_pavement_is():
     higher = moved(height_m=-0.06)
-    heights, _ = heights_over_asphalt(PATTERN, PAPER_RIG, higher, asphalt(0.0, 0.06))
+    heights = heights_of(PATTERN, PAPER_RIG, higher, asphalt(0.0, 0.06))
     np.testing.assert_allclose(heights, 0.06, rtol=0.1)
 
 
@@ -220,7 +224,8 @@ def test_heights_over_the_asphalt_scatter_by_their_standard_deviations():
         plane = fit @ measured
         heights = np.full(len(between), np.nan)
         heights[between] = measured - planes[2 * n :] @ plane
-        seen, std = heights_over_asphalt(PATTERN, PAPER_RIG, POSE, replace(flat, cells_height_m=heights))
+        over = heights_over_surface(PATTERN, PAPER_RIG, POSE, replace(flat, cells_height_m=heights))
+        seen, std = np.transpose([(height.value_m, height.std_m) for height in over])
         # The lines are in the plane of the pose; the road under them is as much higher as it is there.
         under = (road - planes @ plane)[: 2 * n].reshape(2, n)
         relative.append((seen + np.average(under, axis=1, weights=np.array(weights))) / std)

@@ -19,7 +19,7 @@ from stereo_selfcal.core.evidence.profile import Profile
 from stereo_selfcal.core.evidence.row_offset import VerticalOffset
 from stereo_selfcal.core.evidence.stripe_border import StripeBorder
 from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
-from stereo_selfcal.core.lanes.line_geometry import BelowPlane
+from stereo_selfcal.core.lanes.line_geometry import BelowPlane, HeightOverLane
 from stereo_selfcal.core.rejection import Bound
 from stereo_selfcal.core.road.surface import RoadUnevenness
 
@@ -43,6 +43,12 @@ ASPHALT = TextureFit(
     NOTHING,
     NOTHING,
 )
+
+
+def over(*values_m, std_m=0.0):
+    return tuple(HeightOverLane(value_m, std_m) for value_m in values_m)
+
+
 GOOD = Evidence(
     config=CONFIG,
     genetic=POSE,
@@ -55,17 +61,17 @@ GOOD = Evidence(
     profile=FLAT,
     wide_profile=FLAT,
     clipped=0.01,
-    witness=3.0,
+    texture_sufficiency=3.0,
     texture=ASPHALT,
-    heights_m=np.zeros(2),
-    own_m=(np.zeros(2), np.full(2, 0.005)),
+    surface_heights=over(0.0, 0.0),
+    lane_heights=over(0.0, 0.0, std_m=0.005),
     vertical=VerticalOffset(0.1, 0.02, 0.0, 0.0, 40),
-    rims=(
+    borders=(
         StripeBorder(0.01, 0.002, lower=EdgeStep(0.002, 0.003)),
         StripeBorder(-0.02, 0.002, lower=EdgeStep(0.004, 0.02)),
     ),
-    fitted=True,
-    between_m=(0.005, 0.002),
+    stripes_fitted=True,
+    height_between=HeightOverLane(0.005, 0.002),
     std=np.array([0.003, 1e-4, 1e-3]),
 )
 MM, DEG = 1e3, math.degrees(1.0)
@@ -124,17 +130,17 @@ BAD = {
     "near_and_far": {"wide_profile": replace(FLAT, change=np.array([0.1, 0.0]))},
     "sharp": {"refined": replace(REFINED, blur_px=np.array([2.95, 0.5]))},
     "exposed": {"clipped": 0.6},
-    "texture_sufficient": {"witness": 0.5},
+    "texture_sufficient": {"texture_sufficiency": 0.5},
     "rectified": {"vertical": VerticalOffset(0.7, 0.02, 0.0, 0.0, 40)},
     "not_turned": {"vertical": VerticalOffset(0.0, 0.02, 0.01, 1e-4, 40)},
-    "coplanar": {"between_m": (0.1, 0.001)},
-    "two_edges": {"fitted": False},
-    "painted": {"rims": (StripeBorder(0.2, 0.001),)},
-    "level_stripes": {"rims": (StripeBorder(0.0, 0.002, lower=EdgeStep(0.1, 0.001)),)},
+    "coplanar": {"height_between": HeightOverLane(0.1, 0.001)},
+    "two_edges": {"stripes_fitted": False},
+    "painted": {"borders": (StripeBorder(0.2, 0.001),)},
+    "level_stripes": {"borders": (StripeBorder(0.0, 0.002, lower=EdgeStep(0.1, 0.001)),)},
     "certain": {"std": np.array([0.2, 1e-4, 1e-3])},
-    "lines_on_lane_surface": {"own_m": (np.array([0.1, 0.0]), np.full(2, 0.005))},
+    "lines_on_lane_surface": {"lane_heights": over(0.1, 0.0, std_m=0.005)},
     "surface_agrees": {"texture": replace(ASPHALT, extrinsics=replace(POSE, height_m=1.6))},
-    "lines_on_surface": {"heights_m": np.array([0.1, 0.0])},
+    "lines_on_surface": {"surface_heights": over(0.1, 0.0)},
 }
 
 
@@ -155,10 +161,12 @@ def test_every_gate_refuses_with_the_words_of_its_bound(gate):
 
 
 def test_gates_without_evidence_are_not_read_and_those_of_before_not_again():
-    early = replace(GOOD, bends=None, lines=None, refined=None, clipped=None, texture=None, heights_m=None)
-    early = replace(early, vertical=None, below=None, witness=None, own_m=None)
+    early = replace(
+        GOOD, bends=None, lines=None, refined=None, clipped=None, texture=None, surface_heights=()
+    )
+    early = replace(early, vertical=None, below=None, texture_sufficiency=None, lane_heights=())
     first, _ = evaluate_gates(
-        replace(early, rims=(), fitted=None, between_m=None, std=None, wide_profile=None)
+        replace(early, borders=(), stripes_fitted=None, height_between=None, std=None, wide_profile=None)
     )
     assert [reading.name for reading in first] == ["plausible", "fitness"]
     # The fitness is bad by now, and was good when it was read.
@@ -257,7 +265,7 @@ def test_cameras_that_contradict_each_other():
 )
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_refinement_stays_near_the_lines(axis, limit, scale, sign):
-    without = {"texture": None, "heights_m": None, "vertical": None}
+    without = {"texture": None, "surface_heights": (), "vertical": None}
     near, far = (replace(REFINED, extrinsics=moved(axis, sign * part * limit)) for part in (0.99, 1.01))
     assert refusal(refined=near, **without) is None
     rejection = refusal(refined=far, **without)
@@ -292,10 +300,15 @@ def test_exposure():
 
 
 def test_witness():
-    assert refusal(witness=1.0) is None
-    assert refusal(witness=None) is None  # not required
+    assert refusal(texture_sufficiency=1.0) is None
+    assert refusal(texture_sufficiency=None) is None  # not required
     assert_refuses(
-        refusal(witness=0.99), RejectReason.ROAD_WITHOUT_TEXTURE, 0.99, 1.0, "road surface", "lines alone"
+        refusal(texture_sufficiency=0.99),
+        RejectReason.ROAD_WITHOUT_TEXTURE,
+        0.99,
+        1.0,
+        "road surface",
+        "lines alone",
     )
 
 
@@ -358,8 +371,8 @@ def test_lines_and_asphalt_agree_within_the_tolerance(axis, limit, scale, sign):
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_lines_lie_in_the_asphalt(sign):
     """Either line counts, above or below, wherever its lever leads the pose."""
-    assert refusal(heights_m=np.array([0.0, sign * 0.0299])) is None
-    rejection = refusal(heights_m=np.array([sign * 0.0301, 0.0]))
+    assert refusal(surface_heights=over(0.0, sign * 0.0299)) is None
+    rejection = refusal(surface_heights=over(sign * 0.0301, 0.0))
     words = "a lane line and the road surface beside it differ in height", "kerb"
     assert_refuses(rejection, RejectReason.TEXTURE_DISAGREES, 30.1, 30.0, *words)
 
@@ -368,9 +381,8 @@ def test_lines_lie_in_the_asphalt(sign):
 @pytest.mark.parametrize(("std_m", "limit_m"), [(0.005, 0.03), (0.02, 0.06)])
 def test_lines_lie_in_the_asphalt_between_them(sign, std_m, limit_m):
     """Half of the lowest kerb, or three standard deviations."""
-    stds_m = np.full(2, std_m)
-    assert refusal(own_m=(np.array([0.0, sign * 0.99 * limit_m]), stds_m)) is None
-    rejection = refusal(own_m=(np.array([sign * 1.01 * limit_m, 0.0]), stds_m))
+    assert refusal(lane_heights=over(0.0, sign * 0.99 * limit_m, std_m=std_m)) is None
+    rejection = refusal(lane_heights=over(sign * 1.01 * limit_m, 0.0, std_m=std_m))
     words = "without what is beyond", "road surface between the lines", "kerb"
     assert_refuses(rejection, RejectReason.TEXTURE_DISAGREES, 1010.0 * limit_m, 1e3 * limit_m, *words)
 
@@ -393,30 +405,30 @@ def test_near_and_far_parts_of_the_road_are_one_plane(change, what, value, thres
 def test_between_a_stripe_and_its_lane_there_is_nothing():
     known = EdgeStep(0.0, 0.02)
     assert_refuses(
-        refusal(rims=(StripeBorder(0.0, 0.001), StripeBorder(-0.07, 0.001, lower=known))),
+        refusal(borders=(StripeBorder(0.0, 0.001), StripeBorder(-0.07, 0.001, lower=known))),
         RejectReason.LINE_NOT_PAINTED,
         0.07,
         0.06,
         "kerb",
     )
-    assert refusal(rims=(StripeBorder(0.0, 0.001), StripeBorder(0.055, 0.001, lower=known))) is None
-    assert refusal(rims=(StripeBorder(0.07, 0.018, lower=known),)) is None
-    rejection = refusal(rims=(StripeBorder(0.0, 0.001, 0.07, 0.001),))
+    assert refusal(borders=(StripeBorder(0.0, 0.001), StripeBorder(0.055, 0.001, lower=known))) is None
+    assert refusal(borders=(StripeBorder(0.07, 0.018, lower=known),)) is None
+    rejection = refusal(borders=(StripeBorder(0.0, 0.001, 0.07, 0.001),))
     assert_refuses(rejection, RejectReason.LINE_NOT_PAINTED, 0.07, 0.06, "within a stripe")
-    assert refusal(rims=(StripeBorder(0.0, 0.001, 0.07, 0.018),)) is None
+    assert refusal(borders=(StripeBorder(0.0, 0.001, 0.07, 0.018),)) is None
 
 
 def test_the_strip_beside_a_stripe_is_bare_where_its_edges_show_nothing():
     """Neither says then that it is paint: the upper half of a rail, 143 mm and 4.8 deg off."""
-    rejection = refusal(rims=(StripeBorder(-0.011, 0.001), StripeBorder(0.0, 0.001)))
+    rejection = refusal(borders=(StripeBorder(-0.011, 0.001), StripeBorder(0.0, 0.001)))
     assert_refuses(rejection, RejectReason.LINE_NOT_PAINTED, 0.011, 0.01, "between a stripe and the lane")
-    assert refusal(rims=(StripeBorder(-0.009, 0.001), StripeBorder(0.0, 0.001))) is None
-    assert refusal(rims=(StripeBorder(-0.011, 0.003), StripeBorder(0.0, 0.001))) is None
+    assert refusal(borders=(StripeBorder(-0.009, 0.001), StripeBorder(0.0, 0.001))) is None
+    assert refusal(borders=(StripeBorder(-0.011, 0.003), StripeBorder(0.0, 0.001))) is None
 
 
 def test_a_narrow_face_beside_a_stripe_has_a_limit_of_its_own():
     def of_face(face, std=0.001):
-        return refusal(rims=(StripeBorder(0.0, 0.001, 0.0, 0.001, face, std), StripeBorder(0.0, 0.001)))
+        return refusal(borders=(StripeBorder(0.0, 0.001, 0.0, 0.001, face, std), StripeBorder(0.0, 0.001)))
 
     assert_refuses(of_face(0.11), RejectReason.LINE_NOT_PAINTED, 0.11, 0.1, "between a stripe and the lane")
     assert of_face(0.09) is None
@@ -426,9 +438,9 @@ def test_a_narrow_face_beside_a_stripe_has_a_limit_of_its_own():
 def test_a_shadow_may_end_within_a_stripe_that_is_level():
     """One edge may be lower than the other by half the lowest kerb, less two deviations to be sure."""
     shaded = StripeBorder(0.0, 0.002, tone=0.3, tone_std=0.002)
-    assert refusal(rims=(replace(shaded, lower=EdgeStep(0.019, 0.005)),)) is None
+    assert refusal(borders=(replace(shaded, lower=EdgeStep(0.019, 0.005)),)) is None
     for unsure in (EdgeStep(0.021, 0.005), EdgeStep(0.0, 0.016), EdgeStep()):
-        rejection = refusal(rims=(replace(shaded, lower=unsure),))
+        rejection = refusal(borders=(replace(shaded, lower=unsure),))
         assert_refuses(rejection, RejectReason.LINE_NOT_PAINTED, 0.3, 0.06, "within a stripe")
 
 
@@ -436,7 +448,7 @@ def test_no_shadow_ends_where_the_asphalt_is_alike_on_both_sides():
     def of_level(own_tone, std=0.002):
         level = EdgeStep(0.0, 0.002)
         return refusal(
-            rims=(StripeBorder(0.0, 0.002, tone=0.5, tone_std=std, own_tone=own_tone, lower=level),)
+            borders=(StripeBorder(0.0, 0.002, tone=0.5, tone_std=std, own_tone=own_tone, lower=level),)
         )
 
     assert_refuses(of_level(-0.21), RejectReason.LINE_NOT_PAINTED, 0.21, 0.2, "within a stripe")
@@ -450,21 +462,21 @@ def test_both_edges_of_a_stripe_lie_in_the_road(sign, std_m, limit_m):
     good, bad = (
         StripeBorder(0.0, 0.002, lower=EdgeStep(sign * part * limit_m, std_m)) for part in (0.99, 1.01)
     )
-    assert refusal(rims=(good,)) is None
-    rejection = refusal(rims=(StripeBorder(0.0, 0.002), bad))
+    assert refusal(borders=(good,)) is None
+    rejection = refusal(borders=(StripeBorder(0.0, 0.002), bad))
     assert_refuses(rejection, RejectReason.LINE_NOT_PAINTED, 1010 * limit_m, 1e3 * limit_m, "kerb")
 
 
 def test_lines_alone_show_both_edges():
-    assert_refuses(refusal(fitted=False), RejectReason.LINE_NOT_PAINTED, 0, 2, "both edges")
+    assert_refuses(refusal(stripes_fitted=False), RejectReason.LINE_NOT_PAINTED, 0, 2, "both edges")
 
 
 @pytest.mark.parametrize("height_m", [0.031, -0.031])
 def test_lines_between_the_boundaries_lie_in_their_plane(height_m):
-    rejection = refusal(between_m=(height_m, 0.001))
+    rejection = refusal(height_between=HeightOverLane(height_m, 0.001))
     assert_refuses(rejection, RejectReason.LINES_NOT_COPLANAR, 31.0, 30.0, "mm")
-    assert refusal(between_m=(0.95 * height_m, 0.001)) is None
-    assert refusal(between_m=(height_m, 0.008)) is None
+    assert refusal(height_between=HeightOverLane(0.95 * height_m, 0.001)) is None
+    assert refusal(height_between=HeightOverLane(height_m, 0.008)) is None
 
 
 @pytest.mark.parametrize(

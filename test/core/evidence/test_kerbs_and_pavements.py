@@ -75,18 +75,18 @@ def test_a_kerb_is_not_confirmed_by_the_pavement_behind_it(texture_amplitude, te
 def test_asphalt_between_the_lines_says_that_one_is_a_kerb():
     scene, images = kerb_before_pavement(4.0, 1)
     seen = []
-    own = cross_checks._heights_over_own
+    own = cross_checks._heights_over_lane
 
     def spy(*arguments):
         seen.append(own(*arguments))
         return seen[-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cross_checks, "_heights_over_own", spy)
+        patch.setattr(cross_checks, "_heights_over_lane", spy)
         Calibrator(scene.rig).add(*images)
-    heights_m, stds_m = seen[0]
+    heights_m = [height.value_m for height in seen[0]]
     np.testing.assert_allclose(heights_m, [0.0, scene.kerbs[0].height_m], atol=0.02)
-    assert np.all(stds_m < 0.02)
+    assert all(height.std_m < 0.02 for height in seen[0])
 
 
 def test_between_the_lines_there_has_to_be_texture(monkeypatch):

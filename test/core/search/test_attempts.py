@@ -72,11 +72,9 @@ def test_an_estimator_that_gives_up_says_why_and_does_not_decide(textured, monke
     assert last.message == "no line that both cameras see lies in the road surface"
 
 
-def test_lines_that_the_texture_has_to_confirm_do_not_count_without_it(textured, monkeypatch):
-    """Only the first pair is raised: the others are lines, and yet not the first choice."""
-    scene, _ = textured
-    bare = replace(scene, texture_amplitude=0.0)
-    images = render(bare, np.random.default_rng(0))
+def test_lines_that_the_texture_has_to_confirm_do_not_count_without_it():
+    scene = random_scene(np.random.default_rng(3), texture_amplitude=0.0)
+    images = render(scene, np.random.default_rng(0))
     first = Calibrator(scene.rig).add(*images)
     assert first.accepted and not first.confirmed_by_texture
     needing = replace(first.attempts[0].hypothesis, needs_texture=True)
