@@ -60,7 +60,7 @@ ROWS = (
             Box(
                 "ros/inputs",
                 ("images of a topic,", "or of a recording"),
-                ("calibration", "offline/bag", "bags/reader"),
+                ("subscriptions", "intake", "calibration", "offline/bag", "bags/reader"),
             ),
             Box("core/camera/pairing", ("left and right image", "of one moment")),
             Box(

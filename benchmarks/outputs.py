@@ -27,6 +27,8 @@ MARKED = re.compile(
     re.MULTILINE | re.DOTALL,
 )
 NUMBER = re.compile(r"(?<![\w.])[+-]?\d+(?:\.\d+)?(?:e[+-]\d+)?(?![\w.]*\w)")
+# By how much a number may differ, of itself.
+OF_ANOTHER_PROCESSOR, OF_ANOTHER_VERSION = 1e-5, 0.05
 # What is of the machine and not of the package, as it is shown.
 _FOLDER, _PROCESS = "/home/you/stereo_selfcal", "process 32403"
 
@@ -99,6 +101,23 @@ def words_of(text: str) -> str:
     return re.sub(r"[ -]+", " ", NUMBER.sub("#", text))
 
 
+def last_digit(number: str) -> float:
+    """Return the place value of the last digit of a number."""
+    mantissa, _, exponent = number.partition("e")
+    return 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
+
+
+def differences(shown: str, printed: str, *, exact: bool) -> list[tuple[str, str]]:
+    """Return the pairs of numbers that differ by more than they may."""
+    pairs = zip(NUMBER.findall(shown), NUMBER.findall(printed), strict=True)
+    return [
+        (a, b)
+        for a, b in pairs
+        if abs(float(a) - float(b))
+        > 1.01 * last_digit(a) + (OF_ANOTHER_PROCESSOR if exact else OF_ANOTHER_VERSION) * abs(float(a))
+    ]
+
+
 def main() -> int:
     """Put the output of today into the pages."""
     for page in pages():
@@ -107,7 +126,8 @@ def main() -> int:
         def renewed(match: re.Match[str]) -> str:
             sys.stdout.write(f"{match['command']}\n")
             printed = run(match["command"])
-            if match["one_run"] and words_of(printed) == words_of(match["text"]):
+            same = words_of(printed) == words_of(match["text"])
+            if same and (match["one_run"] or not differences(match["text"], printed, exact=True)):
                 return match[0]
             return f"{match[0][: match.start('text') - match.start()]}{printed}```"
 
