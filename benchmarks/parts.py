@@ -8,11 +8,12 @@ from contextlib import ExitStack, contextmanager
 from unittest.mock import patch
 
 from stereo_selfcal.core import calibrator
+from stereo_selfcal.core.evidence import frame_evidence
 from stereo_selfcal.core.search import solve, strategy
 
 # The module that calls it, and the name it calls it by.
 PARTS: dict[str, tuple[object, str]] = {
-    "marking stripes": (calibrator, "find_stripe_points"),
+    "marking stripes": (frame_evidence, "find_stripe_points"),
     "lines and pairs of them": (calibrator, "find_hypotheses"),
     "extra lines": (strategy, "find_extra_lines"),
     "genetic algorithm": (solve, "maximise_each"),

@@ -11,7 +11,6 @@ from .evidence.frame_evidence import FrameObservations
 from .lanes import frame_checks
 from .lanes.hypotheses import NoPattern, find_hypotheses, unused_lines
 from .lanes.lane_pair import LanePattern
-from .lanes.stripe_points import find_stripe_points
 from .results import CalibrationResult, rejected, result_of
 from .search.attempt import Attempt
 from .search.solve import solve
@@ -76,7 +75,7 @@ class Calibrator:
         refusal = frame_checks.check_images(left, right, self.rig)
         if refusal:
             return rejected(refusal, stamp_s)
-        frame = self._observe(left, right)
+        frame = FrameObservations.from_images((left, right), self.config)
         first = find_hypotheses(frame.points, frame.images, self.rig, self.config)
         attempts: list[Attempt] = []
         for hypothesis in hypotheses(first, frame, self.rig, self.config, attempts):
@@ -104,15 +103,9 @@ class Calibrator:
         refusal = frame_checks.check_images(left, right, self.rig)
         if refusal:
             return NoPattern(refusal)
-        frame = self._observe(left, right)
+        frame = FrameObservations.from_images((left, right), self.config)
         found = find_hypotheses(frame.points, frame.images, self.rig, self.config).patterns
         return found[0] if isinstance(found, list) else found
-
-    def _observe(self, left: Image, right: Image) -> FrameObservations:
-        points = [find_stripe_points(image, self.config.extraction) for image in (left, right)]
-        return FrameObservations(
-            (left, right), (points[0], points[1]), frame_checks.clipped_share((left, right))
-        )
 
 
 def calibrate(

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+import numpy as np
+
 from ..config import CalibratorConfig
 from ..estimators.line_covariance import Bends, LineFit
 from ..estimators.stripe_fit import StripeFit
@@ -14,10 +16,13 @@ from ..lanes.hypotheses import Points
 from ..lanes.lane_pair import LanePattern
 from ..lanes.line_geometry import BelowPlane, HeightOverLane
 from ..lanes.matching import Match, Matches
+from ..lanes.stripe_points import find_stripe_points
 from ..types import Array, Image
 from .profile import Profile
 from .row_offset import VerticalOffset
 from .stripe_border import StripeBorder
+
+_CLIPPED_STEP = 4  # every fourth pixel of every fourth row is enough for two digits
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,6 +38,18 @@ class FrameObservations:
     images: tuple[Image, Image]
     points: Points
     clipped: float
+
+    @classmethod
+    def from_images(cls, images: tuple[Image, Image], config: CalibratorConfig) -> FrameObservations:
+        """Return what is seen in the left and the right image, (H, W) uint8."""
+        left, right = (find_stripe_points(image, config.extraction) for image in images)
+        return cls(images, (left, right), clipped_share(images))
+
+
+def clipped_share(images: tuple[Image, Image]) -> float:
+    """Return the greatest part of black and white pixels in the lower half of an image, 0 ... 1."""
+    lower = (image[image.shape[0] // 2 :: _CLIPPED_STEP, ::_CLIPPED_STEP] for image in images)
+    return max(float(np.mean((part == 0) | (part == np.iinfo(np.uint8).max))) for part in lower)
 
 
 class FoundBy(Enum):

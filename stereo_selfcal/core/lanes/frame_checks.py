@@ -12,13 +12,11 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
 from ..rejection import Bound, Rejection, RejectReason
-from ..types import Image
 from .lane_pair import ImageLine
 from .matching import Candidate, MatchedLines
 
 # The widest filter of the extraction spans 33 px; nothing can be found in less.
 _MIN_IMAGE_PX = 64
-_CLIPPED_STEP = 4  # every fourth pixel of every fourth row is enough for two digits
 
 FIND_LINES = "drive on a straight road with painted lines on both sides of the camera, lens clean"
 
@@ -83,12 +81,6 @@ def check_images(left: Any, right: Any, rig: StereoRig) -> Rejection | None:
             "use larger images",
         )
     return None
-
-
-def clipped_share(images: tuple[Image, Image]) -> float:
-    """Return the greatest part of black and white pixels in the lower half of an image, 0 ... 1."""
-    lower = (image[image.shape[0] // 2 :: _CLIPPED_STEP, ::_CLIPPED_STEP] for image in images)
-    return max(float(np.mean((part == 0) | (part == np.iinfo(np.uint8).max))) for part in lower)
 
 
 def check_lines_found(

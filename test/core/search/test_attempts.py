@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stereo_selfcal import Calibrator, CalibratorConfig, RejectReason
-from stereo_selfcal.core.evidence.frame_evidence import FoundBy, Hypothesis
+from stereo_selfcal.core.evidence.frame_evidence import FoundBy, FrameObservations, Hypothesis
 from stereo_selfcal.core.search import solve
 from stereo_selfcal.core.search.attempt import Attempt, Verdict
 from stereo_selfcal.core.search.strategy import choose
@@ -78,7 +78,7 @@ def test_lines_that_the_texture_has_to_confirm_do_not_count_without_it():
     first = Calibrator(scene.rig).add(*images)
     assert first.accepted and not first.confirmed_by_texture
     needing = replace(first.attempts[0].hypothesis, needs_texture=True)
-    frame = Calibrator(scene.rig)._observe(*images)
+    frame = FrameObservations.from_images(images, CalibratorConfig())
     attempt = solve.solve(needing, frame, scene.rig, CalibratorConfig())
     assert attempt.verdict is Verdict.UNCONFIRMED and not attempt.accepted
     assert "does not confirm" in attempt.message and attempt.estimate is not None
@@ -87,7 +87,7 @@ def test_lines_that_the_texture_has_to_confirm_do_not_count_without_it():
 
 def test_a_hypothesis_needs_lines_or_the_surface(textured):
     scene, images = textured
-    frame = Calibrator(scene.rig)._observe(*images)
+    frame = FrameObservations.from_images(images, CalibratorConfig())
     with pytest.raises(ValueError, match="pair of lines or the texture"):
         solve.solve(Hypothesis(FoundBy.SURFACE, None), frame, scene.rig, CalibratorConfig())
 
