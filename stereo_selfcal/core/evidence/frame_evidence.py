@@ -42,8 +42,9 @@ class FrameObservations:
     @classmethod
     def from_images(cls, images: tuple[Image, Image], config: CalibratorConfig) -> FrameObservations:
         """Return what is seen in the left and the right image, (H, W) uint8."""
+        clipped = clipped_share(images)
         left, right = (find_stripe_points(image, config.extraction) for image in images)
-        return cls(images, (left, right), clipped_share(images))
+        return cls(images, (left, right), clipped)
 
 
 def clipped_share(images: tuple[Image, Image]) -> float:
