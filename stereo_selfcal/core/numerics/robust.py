@@ -30,6 +30,8 @@ class Reweighting:
         absolute_rounds: Fits of least absolute deviations before them, which bear a start with many outliers.
         limit: Residual over its scale from which on an observation does not count.
         least_weight: What an outlier keeps, so that the equations stay regular.
+        of_squares: Whether residuals are given as their squares, as the deviances of several numbers together
+            are; limit and scale are those of squares then.
         settled: The fit ends early where the scale has changed by this part of it; None: never.
     """
 
@@ -37,6 +39,7 @@ class Reweighting:
     absolute_rounds: int = 0
     limit: float = TUKEY_SIGMAS
     least_weight: float = 0.0
+    of_squares: bool = False
     settled: float | None = None
 
 
@@ -114,7 +117,8 @@ def fit_reweighted(
         if i < how.absolute_rounds:
             weights = 1.0 / np.maximum(np.abs(residuals), _LEAST_DEVIATION * scale)
             continue
-        weights = tukey_weights((residuals / (how.limit * scale)) ** 2, how.least_weight)
+        relative = residuals / (how.limit * scale)
+        weights = tukey_weights(relative if how.of_squares else relative**2, how.least_weight)
         if how.settled is not None and i and np.all(np.abs(scale - previous) <= how.settled * scale):
             break
     return RobustFit(solution, residuals, scale, weights)
