@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -130,7 +129,7 @@ def solve_step(
     prior = prior[free]
 
     def fit(weights: Array, scale: float | Array) -> tuple[Array, Array] | NotFitted:
-        weights = weights / np.square(scale)
+        weights = weights / scale
         normal = (weights @ normals).reshape(prior.shape) + prior
         rank = int(np.linalg.matrix_rank(normal, hermitian=True)) if np.isfinite(normal).all() else 0
         if rank < len(normal):
@@ -138,29 +137,29 @@ def solve_step(
         change = np.linalg.solve(normal, weights @ sides + pull)
         residual = displacement - design @ change
         deviance = np.einsum("mi,mij,mj->m", residual, information, residual) / blocks.variance
-        return change, np.sqrt(np.maximum(deviance, 0.0))  # rounding may leave less
+        return change, deviance
 
     cameras = [np.flatnonzero(of_camera == i) for i in range(2)]
 
-    def scales_of(residuals: Array) -> Array:
-        """Return the scale of the residuals of each camera, (2,).
+    def scales_of(deviances: Array) -> Array:
+        """Return the scale of the deviances of each camera, (2,).
 
         A camera that the template fits worse (its lens is sharper or softer) has larger deviances in all
         of its blocks: they weigh less, but are no outliers.
         """
-        medians = [upper_median(residuals[own]) if len(own) else 0.0 for own in cameras]
-        return np.maximum(1.0, np.array(medians) / math.sqrt(MEDIAN_CHI2_3))
+        medians = [upper_median(deviances[own]) if len(own) else 0.0 for own in cameras]
+        return np.maximum(1.0, np.array(medians) / MEDIAN_CHI2_3)
 
-    how = Reweighting(rounds=reweightings, limit=_TUKEY_DEVIANCE**0.5)
-    found = fit_reweighted(fit, len(sides), how, lambda residuals: scales_of(residuals)[of_camera])
+    how = Reweighting(rounds=reweightings, limit=_TUKEY_DEVIANCE, of_squares=True)
+    found = fit_reweighted(fit, len(sides), how, lambda deviances: scales_of(deviances)[of_camera])
     if isinstance(found, NotFitted):
         return found
-    variances = scales_of(found.residuals) ** 2
-    relative = found.residuals**2 / (_TUKEY_DEVIANCE * variances)[of_camera]
+    scales = scales_of(found.residuals)
+    relative = found.residuals / (scales * _TUKEY_DEVIANCE)[of_camera]
     counted = relative < 1.0
     if not counted.any():
         return NotFitted("blocks of rows that agree with the fit", 0, Bound.LEAST, 1)
     whole = np.zeros(n_road + 2)
     whole[free] = found.solution
-    counted_information = (counted / variances[of_camera] @ normals).reshape(prior.shape) + prior
-    return Step(whole, free, counted_information, relative[counted], float(variances.mean()))
+    counted_information = (counted / scales[of_camera] @ normals).reshape(prior.shape) + prior
+    return Step(whole, free, counted_information, relative[counted], float(scales.mean()))

@@ -86,7 +86,7 @@ def jacobian_pose_wrt_plane(plane: DisparityPlane, rig: StereoRig) -> Array:
 
 def _poses(coefficients: Array, camera: PlaneCamera, rig: StereoRig) -> Array:
     """Return height [m] of the middle of the baseline, pitch, roll [rad] over planes, all (..., 3)."""
-    ahead, aside, down = np.moveaxis(coefficients, -1, 0)
+    ahead, aside, down = coefficients[..., 0], coefficients[..., 1], coefficients[..., 2]
     roll = np.arctan2(-aside, -down)
     pitch = np.arctan2(ahead, np.hypot(aside, down))
     height = rig.fx * rig.baseline_m / np.sqrt((coefficients * coefficients).sum(axis=-1))

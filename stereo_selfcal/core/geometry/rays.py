@@ -23,6 +23,6 @@ def pixel_rays(rig: StereoRig, u: npt.ArrayLike, v: npt.ArrayLike) -> Array:
         (..., 3).
     """
     y, z = (rig.cx - np.asarray(u, np.float64)) / rig.fx, (rig.cy - np.asarray(v, np.float64)) / rig.fy
-    rays = np.ones((*np.broadcast_shapes(y.shape, z.shape), 3))
+    rays = np.ones((*np.broadcast(y, z).shape, 3))
     rays[..., 1], rays[..., 2] = y, z
     return rays

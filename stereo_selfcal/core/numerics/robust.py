@@ -30,13 +30,16 @@ class Reweighting:
         absolute_rounds: Fits of least absolute deviations before them, which bear a start with many outliers.
         limit: Residual over its scale from which on an observation does not count.
         least_weight: What an outlier keeps, so that the equations stay regular.
-        settled: The fit ends early where the scale has changed by this part of it; None: never.
+        of_squares: Whether residuals are given as their squares, as the deviances of several numbers together
+            are; limit and scale are those of squares then.
+        settled: The fit ends early where the scale, one of all, has changed by this part of it; None: never.
     """
 
     rounds: int
     absolute_rounds: int = 0
     limit: float = TUKEY_SIGMAS
     least_weight: float = 0.0
+    of_squares: bool = False
     settled: float | None = None
 
 
@@ -104,7 +107,8 @@ def fit_reweighted(
     Returns:
         The last fit, or why one of them is undetermined.
     """
-    weights, scale = np.ones(n), 1.0  # type: Array, float | Array
+    weights: Array = np.ones(n)
+    scale: float | Array = 1.0
     for i in range(how.absolute_rounds + how.rounds):
         found = fit(weights, scale)
         if isinstance(found, NotFitted):
@@ -114,7 +118,12 @@ def fit_reweighted(
         if i < how.absolute_rounds:
             weights = 1.0 / np.maximum(np.abs(residuals), _LEAST_DEVIATION * scale)
             continue
-        weights = tukey_weights((residuals / (how.limit * scale)) ** 2, how.least_weight)
-        if how.settled is not None and i and np.all(np.abs(scale - previous) <= how.settled * scale):
+        relative = residuals / (how.limit * scale)
+        weights = tukey_weights(relative if how.of_squares else relative**2, how.least_weight)
+        if how.settled is not None and i and _unchanged(previous, scale, how.settled):
             break
     return RobustFit(solution, residuals, scale, weights)
+
+
+def _unchanged(before: float | Array, after: float | Array, part: float) -> bool:
+    return isinstance(before, float) and isinstance(after, float) and abs(after - before) <= part * after

@@ -166,6 +166,17 @@ def test_every_observation_may_have_a_scale_of_its_own():
     assert scales[1] == pytest.approx(np.repeat([0.14826, 1.4826], 10))
 
 
+def test_residuals_may_come_as_squares():
+    """Of deviances, limit and scale are those of squares."""
+
+    def fit(weights, _):
+        return 0.0, np.array([1.0, 4.0, 9.0, 40.0])
+
+    found = fit_reweighted(fit, 4, Reweighting(rounds=1, limit=10.0, of_squares=True), lambda _: 2.0)
+    assert found.weights == pytest.approx([0.95**2, 0.8**2, 0.55**2, 0.0])
+    assert found.residuals.tolist() == [1.0, 4.0, 9.0, 40.0]
+
+
 def test_limit_can_be_another_one():
     def fit(weights, _):
         return 0.0, np.array([1.0, 1.0, 3.0, 5.0])
