@@ -110,10 +110,18 @@ def test_a_road_that_leaves_the_plane_is_told_with_its_place():
     assert profile.bent
     assert profile.bends_at_m == 15.0
     assert profile.seen_share == 0.5
-    # What lies beyond is soon out of reach, and has no say.
-    assert profile.stds_m[5] > 3.0 * profile_of(seen()).stds_m[5]
     assert not profile.sees_ahead
     assert profile.change[1] > 0.002
+
+
+def test_beyond_the_place_where_the_road_leaves_the_plane_nothing_has_a_say():
+    """Not even where edges are in reach: with most slopes they soon would not be."""
+    step = seen(lambda x: 0.008 * np.clip((x - 7.5) / 2.5, 0.0, 1.0))
+    assert np.abs(step).max() < 1.0
+    profile, flat = profile_of(step), profile_of(seen())
+    assert profile.bends_at_m == 10.0
+    assert profile.stds_m[5] > 3.0 * flat.stds_m[5]
+    assert profile.stds_m[2] == pytest.approx(flat.stds_m[2], rel=0.1)
 
 
 def test_another_plane_ahead_is_not_the_one_of_the_fit_however_well_it_is_seen():
