@@ -63,6 +63,7 @@ def error(result, scene):
     return np.abs(result.extrinsics.as_array() - scene.pose.as_array()) * scales
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("texture_seed", range(4))
 @pytest.mark.parametrize("texture_amplitude", [1.0, 2.5])
 def test_a_kerb_is_not_confirmed_by_the_pavement_behind_it(texture_amplitude, texture_seed):
@@ -164,6 +165,7 @@ def test_with_exchanged_cameras_the_next_line_is_not_taken_for_the_same_one(inde
     assert "swapped" in result.message
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "index"), [(253494, 1375), (730233, 31238)])
 def test_the_face_of_a_kerb_is_no_level_part_of_a_stripe(seed, index):
     """Both cameras see face and top as one stripe of the same width, where one's edge stands for the other's.
@@ -210,6 +212,7 @@ def calibrated(seed, index):
     return world, bool(np.all(off < np.maximum(3.0 * np.sqrt(np.diag(result.covariance)) * scales, WRONG)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "index"), [(766679, 745), (982991, 11460)])
 def test_a_rail_is_no_line(seed, index):
     """One's halves passed for a shadow in a level stripe, the other's lower half for asphalt: 5 deg off."""
@@ -217,6 +220,7 @@ def test_a_rail_is_no_line(seed, index):
     assert world.scene.rails and not world.scene.shadows and right
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "index"), [(699186, 1726), (378577, 339), (730233, 43716), (55001, 8672)])
 def test_what_hides_the_face_of_a_kerb_is_a_doubt(seed, index):
     """Dappled light, glare and a second line, soft focus: 1.4 deg off, by 18 and more deviations."""
@@ -224,6 +228,7 @@ def test_what_hides_the_face_of_a_kerb_is_a_doubt(seed, index):
     assert world.scene.kerbs and right
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "index"), [(378577, 647), (55001, 7582), (55001, 7606), (88123, 8064)])
 def test_a_slope_that_begins_right_ahead_is_known_or_doubted(seed, index):
     """Stripes soon off by more than a pixel or a window, asphalt that bends: 33 to 85 mm off."""
