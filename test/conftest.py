@@ -1,13 +1,25 @@
-"""This file makes the helper modules beside it importable from every folder of tests."""
+"""What all tests share: frames that are rendered once, and one thread for each process of `make test`."""
 
+import os
+import signal
 from functools import cache
 
+# Before numpy is imported: as many processes as there are cores run tests, and those of tests inherit it.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import cv2
 import numpy as np
 import pytest
 
 from stereo_selfcal import calibrate
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import random_scene
+
+cv2.setNumThreads(1)
+
+# A script starts what runs in the background with SIGINT ignored, which the programs under test inherit.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @cache

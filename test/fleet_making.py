@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +20,9 @@ def make_bags(folder: Path, n: int, n_frames: int = 2) -> list[Path]:
         height_m = 1.3 + 0.05 * index
         write_bag(path, custom_scene(name=path.name, n_frames=n_frames, height_m=height_m, seed=index))
     return paths
+
+
+NANNY_HEARS_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +43,8 @@ class Deadly(FleetSettings):
         if first:
             marker.touch()
         if first or path.name in self.always:
+            # Dask does not replace a worker that dies before its nanny has heard of its start.
+            time.sleep(NANNY_HEARS_S)
             os.kill(os.getpid(), signal.SIGKILL)
         return FleetSettings.open(self, path)
 

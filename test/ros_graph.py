@@ -11,10 +11,11 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
-# Before anything opens DDS: on this machine only, in a domain of this process's own. Domains up to
-# 101 collide with no port that Linux hands out to others.
+from ros_domain import own_domain
+
+# Before anything opens DDS: on this machine only, in a domain of this process's own.
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 101)
+os.environ["ROS_DOMAIN_ID"] = str(own_domain())
 
 import cv2
 import numpy as np

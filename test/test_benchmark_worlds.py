@@ -29,6 +29,7 @@ def test_refused_is_never_wrong():
     assert not (refused.accepted or refused.wrong or refused.gross)
 
 
+@pytest.mark.slow
 def test_world_is_judged_the_same_every_time():
     assert world(3) == world(3) != world(4)
     first, again = judge_world(3), judge_world(3)

@@ -194,6 +194,7 @@ def test_good_recordings_are_read(good, capsys):
         assert "remarks" not in json.loads(out)
 
 
+@pytest.mark.slow
 def test_mutations_are_refused_or_said(good, tmp_path, capsys):
     found = []
     for number in range(N_MUTATIONS):
@@ -210,6 +211,7 @@ def test_mutations_are_refused_or_said(good, tmp_path, capsys):
     assert counts["read"] > N_MUTATIONS / 20, counts
 
 
+@pytest.mark.slow
 def test_mutations_as_processes(good, tmp_path):
     for number in range(N_MUTATIONS, N_MUTATIONS + len(good), 2):
         path, what = mutation(good, number, tmp_path / str(number))

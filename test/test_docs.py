@@ -67,6 +67,7 @@ def joined(text: str) -> list[str]:
     return [line for line in (re.sub(r"\s+# .*", "", each).strip() for each in lines) if line]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [p for p in PAGES if runnable(p)], ids=lambda page: page.name)
 def test_commands_of_a_page_run(page: Path, tmp_path: Path):
     """One after the other, in one folder, as somebody who follows the page does."""

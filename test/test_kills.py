@@ -27,22 +27,33 @@ kills.main(sys.argv[1:])
 """
 
 
-def report_of(folder, *program):
+def report_of(folder, *program, seed=1):
     """Run in a process of its own, as it forks."""
-    command = [sys.executable, *program, str(folder), str(KILLS), "1"]
+    command = [sys.executable, *program, str(folder), str(KILLS), str(seed)]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=True)
     return json.loads(run.stdout)
 
 
 def test_killed_writers_lose_nothing_that_was_acknowledged(tmp_path):
-    report = report_of(tmp_path, "-m", "benchmarks.kills")
-    assert report["kills"] == KILLS
-    assert (report["unreadable"], report["mixed"], report["older"]) == (0, 0, 0)
-    assert report["acknowledged"] > 0
-    assert report["left_after_restart"] == 0
-    assert [path.name for path in tmp_path.iterdir()] == ["result.yaml"]
+    # On a machine that does much else no writer may come to an end in its 30 ms: then others are started.
+    acknowledged = 0
+    for seed in range(1, 21):
+        report = report_of(tmp_path, "-m", "benchmarks.kills", seed=seed)
+        assert report["kills"] == KILLS
+        assert (report["unreadable"], report["mixed"], report["older"]) == (0, 0, 0)
+        assert report["left_after_restart"] == 0
+        assert [path.name for path in tmp_path.iterdir()] == ["result.yaml"]
+        acknowledged += report["acknowledged"]
+        if acknowledged:
+            break
+    assert acknowledged > 0
 
 
 def test_the_same_kills_find_a_writer_that_is_not_atomic(tmp_path):
-    report = report_of(tmp_path, "-c", CARELESS)
-    assert report["unreadable"] + report["mixed"] + report["older"] > 0
+    faults = 0
+    for seed in range(1, 21):
+        report = report_of(tmp_path, "-c", CARELESS, seed=seed)
+        faults += report["unreadable"] + report["mixed"] + report["older"]
+        if faults:
+            break
+    assert faults > 0

@@ -17,6 +17,7 @@ from stereo_selfcal.core.errors import ConfigError
 from ..core.camera.rig import StereoRig
 from ..core.geometry.pose import Extrinsics
 from .ingredients import Camera, Paint, WorldScene
+from .regression_worlds import REGRESSION_WORLDS
 from .renderer import Frame
 from .scenes import PAPER_RIG
 from .world import LaneLine, Photometry, Side
@@ -92,6 +93,15 @@ def render_world(world: World, rng: np.random.Generator) -> tuple[Frame, Frame]:
     return render_scene(world.scene, rng)
 
 
+def render_named_world(name: str) -> tuple[World, Frame, Frame]:
+    """Return a world by its name and its images, (H, W) uint8 each: the same bytes every time."""
+    drawn = REGRESSION_WORLDS.get(name)
+    # The noise that the world had when it was calibrated wrongly.
+    seed = 1 if drawn is None else [drawn.seed, drawn.index, 1]
+    world = named_world(name)
+    return world, *render_world(world, np.random.default_rng(seed))
+
+
 def random_world(rng: np.random.Generator) -> World:
     """Draw a world: rig, pose, lane, lines, light, and what else is there."""
     names = list(RIGS)
@@ -109,16 +119,21 @@ def random_world(rng: np.random.Generator) -> World:
 
 
 def named_world(name: str) -> World:
-    """Return the example world of one ingredient: a lane between solid lines and nothing else but it.
+    """Return a world by its name.
 
     Args:
-        name: "plain", or the name of an ingredient.
+        name: "plain", a lane between solid lines and nothing else; or the name of an ingredient, which is in
+            the plain world alone; or that of a random world that was calibrated wrongly once.
 
     Raises:
-        ConfigError: There is no such ingredient.
+        ConfigError: There is no such world.
     """
+    if name in REGRESSION_WORLDS:
+        drawn = REGRESSION_WORLDS[name]
+        return random_world(np.random.default_rng([drawn.seed, drawn.index]))
     if name != "plain" and name not in INGREDIENTS:
-        raise ConfigError(f"there is no world {name!r}: they are plain, {', '.join(INGREDIENTS)}")
+        known = ", ".join([*INGREDIENTS, *REGRESSION_WORLDS])
+        raise ConfigError(f"there is no world {name!r}: they are plain, {known}")
     lines = (Paint(LaneLine(-1.75)), Paint(LaneLine(1.75)))
     camera = Camera(Photometry(noise_fraction=0.01))
     pose = Extrinsics(1.4, math.radians(3.0), math.radians(0.8))

@@ -46,6 +46,7 @@ def table(folder):
         return {Path(row["bag"]).name: row for row in csv.DictReader(file)}
 
 
+@pytest.mark.slow
 def test_a_run_with_a_broken_recording_is_complete_and_says_so(roads):
     folder, _, status = roads
     assert status == 1
@@ -60,6 +61,7 @@ def test_a_run_with_a_broken_recording_is_complete_and_says_so(roads):
     assert "broken.mcap" in (folder / "out" / "index.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_its_numbers_are_those_of_replay(roads, capsys):
     folder, _, _ = roads
     rows = table(folder / "out")
@@ -76,6 +78,7 @@ def test_its_numbers_are_those_of_replay(roads, capsys):
             assert float(rows[name][f"{stem}_std_{unit}"]) == value
 
 
+@pytest.mark.slow
 def test_what_is_finished_is_not_done_again(roads, capsys, tmp_path):
     folder, arguments, _ = roads
     before = {path: path.stat().st_mtime_ns for path in (folder / "out" / "results").glob("road*")}
@@ -88,6 +91,7 @@ def test_what_is_finished_is_not_done_again(roads, capsys, tmp_path):
     assert (tmp_path / "more.csv").read_bytes() == (folder / "out" / "table.csv").read_bytes()
 
 
+@pytest.mark.slow
 def test_other_settings_need_a_cluster_again(roads, capsys, monkeypatch):
     monkeypatch.setattr("stereo_selfcal.fleet.cluster._CONNECT_S", 0.5)
     folder, arguments, _ = roads
@@ -134,6 +138,7 @@ def wait_for_group_to_end(group):
     pytest.fail("processes are left")
 
 
+@pytest.mark.slow
 def test_interrupted_it_ends_cleanly_and_goes_on_where_it_was(tmp_path):
     make_bags(tmp_path / "bags", 6, n_frames=4)
     command = [sys.executable, "-m", "stereo_selfcal", "fleet", str(tmp_path / "bags")]

@@ -135,6 +135,7 @@ def test_help_names_the_defaults(capsys):
     assert "(default: 1.4)" in out and "exit status" in out
 
 
+@pytest.mark.slow
 def test_plot(tmp_path, capsys):
     path = tmp_path / "limits.PNG"
     assert main(["--plot", str(path), "--noise", "0.05"]) == 0
@@ -145,6 +146,7 @@ def test_plot(tmp_path, capsys):
     assert {(178, 114, 0), (0, 94, 213), (115, 158, 0)} <= colours, "three curves"
 
 
+@pytest.mark.slow
 def test_plot_of_an_unusual_rig_and_noise(tmp_path):
     rig = tmp_path / "rig.json"
     rig.write_text(json.dumps(WIDE_RIG.to_mapping() | {"baseline_m": 0.03}))

@@ -293,6 +293,7 @@ def run(*arguments, **options):
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, **options)
 
 
+@pytest.mark.slow
 def test_bad_input_as_a_process(tmp_path):
     path = make_bag(tmp_path / "bag", cameras(encoding="yuv422"))
     os.truncate(path / "bag.mcap", 5000)

@@ -37,6 +37,7 @@ def stamps(content):
     return [round(frame["stamp_s"] * 10) - 1000 for frame in content["frames"]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "expected"),
     [

@@ -41,6 +41,7 @@ def replay(capsys, *arguments):
     return status, json.loads(out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", NAMED_SCENES, ids=lambda scene: scene.name)
 def test_named_scene_gives_what_its_truth_says(bags, capsys, scene):
     truth = yaml.safe_load((bags / scene.name / "truth.yaml").read_text())
@@ -56,6 +57,7 @@ def test_named_scene_gives_what_its_truth_says(bags, capsys, scene):
         assert abs(value - truth[name]) < SIGMAS * content["std"][name], name
 
 
+@pytest.mark.slow
 def test_result_file_and_json_hold_the_same_digits(bags, capsys, tmp_path):
     output = tmp_path / "result.yaml"
     _, content = replay(capsys, bags / "straight_road", "--output", output)
@@ -64,12 +66,14 @@ def test_result_file_and_json_hold_the_same_digits(bags, capsys, tmp_path):
     assert saved["height_std_m"] == content["std"]["height_m"]
 
 
+@pytest.mark.slow
 def test_two_processes_say_the_same(bags):
     command = [sys.executable, "-m", "stereo_selfcal", "replay", str(bags / "noisy_10"), "--json"]
     runs = [subprocess.run(command, cwd=ROOT, capture_output=True, check=True).stdout for _ in range(2)]
     assert runs[0] == runs[1]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not KITTI.exists(), reason=f"no recording of a real car at {KITTI}")
 def test_real_recording_agrees_with_the_stereo_plane(capsys, tmp_path):
     picture = tmp_path / "overview.png"

@@ -60,6 +60,7 @@ def test_named(tmp_path):
     assert yaml.safe_load((tmp_path / "bag" / "truth.yaml").read_text())["name"] == "noisy_20"
 
 
+@pytest.mark.slow
 def test_named_all(tmp_path, capsys):
     folder = tmp_path / "deep" / "bags"
     assert main(["--named-all", str(folder)]) == 0

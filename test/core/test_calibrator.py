@@ -412,6 +412,7 @@ def anything(draw):
     return draw(st.one_of(st.none(), st.integers(), st.text(max_size=5), st.lists(st.lists(st.integers()))))
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(left=anything(), right=anything())
 def test_whatever_comes_is_a_result(left, right):
@@ -423,6 +424,7 @@ def test_whatever_comes_is_a_result(left, right):
     assert math.isfinite(result.rejection.value)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(
     rows=st.lists(st.integers(0, 479), max_size=40),

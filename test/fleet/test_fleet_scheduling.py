@@ -2,6 +2,7 @@
 
 import json
 import logging
+import time
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,10 @@ from stereo_selfcal.fleet.store import Bag
 from stereo_selfcal.fleet.work import FleetSettings
 from stereo_selfcal.offline import BagSource, calibrate_recording
 
+# A cluster of workers, which the tests share.
+pytestmark = pytest.mark.slow
+
+PATIENCE_S = 180.0
 SETTINGS = FleetSettings(CalibratorConfig())
 
 
@@ -40,7 +45,12 @@ def run(client, paths, settings=SETTINGS, **options):
         assert item.bag.path.name not in done
         done[item.bag.path.name] = item
 
-    FleetRun(client, settings, **options).run([Bag.of(path, settings) for path in paths], on_done)
+    end_s = time.monotonic() + PATIENCE_S
+
+    def on_wait():
+        assert time.monotonic() < end_s, "nothing comes in: is a worker left?"
+
+    FleetRun(client, settings, **options).run([Bag.of(path, settings) for path in paths], on_done, on_wait)
     return done
 
 

@@ -26,6 +26,7 @@ def bumped(tmp_path_factory):
     return path, scene
 
 
+@pytest.mark.slow
 def test_the_bump_is_found_with_both_poses(bumped):
     path, scene = bumped
     with BagSource([path]) as source:

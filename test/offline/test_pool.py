@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import worker_tasks
 
+from stereo_selfcal import Calibrator
 from stereo_selfcal.bags import BagError, StereoFrame
 from stereo_selfcal.cli.report import as_json
 from stereo_selfcal.offline import FrameSource, Selection, WorkerError, as_csv, calibrate_recording, pool
@@ -56,6 +57,7 @@ def text(replay):
     return as_json(replay) + as_csv(replay.rows)
 
 
+@pytest.mark.slow
 def test_the_outcome_is_the_same_with_any_number_of_jobs(soon):
     alone, seen = calibrate_recording(Road(9)), []
     together = calibrate_recording(Road(9), on_row=seen.append, jobs=2)
@@ -66,11 +68,22 @@ def test_the_outcome_is_the_same_with_any_number_of_jobs(soon):
     assert together.rows[0].gates == alone.rows[0].gates
 
 
+def test_workers_have_frames_at_the_same_time_and_this_process_has_none(soon, monkeypatch, tmp_path):
+    monkeypatch.setattr(pool, "_calibrate", worker_tasks.meet)
+    black = np.zeros((PAPER_RIG.height, PAPER_RIG.width), np.uint8)
+    frames = (StereoFrame(i / 10, black, black, i, str(tmp_path / f"{i}.png")) for i in range(4))
+    _, *by_workers = pool.calibrate_in_order(frames, Calibrator(PAPER_RIG), 2)
+    heads, processes = zip(*by_workers, strict=True)
+    assert [head.recorded_ns for head in heads] == list(range(1, 4))
+    assert None not in processes and os.getpid() not in processes
+
+
 def test_few_frames_start_no_process(monkeypatch):
     monkeypatch.setattr(pool, "_workers", None)
     assert len(calibrate_recording(Road(3), jobs=2).rows) == 3
 
 
+@pytest.mark.slow
 def test_frames_before_the_damage_are_done(soon):
     replay = calibrate_recording(Road(5, BagError("bag: cut off")), jobs=2)
     assert len(replay.rows) == 5
@@ -79,18 +92,21 @@ def test_frames_before_the_damage_are_done(soon):
     )
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_is_an_error_with_a_reason(soon, monkeypatch):
     monkeypatch.setattr(pool, "_calibrate", worker_tasks.die)
     with pytest.raises(WorkerError, match=r"a worker process died near the frame of \d\.\d00 s.*--jobs"):
         calibrate_recording(Road(40), jobs=2)
 
 
+@pytest.mark.slow
 def test_a_bug_in_a_worker_is_raised_here(soon, monkeypatch):
     monkeypatch.setattr(pool, "_calibrate", worker_tasks.fail)
     with pytest.raises(ZeroDivisionError, match="a bug"):
         calibrate_recording(Road(40), jobs=2)
 
 
+@pytest.mark.slow
 def test_workers_end_when_nobody_wants_the_rest(soon):
     """A reader of standard output has gone away, say."""
 
@@ -103,6 +119,7 @@ def test_workers_end_when_nobody_wants_the_rest(soon):
     assert not multiprocessing.active_children()
 
 
+@pytest.mark.slow
 def test_few_frames_are_in_memory(soon):
     """A decoder that is faster than the workers waits for them."""
     road = Road(30)
@@ -153,6 +170,7 @@ def alive(pid):
         return False
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_no_child_outlives_its_parent(tmp_path, end):

@@ -227,6 +227,7 @@ def test_replay_writes_it(tmp_path, capsys):
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.slow
 def test_without_jinja2_replay_runs_and_says_what_a_report_needs(tmp_path):
     code = (
         "import sys; sys.modules['jinja2'] = None\n"

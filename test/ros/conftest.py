@@ -1,7 +1,18 @@
 """What the tests of the node share: a graph to talk to it, and the node as a process."""
 
+from pathlib import Path
+
 import pytest
 from ros_graph import Graph, NodeProcess
+
+HERE = Path(__file__).parent
+
+
+def pytest_collection_modifyitems(items):
+    """Mark as slow what has the node as a process, which has to be found over DDS, and what draws inputs."""
+    for item in items:
+        if item.path.parent == HERE and item.path.stem.endswith(("_process", "_demo", "_fuzz")):
+            item.add_marker("slow")
 
 
 @pytest.fixture(scope="module")

@@ -1,12 +1,14 @@
 """Random and named worlds: what they are made of, and what is expected of them."""
 
 from collections import Counter
+from functools import cache
 
 import numpy as np
 import pytest
 
 from stereo_selfcal.core.calibrator import calibrate
 from stereo_selfcal.core.errors import ConfigError
+from stereo_selfcal.synth.regression_worlds import REGRESSION_WORLDS
 from stereo_selfcal.synth.world_recipes import INGREDIENTS
 from stereo_selfcal.synth.worlds import (
     BAD_SHARE,
@@ -16,6 +18,7 @@ from stereo_selfcal.synth.worlds import (
     named_world,
     painted_rows,
     random_world,
+    render_named_world,
     render_world,
 )
 
@@ -67,6 +70,11 @@ def test_same_seed_same_world_and_same_bytes():
         np.testing.assert_array_equal(one, other)
 
 
+@cache
+def plain_images():
+    return render_world(named_world("plain"), np.random.default_rng(0))
+
+
 @pytest.mark.parametrize("name", ["plain", *INGREDIENTS])
 def test_named_worlds_show_their_ingredient(name):
     world = named_world(name)
@@ -76,8 +84,27 @@ def test_named_worlds_show_their_ingredient(name):
     assert left.dtype == right.dtype == np.uint8
     assert left.shape == (480, 640)
     if name != "plain":
-        plain = render_world(named_world("plain"), np.random.default_rng(0))
+        plain = plain_images()
         assert (left != plain[0]).any() or (right != plain[1]).any()
+
+
+@pytest.mark.parametrize("name", REGRESSION_WORLDS)
+def test_worlds_of_old_faults_still_have_in_them_what_their_names_say(name):
+    assert name not in INGREDIENTS
+    drawn, world = REGRESSION_WORLDS[name], named_world(name)
+    assert (world.rig_name, world.ingredients) == (drawn.rig_name, drawn.ingredients)
+
+
+def test_a_world_of_an_old_fault_has_the_noise_it_had():
+    world, *images = render_named_world("kerb_for_left_line")
+    drawn = REGRESSION_WORLDS["kerb_for_left_line"]
+    assert world.scene.left.photometry.noise_fraction > 0.0
+    for one, other in zip(
+        images,
+        render_world(world, np.random.default_rng([drawn.seed, drawn.index, 1])),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_unknown_world_is_refused():

@@ -61,6 +61,7 @@ def rendered_bound(rig, pose, lane_yaw_rad, positions_m, psf_sigma_px, noise_gre
     return np.linalg.inv(matrix @ matrix.T / noise_grey**2)[:3, :3]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     # The renderer samples the lens's Gaussian at whole pixels, which narrows it at 0.6 px by 1.4 %.
     ("seed", "psf_sigma_px", "tolerance"),

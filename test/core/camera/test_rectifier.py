@@ -70,6 +70,7 @@ def test_maps_are_made_once_for_each_camera_info():
     assert (rectification_maps.cache_info().misses, rectification_maps.cache_info().hits) == (2, 4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 def test_raw_images_calibrate_as_the_rectified_ones(model):
     scene = named_scene("straight_road")

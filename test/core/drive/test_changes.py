@@ -137,3 +137,14 @@ def test_arrays_must_fit(n):
     stamps, poses, covariances = make_drive(duration_s=20.0)
     with pytest.raises(ValueError, match="poses"):
         find_changes(stamps[:n], poses[: 2 * n], covariances)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_comes_back_is_motion_also_after_the_mount_was_moved(seed):
+    """The first shift stays; of the two neighbours behind it the camera was away for a minute only."""
+    stamps, poses, covariances = make_drive()
+    poses = POSE + np.random.default_rng(seed).normal(size=poses.shape) * MOTION / 5
+    for at_s, step in ((900.0, BUMP), (2100.0, BUMP), (2160.0, -BUMP)):
+        poses[stamps >= at_s] += step
+    (change,) = find_changes(stamps, poses, covariances * 1e-2).changes
+    assert change.at_s == pytest.approx(900.0, abs=5.0)

@@ -143,6 +143,7 @@ def test_refined_is_closer_to_the_truth_than_genetic(calibrated, noise):
         assert np.prod(refined / genetic) < 0.5, refined / genetic
 
 
+@pytest.mark.slow
 def test_covariance_is_honest():
     """Error over claim has an RMS of 1, which 30 draws give to 13 %: 3.5 of these, 0.55 to 1.45."""
     errors, stds = draws(scene_of(), 30)
@@ -150,6 +151,7 @@ def test_covariance_is_honest():
     assert np.all((rms > 0.55) & (rms < 1.45)), rms
 
 
+@pytest.mark.slow
 def test_covariance_is_honest_for_all_three_together():
     """The correlations count, too: Mahalanobis distances have a mean of 3."""
     scene, distances = scene_of(), []

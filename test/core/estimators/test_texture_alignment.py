@@ -53,6 +53,7 @@ def test_finds_the_road_from_a_start_that_is_off(seed, off):
     assert np.all(np.abs(error) < [0.008, math.radians(0.12), math.radians(0.4)])
 
 
+@pytest.mark.slow
 def test_reported_uncertainty_is_the_error_made():
     ratios = []
     for seed in range(16):

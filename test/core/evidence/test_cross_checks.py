@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -29,6 +30,7 @@ from stereo_selfcal.synth.worlds import named_world, render_world
 LINES_ALONE = CalibratorConfig.from_mapping({"texture.check": 0})
 
 
+@cache
 def bare(name, **changes):
     """Return a named world without texture, its images, and what the calibrator makes of the lines."""
     world = named_world(name)
@@ -157,6 +159,7 @@ def test_profile_of_a_flat_road_is_flat_also_behind_a_car():
     assert np.all(profile.std < [0.01, math.radians(0.05)])
 
 
+@pytest.mark.slow
 def test_a_kerb_shows_its_face_and_paint_nothing():
     def rims(name):
         world, images, result = bare(name)
@@ -287,6 +290,7 @@ def test_the_soft_edge_of_a_shadow_across_a_line_is_no_face(side):
     assert refused.reason is RejectReason.LINE_NOT_PAINTED
 
 
+@pytest.mark.slow
 def test_a_few_cells_in_noise_do_not_tell_a_turn():
     """In noise of 51 grey values six of twelve cells agreed by chance on a turn by 0.16 deg."""
     camera = named_world("plain").scene.right

@@ -189,6 +189,7 @@ def patterns(height, width):
         yield f"slanted stripes {size}", 200.0 * ((u + v) // size % 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(480, 640), (64, 64), (64, 1000), (1000, 65)])
 def test_artificial_patterns_are_refused(size):
     height, width = size
