@@ -10,7 +10,9 @@ from typing import Any
 
 from ..core.drive.drive import Drive, DriveSegment, clock
 from ..core.geometry.pose import POSE_COMPONENTS, POSE_NAMES, Extrinsics
-from ..offline import FrameRow, Replay
+from ..core.geometry.uncertainty import UncertaintyTerm
+from ..offline import AttemptSummary, FrameRow, Replay
+from ..report.uncertainty import std_of, variance_line
 
 _STAMP_WIDTH = 17  # seconds since 1970 with microseconds
 _VERDICT_WIDTH = 21  # the longest reject reason and a space
@@ -50,6 +52,8 @@ def table_summary(replay: Replay) -> str:
         text += _line("fused estimate", estimate.extrinsics)
         if estimate.std is not None:
             text += _line("its standard deviation", estimate.std, spread=True)
+        if estimate.uncertainty:
+            text += f"its variance: {variance_line(estimate.uncertainty)}\n"
     text += f"{_moves(drive)}{estimate.message}\n" + "".join(f"{remark}\n" for remark in replay.remarks)
     if replay.damage is not None:
         text += f"THE RECORDING IS DAMAGED AND ENDED EARLY, after {len(rows)} frames\n"
@@ -95,6 +99,7 @@ def as_dict(replay: Replay) -> dict[str, Any]:
             | ({"name": row.name} if row.name else {})
             | {"accepted": row.accepted, "reason": row.reason}
             | _pose(row.extrinsics)
+            | {"attempts": [_attempt(attempt) for attempt in row.attempts]}
             for row in replay.rows
         ],
         "segments": [_segment(segment) for segment in drive.segments],
@@ -102,6 +107,7 @@ def as_dict(replay: Replay) -> dict[str, Any]:
             {"at_s": change.at_s, "within_s": change.within_s, "shift": _pose(change.shift)}
             for change in drive.changes
         ],
+        "uncertainty": None if extrinsics is None else _uncertainty(estimate.uncertainty),
     }
     if replay.damage is not None:
         content["ended_early"] = replay.damage
@@ -119,6 +125,21 @@ def _segment(segment: DriveSegment) -> dict[str, Any]:
         "std": _pose(segment.estimate.std),
         "spread": _pose(segment.spread),
         "standard_error": None if segment.standard_error is None else _pose(segment.standard_error),
+        "uncertainty": _uncertainty(segment.estimate.uncertainty),
+    }
+
+
+def _uncertainty(terms: Sequence[UncertaintyTerm]) -> dict[str, Any]:
+    """Return the standard deviations that each term alone leaves, by its name."""
+    return {term.name: _pose(std_of(term.covariance)) for term in terms}
+
+
+def _attempt(attempt: AttemptSummary) -> dict[str, Any]:
+    return {
+        "found_by": str(attempt.found_by),
+        "verdict": str(attempt.verdict),
+        "reason": attempt.reason,
+        "message": attempt.message,
     }
 
 

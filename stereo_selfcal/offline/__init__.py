@@ -11,10 +11,11 @@ from .folder import FolderSource
 from .opening import open_source
 from .pool import WorkerError, default_jobs
 from .recording import FrameSource
-from .rows import FrameRow
+from .rows import AttemptSummary, FrameRow
 from .run import Replay, calibrate_recording, look_again
 
 __all__ = [
+    "AttemptSummary",
     "BagSource",
     "FolderSource",
     "FrameRow",

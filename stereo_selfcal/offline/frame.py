@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..bags import StereoFrame
 from ..core.calibrator import Calibrator
@@ -44,3 +44,9 @@ def calibrate_frame(calibrator: Calibrator, frame: StereoFrame) -> CalibrationRe
         "check the camera driver and the disk the recording was made on",
     )
     return rejected(rejection, frame.stamp_s)
+
+
+def calibrate_frame_slim(calibrator: Calibrator, frame: StereoFrame) -> CalibrationResult:
+    """Calibrate a frame; keep everything but points and lines, which weigh as much as an image."""
+    result = calibrate_frame(calibrator, frame)
+    return replace(result.slim(), attempts=tuple(attempt.slim() for attempt in result.attempts))

@@ -23,7 +23,7 @@ from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
 from ..core.errors import SelfcalError
 from ..core.results import CalibrationResult
-from .frame import FrameHead, calibrate_frame
+from .frame import FrameHead, calibrate_frame_slim
 
 # A worker is ready after about a second, in which as many frames are done here. Recordings of at most twice
 # as many do not pay for processes.
@@ -63,14 +63,14 @@ def calibrate_in_order(
     """
     if jobs == 1 or (expected is not None and expected <= 2 * _ALONE_FRAMES):
         for frame in frames:
-            yield FrameHead.of(frame), calibrate_frame(calibrator, frame).slim()
+            yield FrameHead.of(frame), calibrate_frame_slim(calibrator, frame)
         return
     with _workers(jobs, calibrator.rig, calibrator.config) as workers:
         with _for_workers():
             for _ in range(jobs):
                 workers.submit(_get_ready)
         for frame in islice(frames, _ALONE_FRAMES):
-            yield FrameHead.of(frame), calibrate_frame(calibrator, frame).slim()
+            yield FrameHead.of(frame), calibrate_frame_slim(calibrator, frame)
         yield from _by_workers(frames, workers, jobs)
 
 
@@ -173,4 +173,4 @@ def _get_ready() -> None:
 def _calibrate(frame: StereoFrame) -> CalibrationResult:
     if _calibrator is None:
         raise RuntimeError("this worker was not started by its initializer")
-    return calibrate_frame(_calibrator, frame).slim()
+    return calibrate_frame_slim(_calibrator, frame)

@@ -4,12 +4,56 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from ..core.evidence.frame_evidence import FoundBy
 from ..core.geometry.pose import Extrinsics
 from ..core.geometry.uncertainty import UncertaintyTerm
 from ..core.rejection import GateReading, Rejection
 from ..core.results import CalibrationResult
-from ..core.search.attempt import Attempt
+from ..core.search.attempt import Attempt, Verdict
 from ..core.types import Array
+
+
+@dataclass(frozen=True, slots=True)
+class AttemptSummary:
+    """What became of one hypothesis, without the poses and readings of an :class:`.Attempt`.
+
+    These weigh ten times as much, and a long drive has many frames with several attempts.
+
+    Attributes:
+        found_by: How the lines were found.
+        verdict: What became of it.
+        rejection: The gate's refusal with its measured value, limit and remedy; None without one.
+        gate: Label of the gate that refused it, "" where none did.
+        comment: Why it was not accepted where no gate refused it, else "".
+    """
+
+    found_by: FoundBy
+    verdict: Verdict
+    rejection: Rejection | None = None
+    gate: str = ""
+    comment: str = ""
+
+    @classmethod
+    def of(cls, attempt: Attempt) -> AttemptSummary:
+        """Keep of an attempt what reports need."""
+        last = attempt.readings[-1] if attempt.readings else None
+        return cls(
+            attempt.found_by,
+            attempt.verdict,
+            attempt.rejection,
+            "" if last is None or last.passed else last.label,
+            attempt.message if attempt.rejection is None else "",
+        )
+
+    @property
+    def reason(self) -> str | None:
+        """Why a gate refused it, None where none did."""
+        return None if self.rejection is None else str(self.rejection.reason)
+
+    @property
+    def message(self) -> str:
+        """One sentence: why it was not accepted, "" where it was."""
+        return self.comment if self.rejection is None else self.rejection.message
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,7 +74,7 @@ class FrameRow:
         gates: Readings of all gates up to the first one that refused the frame.
         notes: Sentences about what is not quite as it should be.
         uncertainty: Terms of the covariance, which they add up to; empty when refused.
-        attempts: Every hypothesis that was solved for the frame, without points and lines.
+        attempts: Every hypothesis that was solved for the frame, in order, and what became of it.
         confirmed_by_texture: Whether the texture of the road surface has confirmed the lines.
     """
 
@@ -47,7 +91,7 @@ class FrameRow:
     gates: tuple[GateReading, ...] = ()
     notes: tuple[str, ...] = ()
     uncertainty: tuple[UncertaintyTerm, ...] = ()
-    attempts: tuple[Attempt, ...] = ()
+    attempts: tuple[AttemptSummary, ...] = ()
     confirmed_by_texture: bool = False
 
     @classmethod
@@ -70,7 +114,7 @@ class FrameRow:
             result.gates,
             result.notes,
             result.uncertainty,
-            tuple(attempt.slim() for attempt in result.attempts),
+            tuple(map(AttemptSummary.of, result.attempts)),
             result.confirmed_by_texture,
         )
 

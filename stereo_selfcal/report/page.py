@@ -16,12 +16,14 @@ import numpy as np
 from .. import __version__
 from ..core.config import CalibratorConfig
 from ..core.drive.drive import FIRST_CLOCK_S, DriveSegment, clock
-from ..core.geometry.pose import DEGREES, POSE_COMPONENTS, DisplayUnit, Extrinsics, PoseComponent
+from ..core.geometry.pose import POSE_COMPONENTS, Extrinsics, PoseComponent
 from ..offline import FrameRow, FrameSource, Replay
 from .choice import refusals
 from .figures import MINUTE_S, charts, gates, residuals
 from .pictures import digits, pictures
 from .remedies import remedy_of
+from .tried import tried
+from .uncertainty import uncertainty_table, unit_symbol
 
 _TEMPLATE = "report.html.j2"
 # If the road surface has confirmed less than this part of the accepted frames, the verdict says so.
@@ -55,6 +57,7 @@ def render_report(source: FrameSource, replay: Replay) -> str:
         residuals=residuals(rows, drive),
         gates=gates(rows),
         refusals=_refusals(rows),
+        tried=tried(rows),
         provenance=_provenance(source, replay),
         settings=_settings(replay.config),
     )
@@ -120,11 +123,17 @@ def _estimate(segment: DriveSegment, rows: Sequence[FrameRow]) -> dict[str, Any]
     spreads = [estimate.std, segment.spread if estimate.n_frames > 1 else None, segment.standard_error]
     for component in POSE_COMPONENTS:
         value = component.of(estimate.extrinsics)
-        shown = component.unit.number(value, component.sign, fine=True) + _symbol(component.unit)
+        shown = component.unit.number(value, component.sign, fine=True) + unit_symbol(component.unit)
         lines.append([component.label.capitalize(), shown, *(_small(each, component) for each in spreads)])
     inside = [row for row in rows if row.accepted and segment.start_s <= row.stamp_s <= segment.end_s]
     span = f"{clock(segment.start_s)} to {clock(segment.end_s)}"
-    return {"span": span, "frames": len(inside), "used": estimate.n_frames, "lines": lines}
+    return {
+        "span": span,
+        "frames": len(inside),
+        "used": estimate.n_frames,
+        "lines": lines,
+        "uncertainty": uncertainty_table(estimate.uncertainty),
+    }
 
 
 def _small(pose: Extrinsics | None, component: PoseComponent) -> str:
@@ -132,12 +141,7 @@ def _small(pose: Extrinsics | None, component: PoseComponent) -> str:
     if pose is None:
         return "–"
     unit = component.small_unit
-    return digits(component.of(pose) * unit.per_si) + _symbol(unit)
-
-
-def _symbol(unit: DisplayUnit) -> str:
-    """Return what follows a number on the page: a space and the unit, or the sign of degrees."""
-    return "°" if unit == DEGREES else f" {unit.symbol}"
+    return digits(component.of(pose) * unit.per_si) + unit_symbol(unit)
 
 
 def _change(change: Any) -> dict[str, Any]:
@@ -148,7 +152,7 @@ def _change(change: Any) -> dict[str, Any]:
         "at": clock(change.at_s),
         "within": f"{change.within_s:.1f} s" if change.within_s < MINUTE_S else _duration(change.within_s),
         "shifts": [
-            (label.capitalize(), _signed(value * unit.per_si, unit.decimals) + _symbol(unit))
+            (label.capitalize(), _signed(value * unit.per_si, unit.decimals) + unit_symbol(unit))
             for label, value, unit in parts
         ],
         "sigmas": f"{most:.0f}" if (most := float(np.max(sigmas))) < _VERY_MANY else f"over {_VERY_MANY}",

@@ -59,7 +59,7 @@ def test_json_is_one_object_with_all_digits(bag, calibrator, monkeypatch, capsys
     assert out.count("\n") == 1
     content = json.loads(out)
     contract = ["accepted", "reason", "message", "extrinsics", "std", "lane_yaw_rad", "frames"]
-    assert list(content) == [*contract, "segments", "changes"]
+    assert list(content) == [*contract, "segments", "changes", "uncertainty"]
     assert content["changes"] == []
     assert [segment["frames"] for segment in content["segments"]] == [3]
     estimate = calibrator.made[0].estimate
@@ -75,6 +75,7 @@ def test_json_is_one_object_with_all_digits(bag, calibrator, monkeypatch, capsys
         "height_m": None,
         "pitch_rad": None,
         "roll_rad": None,
+        "attempts": [],
     }
     assert content["frames"][0]["pitch_rad"] == 0.05
 

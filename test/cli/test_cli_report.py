@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,10 +10,13 @@ import pytest
 from stereo_selfcal.cli.report import FrameRow, as_json, table_header, table_row, table_summary
 from stereo_selfcal.core.config import CalibratorConfig
 from stereo_selfcal.core.drive.drive import Drive, DriveChange, DriveSegment
+from stereo_selfcal.core.evidence.frame_evidence import FoundBy
 from stereo_selfcal.core.geometry.pose import Extrinsics
+from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import CalibrationResult, rejected
-from stereo_selfcal.offline import Replay
+from stereo_selfcal.core.search.attempt import Verdict
+from stereo_selfcal.offline import AttemptSummary, Replay
 from stereo_selfcal.synth.scenes import PAPER_RIG
 
 POSE = Extrinsics(1.0 / 3.0, math.radians(-2.0), 0.1)
@@ -68,6 +72,62 @@ def test_json_never_holds_nan():
     broken = CalibrationResult("nan", None, Extrinsics(math.nan, 0, 0), np.eye(3))
     with pytest.raises(ValueError, match="JSON"):
         as_json(replay([], Drive(broken)))
+
+
+TERMS = (
+    UncertaintyTerm("noise", np.diag([0.19e-6, 0.19e-8, 0.19e-8])),
+    UncertaintyTerm("shared", np.diag([0.81e-6, 0.81e-8, 0.81e-8])),
+)
+WITH_TERMS = replace(RESULT, uncertainty=TERMS)
+
+
+def test_what_the_variance_is_made_of_is_a_line_below_the_standard_deviation():
+    rows = [FrameRow.from_result(WITH_TERMS, 0.0)]
+    lines = table_summary(replay(rows, Drive(WITH_TERMS))).splitlines()
+    place = next(n for n, line in enumerate(lines) if line.startswith("its standard deviation"))
+    assert lines.pop(place + 1) == (
+        "its variance: 81 % errors that all frames of a drive share, 19 % noise of the pixels"
+    )
+    assert lines == table_summary(replay(rows, Drive(RESULT))).splitlines(), "all else is as without terms"
+
+
+def test_json_has_the_standard_deviation_of_every_term():
+    segment = DriveSegment(0.0, 1.0, WITH_TERMS, Extrinsics(0.01, 0.02, 0.03), None)
+    content = json.loads(as_json(replay([], Drive(WITH_TERMS, (segment,)))))
+    assert content["uncertainty"] == {
+        "noise": pytest.approx({"height_m": 1e-3 * 0.19**0.5, "pitch_rad": 1e-4 * 0.19**0.5}
+            | {"roll_rad": 1e-4 * 0.19**0.5}),
+        "shared": pytest.approx({"height_m": 9e-4, "pitch_rad": 9e-5, "roll_rad": 9e-5}),
+    }  # fmt: skip
+    assert content["segments"][0]["uncertainty"] == content["uncertainty"]
+    squares = [sum(each[name] ** 2 for each in content["uncertainty"].values()) for name in content["std"]]
+    assert np.sqrt(squares) == pytest.approx(list(content["std"].values()), rel=1e-12)
+
+
+def test_json_of_a_refused_recording_has_no_uncertainty():
+    content = json.loads(as_json(replay([FrameRow.from_result(REFUSED, 0.0)], Drive(REFUSED))))
+    assert content["uncertainty"] is None
+    assert content["frames"][0]["attempts"] == []
+
+
+def test_json_has_the_attempts_of_every_frame():
+    assert REFUSED.rejection is not None
+    attempts = (
+        AttemptSummary(FoundBy.HOUGH, Verdict.REFUSED, REFUSED.rejection, "some gate"),
+        AttemptSummary(FoundBy.SURFACE, Verdict.NOT_FITTED, comment="no line lies in it"),
+        AttemptSummary(FoundBy.CHAINS, Verdict.ACCEPTED),
+    )
+    content = json.loads(as_json(replay([FrameRow(0.0, None, POSE, attempts=attempts)], Drive(RESULT))))
+    message = "lines: 1 px, at least 2 px needed; drive straight"
+    assert [list(attempt.values()) for attempt in content["frames"][0]["attempts"]] == [
+        ["hough", "refused", "lines_not_converging", message],
+        ["surface", "not_fitted", None, "no line lies in it"],
+        ["chains", "accepted", None, ""],
+    ]
+    assert all(
+        list(attempt) == ["found_by", "verdict", "reason", "message"]
+        for attempt in content["frames"][0]["attempts"]
+    )
 
 
 def moved_drive():

@@ -1,6 +1,9 @@
 """A recording from the first frame to the estimate."""
 
+import pickle
 import weakref
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,9 +11,19 @@ import pytest
 from stereo_selfcal.bags import StereoFrame
 from stereo_selfcal.core.calibrator import Calibrator
 from stereo_selfcal.core.config import CalibratorConfig
-from stereo_selfcal.offline import BagSource, FrameSource, Selection, calibrate_recording, look_again
+from stereo_selfcal.core.search.attempt import Verdict
+from stereo_selfcal.offline import (
+    AttemptSummary,
+    BagSource,
+    FrameSource,
+    Selection,
+    calibrate_recording,
+    look_again,
+)
 from stereo_selfcal.synth.bag import write_bag
 from stereo_selfcal.synth.scenes import PAPER_RIG, custom_scene
+
+BAGS = Path(__file__).resolve().parents[2] / "bags"
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +90,37 @@ def test_a_refused_frame_keeps_its_reason_limit_and_remedy():
     assert row.reason == str(row.rejection.reason)
     assert row.rejection.remedy
     assert row.name == "0.png"
+
+
+@pytest.mark.parametrize("scene_kind", ["accepted", "refused"])
+def test_rows_hold_every_attempt_in_brief(road, tmp_path, scene_kind):
+    """Those of the workers' slim results too: a row is all that is left of a frame."""
+    if scene_kind == "refused":
+        road = tmp_path / "bend"
+        write_bag(road, custom_scene(name="bend", n_frames=1, curvature_per_m=1 / 150.0))
+    with BagSource([road]) as source:
+        row = calibrate_recording(source).rows[0]
+        _, result = look_again(source, row)
+    assert row.attempts
+    assert row.attempts == tuple(map(AttemptSummary.of, result.attempts))
+    for brief, attempt in zip(row.attempts, result.attempts, strict=True):
+        assert (brief.found_by, brief.verdict) == (attempt.found_by, attempt.verdict)
+        assert brief.message == attempt.message
+        assert brief.reason == (None if attempt.reason is None else str(attempt.reason))
+    if scene_kind == "refused":
+        last = result.attempts[-1].readings[-1]
+        assert row.attempts[-1].gate == last.label and not last.passed
+    else:
+        assert row.attempts[-1].verdict is Verdict.ACCEPTED and row.attempts[-1].gate == ""
+
+
+def test_attempts_do_not_double_the_rows():
+    """Whole attempts would make a refused frame up to ten times as big."""
+    with BagSource([BAGS / "curve"]) as source:
+        rows = calibrate_recording(source).rows
+    assert all(row.attempts for row in rows) and any(len(row.attempts) > 1 for row in rows)
+    without = [replace(row, attempts=()) for row in rows]
+    assert sum(len(pickle.dumps(row)) for row in rows) < 1.6 * sum(len(pickle.dumps(row)) for row in without)
 
 
 def test_a_frame_is_found_and_calibrated_again(road):

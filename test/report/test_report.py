@@ -18,10 +18,12 @@ from stereo_selfcal.cli.replay import main
 from stereo_selfcal.core.drive.drive import estimate_drive, fuse_frames
 from stereo_selfcal.core.evidence.gates import GATES
 from stereo_selfcal.core.geometry.pose import Extrinsics
+from stereo_selfcal.core.geometry.uncertainty import TERMS
 from stereo_selfcal.core.rejection import Bound, GateReading, RejectReason
 from stereo_selfcal.offline import BagSource, calibrate_recording
 from stereo_selfcal.report.page import render_report
 from stereo_selfcal.report.remedies import remedies, remedy_of
+from stereo_selfcal.report.uncertainty import contributions
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 VOID = {"meta", "img", "br", "rect", "line", "path", "link", "input", "hr"}
@@ -74,6 +76,12 @@ def nothing():
 
 
 @pytest.fixture(scope="module")
+def bend():
+    with BagSource([ROOT / "bags" / "curve"]) as source:
+        yield source, calibrate_recording(source)
+
+
+@pytest.fixture(scope="module")
 def road_text(road):
     return render_report(*road)
 
@@ -93,12 +101,54 @@ def test_parts_of_a_calibrated_recording(road_text):
         assert piece in page.text
 
 
+def test_the_terms_of_the_uncertainty_are_a_table_with_the_sum_last(road, road_text):
+    page = Page(road_text)
+    estimate = road[1].estimate
+    names = [TERMS[each.name] for each in contributions(estimate.uncertainty)]
+    places = [page.text.index(f"{name[0].upper()}{name[1:]} ") for name in names]
+    assert places == sorted(places) and len(names) >= 2
+    total = estimate.std.height_m * 1e3
+    assert re.search(rf"All together {total:.2g}\d* [\d.]+ [\d.]+ 100 %", page.text)
+    assert re.search(rf"Height {total:.2g} mm: [\d.]+ {names[0]}", page.text)
+    assert page.text.count("The squares add up") == 1
+
+
+def test_an_estimate_of_which_no_terms_are_known_has_no_such_table(road):
+    source, replay = road
+    segments = tuple(
+        replace(each, estimate=replace(each.estimate, uncertainty=())) for each in replay.drive.segments
+    )
+    page = Page(render_report(source, replace(replay, drive=replace(replay.drive, segments=segments))))
+    assert "What the standard deviation is made of" not in page.text
+    assert "All together" not in page.text
+
+
+def test_what_was_tried_with_a_refused_frame_is_told(bend):
+    page = Page(render_report(*bend))
+    assert re.search(
+        r"lines_not_straight , frame at \d+\.\d s: What was tried Verdict Why "
+        r"1 Two lane lines through the edges of painted stripes refused lines_not_straight "
+        r"The lane lines bend to the left with a radius of [\d.]+ m, at least 1000 m needed\. "
+        r"Check: straight lane",
+        page.text,
+    )
+
+
+def test_what_was_tried_is_told_of_every_reason(nothing, bend):
+    source, replay = bend
+    rows = (*replay.rows, replace(nothing[1].rows[0], recorded_ns=replay.rows[0].recorded_ns))
+    page = Page(render_report(source, replace(replay, rows=rows)))
+    assert "no_lines_found : no lines to try in the frame." in page.text
+    assert "lines_not_straight , frame at" in page.text
+
+
 def test_parts_when_nothing_was_accepted(nothing):
     page = Page(render_report(*nothing))
     assert page.sections == ["verdict", "pictures", "refusals", "provenance"]
     assert "None of 3 frames could be used: no_lines_found (3)." in page.text
     assert f"What to do: {remedies()['no_lines_found']}" in page.text
     assert "no left lane line was found in the left image: the longest candidate is" in page.text
+    assert "no_lines_found : no lines to try in any of 3 frames." in page.text
     assert page.tags.count("img") == 1
 
 
@@ -171,6 +221,9 @@ def test_a_move_is_told_with_both_poses(road):
     assert re.search(r"The camera was moved once, at 1(89|90)\d\.\d s. Since then it is 1\.40", page.text)
     assert re.search(r"before it was 1\.\d+ m above the road, pitched 3\.\d+°", page.text)
     assert page.text.count("Standard error of the mean") >= 2
+    assert page.text.count("What the standard deviation is made of") == 2, "of each part of the drive"
+    assert page.text.count("All together") == 2
+    assert page.text.count("The squares add up") == 1
     assert 'class="moved"' in render_report(
         *drive_of(road, steps=((1800.0, np.array([0.0, math.radians(1.0), 0.0])),))
     )

@@ -1,0 +1,66 @@
+"""What was tried with a refused frame, in words: how lines were found, and why no attempt was accepted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from ..core.drive.drive import clock
+from ..core.evidence.frame_evidence import FoundBy
+from ..core.search.attempt import Verdict
+from ..offline import AttemptSummary, FrameRow
+from .choice import refusals
+
+FOUND_BY_IN_WORDS = {
+    FoundBy.HOUGH: "two lane lines through the edges of painted stripes",
+    FoundBy.CHAINS: "two lane lines through edges that are connected",
+    FoundBy.TEXTURE: "two lane lines on the road that its texture shows",
+    FoundBy.SURFACE: "the texture of the road surface and one line on it",
+}
+VERDICT_IN_WORDS = {
+    Verdict.ACCEPTED: "accepted",
+    Verdict.REFUSED: "refused",
+    Verdict.UNCONFIRMED: "not confirmed",
+    Verdict.NOT_FITTED: "no estimate",
+}
+
+
+def tried(rows: Sequence[FrameRow]) -> list[dict[str, Any]]:
+    """Return, for every reason of a refusal, what was tried with one frame of it, the most frequent first."""
+    found = []
+    for reason, count, middle in refusals(rows):
+        frames = [row for row in rows if row.reason == reason]
+        with_attempts = [row for row in frames if row.attempts]
+        row = with_attempts[len(with_attempts) // 2] if with_attempts else middle
+        found.append(
+            {
+                "reason": reason,
+                "frames": count,
+                "without": count - len(with_attempts),
+                "frame": row.name or f"at {clock(row.stamp_s)}",
+                "steps": _steps(row),
+            }
+        )
+    return found
+
+
+def _steps(row: FrameRow) -> list[dict[str, str]]:
+    """Return the attempts with a frame; before them the search for lines, where the frame failed in that."""
+    if not row.attempts:
+        return []
+    steps = [_step(attempt) for attempt in row.attempts]
+    if row.rejection is not None and all(each.rejection != row.rejection for each in row.attempts):
+        lines = FOUND_BY_IN_WORDS[FoundBy.HOUGH]
+        steps.insert(0, _words(lines, "not found", row.reason or "", "", row.rejection.finding))
+    return steps
+
+
+def _step(attempt: AttemptSummary) -> dict[str, str]:
+    why = attempt.message if attempt.rejection is None else attempt.rejection.finding
+    verdict = VERDICT_IN_WORDS[attempt.verdict]
+    return _words(FOUND_BY_IN_WORDS[attempt.found_by], verdict, attempt.reason or "", attempt.gate, why)
+
+
+def _words(lines: str, verdict: str, reason: str, gate: str, why: str) -> dict[str, str]:
+    lines, why = (text[:1].upper() + text[1:] for text in (lines, why))
+    return {"lines": lines, "verdict": verdict, "reason": reason, "gate": gate, "why": why}
