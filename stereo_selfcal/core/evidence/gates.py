@@ -1,7 +1,7 @@
-"""The gates a calibration has to pass, as data: what is measured, its limit, the reason and the remedy.
+"""The gates that a calibration has to pass, as data: a reading with its limit, the reason and the remedy.
 
 Each gate reads one number from the evidence of a frame. A new gate is one entry in :data:`GATES` and one
-test. The checks before there is an estimate (images, lines, matches) are in `core.lanes.frame_checks`.
+test. The checks before there is an estimate (of images, lines and matches) are in `core.lanes.frame_checks`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Gate:
         label: Name for people, in pictures and tables.
         reason: Of a refusal.
         remedy: What the user can do.
-        read: Function that returns the reading; None where there is nothing to read.
+        read: Function that returns the reading, or None where there is no evidence for it.
     """
 
     key: str
@@ -41,7 +41,7 @@ def evaluate_gates(
     """Read all gates for which there is evidence, in order, up to the first that refuses the frame.
 
     Args:
-        evidence: What the stages have found.
+        evidence: Results of the stages so far.
         already: Readings of an earlier call; their gates are not read again.
 
     Returns:

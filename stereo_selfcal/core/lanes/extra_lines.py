@@ -19,7 +19,7 @@ from ..tolerances import MAX_LINE_HEIGHT_M
 from .closed_form import solve_plane
 from .lane_pair import ExtraLine, ImageLine, LanePattern
 from .line_fit import refit_line
-from .line_geometry import HeightOverLane, height_std_m, place_of_line
+from .line_geometry import HeightOverLane, height_and_offset_m, height_std_m
 from .matching import HALF_CREDIT_PX, Match, Matches, common_point, first_sampled_row
 from .stripe_points import StripePoints
 
@@ -54,7 +54,9 @@ def find_extra_lines(
     if isinstance(closed, NotFitted):
         return ()
     plane = plane_from_pose(closed.extrinsics, rig)
-    own = [place_of_line(*pair, plane, rig)[1] for pair in zip(pattern.left, pattern.right, strict=True)]
+    own = [
+        height_and_offset_m(*pair, plane, rig)[1] for pair in zip(pattern.left, pattern.right, strict=True)
+    ]
     taken = [(place, _width_m(line, plane, rig)) for place, line in zip(own, pattern.left, strict=True)]
     found: list[ExtraLine] = []
     for match in sorted((m for side in matches for m in side), key=lambda m: -m.votes):
@@ -65,7 +67,7 @@ def find_extra_lines(
         lines = _refit(match, pattern, points, rig, config)
         if lines is None:
             continue
-        height_m, aside_m = place_of_line(*lines, plane, rig)
+        height_m, aside_m = height_and_offset_m(*lines, plane, rig)
         width_m = _width_m(lines[0], plane, rig)
         if any(abs(aside_m - place) < (width_m + width) / 2.0 for place, width in taken):
             continue
@@ -92,7 +94,7 @@ def _lever_m(own: list[float], aside_m: float) -> float:
     return min(first, second)
 
 
-def height_between(
+def inner_line_height(
     pattern: LanePattern,
     plane: DisparityPlane,
     matches: Matches,
@@ -116,18 +118,20 @@ def height_between(
     Returns:
         Of the line that stands out the most; zeros where there is none.
     """
-    own = [place_of_line(*pair, plane, rig)[1] for pair in zip(pattern.left, pattern.right, strict=True)]
+    own = [
+        height_and_offset_m(*pair, plane, rig)[1] for pair in zip(pattern.left, pattern.right, strict=True)
+    ]
     widths = [_width_m(line, plane, rig) for line in pattern.left]
     worst = HeightOverLane(0.0, 0.0)
     for match in (m for side in matches for m in side):
         # Before it is fitted again, a line may be off by as much as it is wide.
-        _, aside_m = place_of_line(match.left.line, match.right.line, plane, rig)
+        _, aside_m = height_and_offset_m(match.left.line, match.right.line, plane, rig)
         if _is_one_of(own, match, plane, rig) or not min(own) < aside_m < max(own):
             continue
         lines = _refit(match, pattern, points, rig, config)
         if lines is None:
             continue
-        height_m, aside_m = place_of_line(*lines, plane, rig)
+        height_m, aside_m = height_and_offset_m(*lines, plane, rig)
         if not min(own) + max(widths) < aside_m < max(own) - max(widths) or height_m > HIGHEST_CROWN_M:
             continue
         _, missed_px = common_point([*pattern.left, *pattern.right, *lines])
@@ -141,7 +145,7 @@ def height_between(
 
 def _is_one_of(places_m: list[float], match: Match, plane: DisparityPlane, rig: StereoRig) -> bool:
     """Whether a line lies where one is known already, by less than half its width."""
-    _, aside_m = place_of_line(match.left.line, match.right.line, plane, rig)
+    _, aside_m = height_and_offset_m(match.left.line, match.right.line, plane, rig)
     return any(abs(aside_m - place) < _width_m(match.left.line, plane, rig) / 2.0 for place in places_m)
 
 

@@ -18,7 +18,7 @@ from .closed_form import solve_plane
 from .detector import LineDetector, detect_by_hough
 from .lane_pair import ImageLine, LanePattern
 from .line_fit import refit_line
-from .line_geometry import BelowPlane, height_std_m, place_of_line
+from .line_geometry import BelowPlane, height_and_offset_m, height_std_m
 from .matching import (
     Candidates,
     MatchedLines,
@@ -126,7 +126,7 @@ def unused_lines(found: LaneHypotheses, pattern: LanePattern | None) -> tuple[Im
     """Return the lines of the left camera that a look has found and a pattern has no use for."""
     used = [] if pattern is None else pattern.lines[0]
     lines = [candidate.line for side in found.candidates[0] for candidate in side]
-    return tuple(line for line in lines if not any(line.is_stripe(other) for other in used))
+    return tuple(line for line in lines if not any(line.is_same_stripe(other) for other in used))
 
 
 def lines_below_plane(patterns: list[LanePattern], rig: StereoRig) -> list[BelowPlane]:
@@ -149,9 +149,11 @@ def lines_below_plane(patterns: list[LanePattern], rig: StereoRig) -> list[Below
         plane = plane_from_pose(closed.extrinsics, rig)
         by_pose = np.linalg.inv(jacobian_pose_wrt_plane(plane, rig))
         covariance = by_pose @ closed.covariance @ by_pose.T
-        own_m = np.array([place_of_line(left, right, plane, rig)[1] for left, right in _pairs_of(pattern)])
+        own_m = np.array(
+            [height_and_offset_m(left, right, plane, rig)[1] for left, right in _pairs_of(pattern)]
+        )
         for left, right in lines:
-            height_m, aside_m = place_of_line(left, right, plane, rig)
+            height_m, aside_m = height_and_offset_m(left, right, plane, rig)
             beyond_m = float(max(aside_m - own_m.max(), own_m.min() - aside_m, 0.0))
             if beyond_m <= LANE_M:
                 std_m = height_std_m(left, right, plane, rig, covariance)

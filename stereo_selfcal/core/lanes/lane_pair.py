@@ -44,7 +44,7 @@ class ImageLine:
         """Return the column [px] at rows ``v`` [px], the same shape."""
         return self.u_mid + self.slope * (v - self.v_mid)
 
-    def is_stripe(self, other: ImageLine) -> bool:
+    def is_same_stripe(self, other: ImageLine) -> bool:
         """Whether another line of the same image is the same stripe, as far as its width tells."""
         v = np.array([self.rows.mean(), self.rows.max()])
         return bool(np.all(np.abs(self.column_at(v) - other.column_at(v)) < self.width_px))
@@ -87,36 +87,36 @@ class LanePattern:
     vanishing_point: Array
     rows: Array
     columns: Array
-    further: tuple[ExtraLine, ...] = ()
+    extra_lines: tuple[ExtraLine, ...] = ()
 
     @property
     def lines(self) -> tuple[tuple[ImageLine, ...], tuple[ImageLine, ...]]:
         """All L lines in the left and in the right camera."""
         return (
-            (*self.left, *(line.left for line in self.further)),
-            (*self.right, *(line.right for line in self.further)),
+            (*self.left, *(line.left for line in self.extra_lines)),
+            (*self.right, *(line.right for line in self.extra_lines)),
         )
 
     @property
     def boundaries(self) -> LanePattern:
         """The pattern of the two boundaries alone."""
-        return replace(self, columns=self.columns[:, :2], further=()) if self.further else self
+        return replace(self, columns=self.columns[:, :2], extra_lines=()) if self.extra_lines else self
 
     @property
     def height_stds_m(self) -> Array:
         """(L,) how far each line may lie beside the plane [m]; zeros for the boundaries, which make it."""
-        return np.array([0.0, 0.0, *(line.height_std_m for line in self.further)])
+        return np.array([0.0, 0.0, *(line.height_std_m for line in self.extra_lines)])
 
-    def joined(self, further: tuple[ExtraLine, ...]) -> LanePattern:
+    def joined(self, extra_lines: tuple[ExtraLine, ...]) -> LanePattern:
         """Return the boundaries together with other lines."""
         columns = [
             [line.column_at(self.rows) for line in (*pair, *others)]
             for pair, others in (
-                (self.left, [line.left for line in further]),
-                (self.right, [line.right for line in further]),
+                (self.left, [line.left for line in extra_lines]),
+                (self.right, [line.right for line in extra_lines]),
             )
         ]
-        return replace(self, columns=np.array(columns), further=further)
+        return replace(self, columns=np.array(columns), extra_lines=extra_lines)
 
 
 def row_towards(vanishing_point: Array, fraction: float, rig: StereoRig) -> float:

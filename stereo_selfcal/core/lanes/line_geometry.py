@@ -50,7 +50,7 @@ class BelowPlane:
         return self.depth_m > self.limit_m
 
 
-def place_of_line(
+def height_and_offset_m(
     left: ImageLine, right: ImageLine, plane: DisparityPlane, rig: StereoRig
 ) -> tuple[float, float]:
     """Return the height of a line over a plane and its place to the left of the camera [m].

@@ -24,7 +24,7 @@ from ..evidence.nuisances import (
     stage_disagreement_covariance,
     unseen_slope_covariance,
 )
-from ..evidence.profile import measure_profile, profile_of_asphalt
+from ..evidence.profile import measure_profile, profile_from_texture
 from ..evidence.row_offset import vertical_offset
 from ..geometry.homography import SIDES
 from ..geometry.pose import Extrinsics
@@ -37,7 +37,7 @@ from .attempt import Attempt, Verdict
 from .texture_guided_lines import line_on_road
 
 # A lane of 2.5 m has this on both sides of a camera in it, with a quarter of a metre to spare.
-_BENEATH_M = (-1.0, 1.0)
+_OWN_LANE_M = (-1.0, 1.0)
 
 
 def solve(
@@ -156,7 +156,7 @@ def _solve_surface(
     def not_fitted(message: str) -> Attempt:
         return Attempt(hypothesis, Verdict.NOT_FITTED, message, poses=poses)
 
-    profile = profile_of_asphalt(texture)
+    profile = profile_from_texture(texture)
     terms = merge_terms(
         (
             *texture.terms,
@@ -177,8 +177,8 @@ def _solve_surface(
         return not_fitted("no line that both cameras see lies in the road surface")
     _, yaw = found
     # What is beyond a kerb is not of the road, and may have decided the plane.
-    beneath = align_texture(frame.images, rig, texture.extrinsics, yaw, limits_m=_BENEATH_M)
-    if isinstance(beneath, NotFitted) or not surely_same(texture.extrinsics, beneath, rig):
+    own_lane = align_texture(frame.images, rig, texture.extrinsics, yaw, limits_m=_OWN_LANE_M)
+    if isinstance(own_lane, NotFitted) or not surely_same(texture.extrinsics, own_lane, rig):
         return not_fitted("the road surface of the own lane does not exclude a kerb beside it")
     vertical = vertical_offset(frame.images, rig, texture.extrinsics, yaw)
     if isinstance(vertical, NotFitted):  # rows that cannot be compared may be those of a turned camera

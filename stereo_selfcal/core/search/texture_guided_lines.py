@@ -22,7 +22,7 @@ from ..geometry.rays import pixel_rays
 from ..lanes.hypotheses import Points
 from ..lanes.lane_pair import ImageLine, LanePattern
 from ..lanes.line_fit import refit_line
-from ..lanes.line_geometry import place_of_line
+from ..lanes.line_geometry import height_and_offset_m
 from ..lanes.matching import (
     Candidate,
     Candidates,
@@ -122,7 +122,7 @@ def lines_on_road(
             for candidate in lines:
                 match = _seen_by_both(candidate, plane, points, images, rig, config)
                 if match is not None and not any(
-                    match.left.line.is_stripe(other.left.line) for other in side
+                    match.left.line.is_same_stripe(other.left.line) for other in side
                 ):
                     side.append(match)
     pairs = [MatchedLines.of_matches(first, second) for first, second in product(*sides)]
@@ -160,7 +160,7 @@ def _seen_by_both(
     right = refit_line(points[1].gradient, expected, points[1].noise_grey, first_row)
     if right is None or right.n_rows < config.extraction.min_line_rows:
         return None
-    if abs(place_of_line(left, right, plane, rig)[0]) > MAX_LINE_HEIGHT_M:
+    if abs(height_and_offset_m(left, right, plane, rig)[0]) > MAX_LINE_HEIGHT_M:
         return None
     if not may_lie_on_road(left, right, rig, config):
         return None
