@@ -133,7 +133,7 @@ BAD = {
     "texture_sufficient": {"texture_sufficiency": 0.5},
     "rectified": {"vertical": VerticalOffset(0.7, 0.02, 0.0, 0.0, 40)},
     "not_turned": {"vertical": VerticalOffset(0.0, 0.02, 0.01, 1e-4, 40)},
-    "coplanar": {"height_between": HeightOverLane(0.1, 0.001)},
+    "coplanar": {"inner_line_height": HeightOverLane(0.1, 0.001)},
     "two_edges": {"stripes_fitted": False},
     "painted": {"borders": (StripeBorder(0.2, 0.001),)},
     "level_stripes": {"borders": (StripeBorder(0.0, 0.002, edge_step=EdgeStep(0.1, 0.001)),)},
