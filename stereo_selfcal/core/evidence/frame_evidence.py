@@ -92,7 +92,7 @@ class Hypothesis:
     single_lines: tuple[Match, ...] = ()
 
     def slim(self) -> Hypothesis:
-        """Return the hypothesis without points and lines, which weigh as much as an image."""
+        """Return the hypothesis without points and lines, which take as much memory as an image."""
         return Hypothesis(self.found_by, None, needs_texture=self.needs_texture)
 
 

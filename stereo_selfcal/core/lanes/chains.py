@@ -129,7 +129,7 @@ def _successors(
 
 
 def _fit_pieces(v: Array, u: Array, root: npt.NDArray[np.intp]) -> tuple[npt.NDArray[np.bool_], Array, Array]:
-    """Return for each piece, by its first point: is it straight, its slope, the slope's standard deviation."""
+    """Return by first point of each piece: is it straight, its slope, the slope's standard deviation."""
     n = len(v)
     count = np.bincount(root, minlength=n).astype(np.float64)
     full = np.maximum(count, 1.0)

@@ -115,7 +115,7 @@ def rays_of_lines(pattern: LanePattern, rig: StereoRig) -> list[Array]:
 
 
 def _metres(disparity: Array, plane: DisparityPlane, rig: StereoRig) -> tuple[Array, Array]:
-    """Return the height of a pixel of disparity (N,) [m], and the weights of rows (N,): its inverse squares."""
+    """Return the height of a pixel of disparity (N,) [m], and the weights of rows (N,): inverse squares."""
     metres: Array = plane.height_m(rig) / np.maximum(disparity, LEAST_DISPARITY_PX)
     return metres, metres**-2.0
 
