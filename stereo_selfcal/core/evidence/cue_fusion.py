@@ -47,13 +47,13 @@ def combine(lines: Estimate, texture: TextureFit) -> Estimate:
     """
     information = [np.linalg.inv(lines.covariance), np.linalg.inv(texture.covariance)]
     total = np.linalg.inv(information[0] + information[1])
-    of_lines, of_texture = lines.pose.as_array(), texture.extrinsics.as_array()
-    mean = total @ (information[0] @ of_lines + information[1] @ of_texture)
+    line_pose, texture_pose = lines.pose.as_array(), texture.extrinsics.as_array()
+    mean = total @ (information[0] @ line_pose + information[1] @ texture_pose)
     terms = [
         *propagate_terms(lines.terms, total @ information[0]),
         *propagate_terms(texture.terms, total @ information[1]),
     ]
-    difference = of_lines - of_texture
+    difference = line_pose - texture_pose
     chi2 = float(difference @ np.linalg.solve(lines.covariance + texture.covariance, difference))
     if chi2 > UNLIKELY_CHI2_3:
         excess = total * (chi2 / len(difference) - 1.0)

@@ -1,8 +1,8 @@
 """Height of one edge of a stripe below the other: paint is level, a kerb with its face is not.
 
-Where the fit takes the face of a kerb, or the lower half of a rail, for a part of a stripe, the edge towards
-the lane lies below the plane of the fit. The cameras look down on that edge from different positions. Each
-sees the stripe wider than a level one, by more the more its line is inclined. So the two cameras measure
+The fit may take the face of a kerb, or the lower half of a rail, for a part of a stripe. Then the edge
+towards the lane lies below the plane of the fit. The cameras look down on that edge from different positions.
+Each sees the stripe wider than a level one, by more the more its line is inclined. So the two cameras measure
 different widths, and their difference gives the height.
 """
 
@@ -25,9 +25,8 @@ _LEAST_BLOCKS = 4  # in one camera: their scatter gives the uncertainty
 # not an edge of paint.
 _LEAST_CONTRAST_RATIO = 0.5
 _REWEIGHTING = Reweighting(rounds=5, least_weight=1e-12)
-_SCALE = scale_by_median(
-    1.0
-)  # in standard deviations: the scatter is taken as no smaller than the variances say
+# In standard deviations: the scatter is taken as no smaller than the variances say.
+_SCALE = scale_by_median(1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +55,8 @@ def measure_edge_steps(
 ) -> tuple[EdgeStep, EdgeStep]:
     """Measure the edge steps of the two boundaries of a lane from the residuals of the stripes' fit.
 
-    An edge that lies h below the plane of the stripe is seen h m (fy / fx) farther towards the camera, where
-    m is the slope of its line in columns a row.
+    An edge that lies h below the plane of the stripe is seen h m (fy / fx) farther towards the camera. Here m
+    is the slope of its line in columns a row.
 
     Args:
         residuals: Displacements of the edges from the fit.

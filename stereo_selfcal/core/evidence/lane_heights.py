@@ -108,8 +108,8 @@ def _heights_along(
 def surely_same(road_pose: Extrinsics, own_lane: TextureFit, rig: StereoRig) -> bool:
     """Whether the surface of the own lane excludes that a plane is that of a kerb or pavement beside it.
 
-    At both sides of the own lane, the height of the plane over the surface of the lane, mean along it, has to
-    be surely less than that of the lowest kerb (:func:`surely_no_kerb`).
+    The plane's height over the surface of the lane is measured at both sides of the lane, as the mean along
+    it. It has to be surely less than that of the lowest kerb (:func:`surely_no_kerb`).
 
     Args:
         road_pose: Pose over the plane of a wider part of the road surface.

@@ -102,7 +102,7 @@ def stage_disagreement_covariance(
 
     The estimate from the lines and that from the grey values are made from the same stripes. Where they
     differ by more than their covariances explain, one of them has taken something else for a part of a
-    stripe, and it is not known which one.
+    stripe. It is not known which one.
 
     Args:
         line_pose: Pose estimated from the lines.
@@ -232,7 +232,7 @@ def crown_covariance(refined: StripeFit | None) -> Array:
     The pose is that over the own lane. A line that was measured between the boundaries shows how the own lane
     lies. Where there is none and the boundaries are farther apart than the lines of one lane, the slope may
     change from lane to lane between them. The number of lanes is the most that fit. Where the lines are
-    nearer to each other than any lane is wide, one of them is an arrow, and they show only a part of the own
+    nearer to each other than any lane is wide, one of them is an arrow. They show only a part of the own
     lane.
 
     Args:

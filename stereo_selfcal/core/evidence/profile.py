@@ -1,10 +1,10 @@
 """Profile of the road along the lines: whether its near and far parts lie in one plane.
 
 The fit of the stripes drops single rows that do not fit its plane, such as those of a car or a worn stripe.
-Where the road ahead has another slope, all stripes miss the plane together, in both cameras, each by an
-amount that grows with its slope in the image. That does not happen by chance. From the displacements of the
-edges, row by row, this module estimates the heights of the road along the lane. It also gives the plane that
-fits the road 5 to 20 m ahead.
+Where the road ahead has another slope, all stripes miss the plane together, in both cameras. Each misses it
+by an amount that grows with its slope in the image. That does not happen by chance. From the displacements of
+the edges, row by row, this module estimates the heights of the road along the lane. It also gives the plane
+that fits the road 5 to 20 m ahead.
 """
 
 from __future__ import annotations
@@ -30,9 +30,10 @@ NEAR_M, FAR_M = 5.0, 20.0
 # a few metres.
 _NODES_M = np.array([3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0])
 _N_STEPS = 61  # distances at which the plane is fitted to the profile
-# Priors, standard deviations: of the height of a node; of the change of slope from one node to the next (half
-# of what a crest or dip of 250 m radius, the sharpest in a street, does in 5 m); and of the curvature of the
-# lane [1/m], the largest for which lines are still taken as straight.
+# Standard deviations of the priors: of the height of a node [m]; of the change of slope from one node to the
+# next; of the curvature of the lane [1/m]. The second is half of the change over 5 m on a crest or dip of 250
+# m radius, the sharpest in a street. The third is the largest curvature for which lines are still taken as
+# straight.
 _HEIGHT_STD_M, _SLOPE_STD, _BEND_STD_PER_M = 0.3, 0.01, 1e-3
 # Edges of paint are straight to a tenth of a pixel: no block of rows is taken as more accurate than that.
 EDGE_STD_PX = 0.1
@@ -48,9 +49,8 @@ MOST_RAMP_SIGMAS = 3.0  # a ramp steeper than a lens's means that the edge is no
 # normal errors.
 _BENT_SIGMAS = 4.0
 _REWEIGHTING = Reweighting(rounds=5)
-_SCALE = scale_by_median(
-    1.0
-)  # in standard deviations: the scatter is taken as no smaller than the variances say
+# In standard deviations: the scatter is taken as no smaller than the variances say.
+_SCALE = scale_by_median(1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

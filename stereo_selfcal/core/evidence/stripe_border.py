@@ -303,8 +303,8 @@ def _may_hide_face(values: Array, contrast: float) -> bool:
     """Whether the rows vary so much by other causes than noise that their median may miss a face.
 
     Neighbouring rows see the same dapples, glare or second line. Where they differ less from row to row than
-    they scatter, they count as fewer independent rows, as in a first order autoregression (Box, Jenkins and
-    Reinsel, Time Series Analysis, 1994, section 3.2).
+    they scatter, they count as fewer independent rows. Their number is that of a first order autoregression
+    (Box, Jenkins and Reinsel, Time Series Analysis, 1994, section 3.2).
     """
     scatter = _scatter(values)
     if scatter == 0.0:

@@ -1,9 +1,9 @@
 """Chains of stripe points from row to row, which tell stripes from foliage.
 
-A point is linked to the point to which its direction leads, two rows farther, when the direction of that
-point leads back and both are about as wide and as bright. Points of a painted line make long chains with
-little scatter about a straight line; leaves, grass and noise make short ones. The direction of a chain is
-much more accurate than that of the few pixels around a point.
+The direction of a point leads to another point two rows farther. Both are linked when the direction of the
+other point leads back, and they are about as wide and as bright. Points of a painted line make long chains
+with little scatter about a straight line; leaves, grass and noise make short ones. The direction of a chain
+is much more accurate than that of the few pixels around a point.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
 """Closed form: the road plane from the disparities of the sampled lines, by linear least squares.
 
-The disparity of a plane is linear in the image (Labayrade, Aubert and Tarel, "Real time obstacle detection in
-stereovision on non flat road geometry through v-disparity representation", IV 2002, for a road without
-roll), so two lines are enough. The closed form uses only the paper's matching term E1. It does not use that
-the lines are parallel, and so not the vanishing point; its pitch is therefore less accurate than that of the
-other stages. It needs no search and no initial guess, so it is an independent check of the genetic algorithm.
+The disparity of a plane is linear in the image, so two lines are enough. The source is Labayrade, Aubert and
+Tarel, "Real time obstacle detection in stereovision on non flat road geometry through v-disparity
+representation", IV 2002, for a road without roll. The closed form uses only the paper's matching term E1. It
+does not use that the lines are parallel, and so not the vanishing point; its pitch is therefore less accurate
+than that of the other stages. It needs no search and no initial guess, so it is an independent check of the
+genetic algorithm.
 """
 
 from __future__ import annotations

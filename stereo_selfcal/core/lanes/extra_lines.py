@@ -1,8 +1,8 @@
 """Extra lines beside the two boundaries of a lane: double lines, lines of bus lanes and of the next lanes.
 
-Only the boundaries determine the plane, as the next lane may have another slope. A line that is not painted
-on the road (a rail, the top of a kerb, a shadow) misses the point where all lines meet, or lies too high.
-Such lines are left out.
+Only the boundaries determine the plane, as the next lane may have another slope. A rail, the top of a kerb or
+a shadow is not a painted line: it misses the point where all lines meet, or lies too high. Such lines are
+left out.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ _MAX_CONCURRENCY_PX = HALF_CREDIT_PX
 # within a lane's width.
 _MOST_LINES = 4
 # Greatest slope of an extra line [columns a row]. Lines are measured along the row. A line with a greater
-# slope moves by more than its width from row to row, so it is measured with an error of up to half a pixel.
-# That is too much for the angles between lines.
+# slope moves by more than its width from row to row. It is measured with an error of up to half a pixel. That
+# is too much for the angles between lines.
 _MAX_SLOPE = 2.5
 # A line between the boundaries is surely not in their plane where its height is this many of its standard
 # deviations from zero.

@@ -268,8 +268,8 @@ def common_point(lines: Sequence[ImageLine]) -> tuple[Array, float]:
 def sample_pattern(matched: MatchedLines, rig: StereoRig, config: CalibratorConfig) -> LanePattern:
     """Sample the lines row by row (paper section 2.2, figure 3b).
 
-    The first row is where ``horizon_fraction`` of the height between the bottom of the image and the
-    vanishing point is reached, then every ``sample_step_px`` down to the bottom.
+    The first row is at ``horizon_fraction`` of the height between the bottom of the image and the vanishing
+    point. The others follow every ``sample_step_px`` down to the bottom.
     """
     first = first_sampled_row(matched.vanishing_point, rig, config)
     rows: npt.NDArray[np.float64] = np.arange(first, rig.height, config.extraction.sample_step_px)
