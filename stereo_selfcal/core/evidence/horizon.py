@@ -120,8 +120,7 @@ def _lay_out(rig: StereoRig, extrinsics: Extrinsics, cells: int, cell_columns: i
     """Lay out the cells of the band along the horizon.
 
     A segment is a part of a column, as the mean of a part of a row would remove a horizontal edge. The band
-    is
-    level: a wrong roll must not lead it away from the horizon.
+    is level: a wrong roll must not lead it away from the horizon.
     """
     middle = round(float(horizon_row(rig, extrinsics, rig.cx)))
     rows_in_view = min(middle, rig.height - 1 - middle) - round(_MAX_OFFSET * rig.width)

@@ -58,17 +58,17 @@ def find_extra_lines(
     if isinstance(closed, NotFitted):
         return ()
     plane = plane_from_pose(closed.extrinsics, rig)
-    own_offsets_m = [
+    bounds_m = [
         height_and_offset_m(*pair, plane, rig)[1] for pair in zip(pattern.left, pattern.right, strict=True)
     ]
     occupied = [
-        (offset, _width_m(line, plane, rig)) for offset, line in zip(own_offsets_m, pattern.left, strict=True)
+        (offset, _width_m(line, plane, rig)) for offset, line in zip(bounds_m, pattern.left, strict=True)
     ]
     found: list[ExtraLine] = []
     for match in sorted((m for side in matches for m in side), key=lambda m: -m.votes):
         if len(found) == _MOST_LINES:
             break
-        if _is_one_of(own_offsets_m, match, plane, rig):
+        if _is_one_of(bounds_m, match, plane, rig):
             continue
         lines = _refit(match, pattern, points, rig, config)
         if lines is None:
@@ -77,7 +77,7 @@ def find_extra_lines(
         width_m = _width_m(lines[0], plane, rig)
         if any(abs(offset_m - offset) < (width_m + width) / 2.0 for offset, width in occupied):
             continue
-        beyond_m = max(offset_m - max(own_offsets_m), min(own_offsets_m) - offset_m, 0.0)
+        beyond_m = max(offset_m - max(bounds_m), min(bounds_m) - offset_m, 0.0)
         allowed_m = MAX_LINE_HEIGHT_M + GREATEST_FALL * beyond_m
         if beyond_m > LANE_M or abs(height_m) > allowed_m:
             continue
@@ -86,19 +86,19 @@ def find_extra_lines(
             continue
         occupied.append((offset_m, width_m))
         found.append(
-            ExtraLine(*lines, float(np.hypot(UNEVEN_STD_M, FALL_STD * _lever_m(own_offsets_m, offset_m))))
+            ExtraLine(*lines, float(np.hypot(UNEVEN_STD_M, FALL_STD * _lever_m(bounds_m, offset_m))))
         )
     return tuple(found)
 
 
-def _lever_m(own_offsets_m: list[float], offset_m: float) -> float:
+def _lever_m(bounds_m: list[float], offset_m: float) -> float:
     """Return the height of a line over the plane, per unit of a change of slope beside it [m].
 
     For a line beyond the boundaries, the slope changes at the nearer boundary, where the next lane begins.
     For a line between them, it changes at the line itself.
     """
-    first, second = abs(offset_m - min(own_offsets_m)), abs(offset_m - max(own_offsets_m))
-    if min(own_offsets_m) < offset_m < max(own_offsets_m):
+    first, second = abs(offset_m - min(bounds_m)), abs(offset_m - max(bounds_m))
+    if min(bounds_m) < offset_m < max(bounds_m):
         return first * second / (first + second)
     return min(first, second)
 
@@ -128,7 +128,7 @@ def inner_line_height(
     Returns:
         The height of the line that most surely lies beside the plane; zeros where there is no such line.
     """
-    own_offsets_m = [
+    bounds_m = [
         height_and_offset_m(*pair, plane, rig)[1] for pair in zip(pattern.left, pattern.right, strict=True)
     ]
     widths = [_width_m(line, plane, rig) for line in pattern.left]
@@ -136,16 +136,14 @@ def inner_line_height(
     for match in (m for side in matches for m in side):
         # Before it is fitted again, a line may be off by its width.
         _, offset_m = height_and_offset_m(match.left.line, match.right.line, plane, rig)
-        if _is_one_of(own_offsets_m, match, plane, rig) or not min(own_offsets_m) < offset_m < max(
-            own_offsets_m
-        ):
+        if _is_one_of(bounds_m, match, plane, rig) or not min(bounds_m) < offset_m < max(bounds_m):
             continue
         lines = _refit(match, pattern, points, rig, config)
         if lines is None:
             continue
         height_m, offset_m = height_and_offset_m(*lines, plane, rig)
         if (
-            not min(own_offsets_m) + max(widths) < offset_m < max(own_offsets_m) - max(widths)
+            not min(bounds_m) + max(widths) < offset_m < max(bounds_m) - max(widths)
             or height_m > HIGHEST_CROWN_M
         ):
             continue
