@@ -62,7 +62,7 @@ def evaluate_gates(
     return tuple(taken), None
 
 
-_KERB = "one of them may be a kerb, or slope otherwise: drive on, in the middle of a flat lane"
+_KERB = "one of the lines may be a kerb, or the road may not be flat: drive on, in the middle of a flat lane"
 _ONE_ROAD = f"check that left and right are not swapped, and {FIND_LINES}"
 
 GATES: tuple[Gate, ...] = (
@@ -184,7 +184,7 @@ GATES: tuple[Gate, ...] = (
         RejectReason.LINES_NOT_COPLANAR,
         "the lines are those of more than one lane, or one is a kerb or a rail: drive on, in the middle of a "
         "flat lane",
-        measurements.read_height_between,
+        measurements.read_inner_line_height,
     ),
     Gate(
         "two_edges",

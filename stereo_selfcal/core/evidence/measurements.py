@@ -378,7 +378,7 @@ def read_fitted_stripes(evidence: Evidence) -> Reading | None:
     return Reading(what, n, Bound.LEAST, 2, "", evidence.stripes_fitted)
 
 
-def read_height_between(evidence: Evidence) -> Reading | None:
+def read_inner_line_height(evidence: Evidence) -> Reading | None:
     """Read how far a line between the lane lines lies above or below their plane."""
     if evidence.inner_line_height is None:
         return None
