@@ -1,4 +1,4 @@
-"""The calibrator: one frame after the other, and the estimate of all. Live and replay use it alike."""
+"""The calibrator: results of single frames, and the fused estimate. Node and replay both use it."""
 
 from __future__ import annotations
 
@@ -35,8 +35,7 @@ class Calibrator:
     def add(self, left: Image, right: Image, stamp_s: float = 0.0) -> CalibrationResult:
         """Calibrate one frame and remember it when it is accepted.
 
-        The result depends on this frame alone, whatever was added before: the random numbers
-        start anew from the seed.
+        The result depends on this frame alone: the random numbers start from the seed for each frame.
 
         Args:
             left: (H, W) uint8 rectified image of the left camera.
@@ -48,13 +47,13 @@ class Calibrator:
         return result
 
     def remember(self, result: CalibrationResult) -> None:
-        """Take the result of a frame of this rig into the estimate, wherever it was calibrated.
+        """Add the result of a frame of this rig to the estimate, in whichever process it was calibrated.
 
         Args:
-            result: What :meth:`calibrate_frame` returned, of this calibrator or of one like it.
+            result: Result of :meth:`calibrate_frame`, of this calibrator or of one with the same settings.
         """
         if result.accepted:
-            # Images' worth of points is not needed any more: memory must not grow with a bag.
+            # The points and lines are dropped: they take as much memory as images, and a bag has many frames.
             self._accepted.append(result.slim())
         self._last = result
 
@@ -68,9 +67,9 @@ class Calibrator:
         return fuse_frames(self._accepted, self.rig)
 
     def calibrate_frame(self, left: Image, right: Image, stamp_s: float = 0.0) -> CalibrationResult:
-        """Calibrate one frame and remember nothing; arguments and result as of :meth:`add`.
+        """Calibrate one frame without adding it to the estimate; arguments and result as for :meth:`add`.
 
-        One hypothesis about its lines after the other goes through all stages, until one is accepted.
+        The hypotheses about its lines are solved one after the other, until one is accepted.
         """
         refusal = frame_checks.check_images(left, right, self.rig)
         if refusal:
@@ -84,7 +83,9 @@ class Calibrator:
         if chosen is not None:
             result = result_of(chosen, attempts, stamp_s)
         else:
-            assert isinstance(first.patterns, NoPattern)  # else there was an attempt, and it was refused
+            assert isinstance(
+                first.patterns, NoPattern
+            )  # with a pair of lines, there is an attempt that was refused
             result = rejected(
                 first.patterns.rejection, stamp_s, pattern=first.patterns.pattern, attempts=tuple(attempts)
             )

@@ -1,7 +1,7 @@
-"""Settings of the calibrator: every one with its description, unit, range and origin.
+"""Settings of the calibrator: each with its description, unit and range.
 
-The node declares its ROS parameters from these dataclasses, the configuration files are read
-into them, and the README's table is compared with them by a test: one list for all.
+These dataclasses are the only list of the settings. The node declares its ROS parameters from them, the
+configuration files are read into them, and a test compares the README's table with them.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def _setting(default: Any, description: str, unit: str, low: float, high: float)
 
 @dataclass(frozen=True, slots=True)
 class SearchConfig:
-    """The box that the genetic algorithm searches. It is so wide that no initial guess is needed."""
+    """Search box of the genetic algorithm. It is so wide that no initial guess is needed."""
 
     height_min_m: float = _setting(0.3, "Lowest height of the baseline over the road", "m", 0.05, 20)
     height_max_m: float = _setting(4.0, "Greatest height of the baseline over the road", "m", 0.05, 20)
@@ -93,8 +93,9 @@ class FitnessConfig:
 class GeneticConfig:
     """Genetic algorithm (paper Table II; its own settings are in config/collado2006.yaml).
 
-    The defaults find the optimum as reliably as the paper's 100 individuals (2030 of 2030 runs over
-    frames of 0 to 20 % noise), in less than half the time, to 1e-5 of the search box: 40 um, 0.0004 deg.
+    The defaults find the optimum as reliably as the paper's 100 individuals: in 2030 of 2030 runs over frames
+    of 0 to 20 % noise. They take less than half the time. The result is accurate to 1e-5 of the search box:
+    40 um, 0.0004 deg.
     """
 
     population: int = _setting(40, "Individuals in the population", "", 8, 100000)
@@ -198,8 +199,8 @@ def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def _checked(name: str, value: Any, setting: Setting) -> int | float:
-    """Return ``value`` as the plain number the setting is, or say what is wrong with it."""
-    # numbers.Real takes NumPy's scalars as well.
+    """Return ``value`` as an int or a float, as the setting needs; raise ConfigError where it is wrong."""
+    # NumPy's scalars are instances of numbers.Real, too.
     number = isinstance(value, numbers.Real) and not isinstance(value, bool)
     if not number or (setting.whole and not float(value).is_integer()):
         kind = "a whole number" if setting.whole else "a number"

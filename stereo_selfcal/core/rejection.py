@@ -1,4 +1,4 @@
-"""Why there is no calibration: the reasons, and the value of a gate beside its limit."""
+"""Why there is no calibration: the reasons, and the measured values with their limits."""
 
 from __future__ import annotations
 
@@ -41,29 +41,29 @@ class RejectReason(Enum):
 
 
 class Bound(Enum):
-    """Which side of a limit is good; ``str(bound)`` are the words before the limit."""
+    """Which side of a limit is good; ``str(bound)`` gives the words before the limit."""
 
     LEAST = "at least"
     MOST = "at most"
-    EXACTLY = "exactly"  # of what has one right value, such as the bits of a pixel
+    EXACTLY = "exactly"  # for quantities with one right value, such as the bits of a pixel
 
     def __str__(self) -> str:
         return self.value
 
 
 _VERBS = {Bound.LEAST: "needed", Bound.MOST: "allowed", Bound.EXACTLY: "needed"}
-# Where a sentence about a measurement has its numbers.
+# Placeholders of the numbers in a sentence about a measurement.
 _VALUE, _LIMIT = "{value}", "{limit}"
 
 
 @dataclass(frozen=True, slots=True)
 class Rejection:
-    """One reason for a refusal, with everything needed to understand and mend it.
+    """One reason for a refusal, with the measured value, the limit and the remedy.
 
     Attributes:
         reason: The kind of refusal.
-        what: What was measured: a name, or a sentence with ``{value}`` where the value belongs. A sentence
-            that says what is needed as well has ``{limit}`` where the limit belongs.
+        what: What was measured: a name, or a sentence with ``{value}`` in place of the value. A sentence that
+            also gives the limit has ``{limit}`` in its place.
         value: The measured value.
         bound: Whether the limit is the least or the most that is good.
         threshold: The limit it missed.
@@ -81,7 +81,7 @@ class Rejection:
 
     @property
     def measured(self) -> str:
-        """What was measured, and the value."""
+        """The measured quantity and its value."""
         text = self.what if _VALUE in self.what else f"{self.what}: {_VALUE}"
         return text.replace(_VALUE, _with_unit(self.value, self.unit)).replace(
             _LIMIT, _with_unit(self.threshold, self.unit)
@@ -89,12 +89,12 @@ class Rejection:
 
     @property
     def limit(self) -> str:
-        """The limit and which side of it is good."""
+        """The limit, as a least or a most."""
         return f"{self.bound} {_with_unit(self.threshold, self.unit)}"
 
     @property
     def finding(self) -> str:
-        """What was measured, the value and the limit."""
+        """The measured quantity, its value and the limit."""
         if _LIMIT in self.what:
             return self.measured
         return f"{self.measured}, {self.limit} {_VERBS[self.bound]}"
@@ -107,10 +107,10 @@ class Rejection:
 
 @dataclass(frozen=True, slots=True)
 class NotFitted:
-    """Why an estimator gives up.
+    """Why an estimator has given up.
 
     Attributes:
-        what: What was measured.
+        what: The measured quantity.
         value: The measured value.
         bound: Whether the limit is the least or the most that is good.
         limit: The limit.
@@ -125,7 +125,7 @@ class NotFitted:
 
     @property
     def reason(self) -> str:
-        """What was measured, the value and the limit."""
+        """The measured quantity, its value and the limit."""
         value, limit = _with_unit(self.value, self.unit), _with_unit(self.limit, self.unit)
         return f"{self.what}: {value}, {self.bound} {limit} {_VERBS[self.bound]}"
 
@@ -134,7 +134,7 @@ Outcome = TypeVar("Outcome")
 
 
 def fitted(outcome: Outcome | NotFitted) -> Outcome | None:
-    """Return what an estimator has found, None where it has given up."""
+    """Return the result of an estimator, None where it has given up."""
     return None if isinstance(outcome, NotFitted) else outcome
 
 
@@ -144,11 +144,11 @@ def _with_unit(number: float, unit: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class GateReading:
-    """One gate of a frame: what it measured beside its limit.
+    """Reading of one gate for a frame: the measured value and its limit.
 
     Attributes:
         name: Key of the gate (`core.evidence.gates`), a snake_case word.
-        label: What people read in its place.
+        label: Name for people.
         value: Measured value.
         bound: Whether the limit is the least or the most that is good.
         threshold: The limit.

@@ -17,26 +17,27 @@ from .types import Array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrationResult:
-    """Outcome of one frame, or of several fused.
+    """Result of one frame, or the fused result of several.
 
     Attributes:
-        message: One sentence: the result, or what was measured, the threshold and the remedy.
-        rejection: None when accepted.
+        message: One sentence: the calibration; or the measured value, its limit and the remedy.
+        rejection: The reason of the refusal, None when accepted.
         extrinsics: The calibration, None when rejected.
         covariance: (3, 3) covariance of (height_m, pitch_rad, roll_rad), None when rejected.
         lane_yaw_rad: Yaw of the camera against the lane [rad], > 0: camera points left of it.
-        lane_curvature_per_m: Curvature of the lane as far as it was measured [1/m], > 0: bends left.
-        stages: Estimate of every stage that ran, by name ("genetic", ...); kept on rejection too.
+        lane_curvature_per_m: Curvature of the lane [1/m], > 0: bends left; None where it was not measured.
+        stages: Pose by every stage that ran, by name ("genetic", ...); also kept when rejected.
         stamp_s: Time stamp of the frame (of the last one when fused) [s].
         n_frames: Number of accepted frames behind the result.
-        pattern: Lines and sampled points the estimate was made from, for pictures.
+        pattern: Lines and sampled points of the estimate, for pictures.
         unused_lines: Lines of the left camera that were found and are not in the pattern.
         genetic: Report of the genetic algorithm.
         gates: Readings of all gates up to the first one that refused.
-        uncertainty: Terms of the covariance, one for each cause; they add up to it. Empty when rejected.
+        uncertainty: Terms of the covariance, one for each cause; their sum is the covariance. Empty when
+            rejected.
         attempts: Every hypothesis that was solved for this frame, in order; empty when several are fused.
         confirmed_by_texture: Whether the texture of the road surface has confirmed the lines.
-        notes: Sentences about what is not quite as it should be, though no reason to refuse.
+        notes: Sentences about imperfections that are no reason to refuse the frame.
     """
 
     message: str
@@ -75,7 +76,7 @@ class CalibrationResult:
         return Extrinsics(*(math.sqrt(float(variance)) for variance in self.covariance.diagonal()))
 
     def slim(self) -> CalibrationResult:
-        """Return the result without the points and lines behind it, which weigh as much as an image."""
+        """Return the result without its points and lines, which take as much memory as an image."""
         return replace(self, pattern=None, unused_lines=(), genetic=None, attempts=())
 
 
@@ -83,7 +84,7 @@ def result_of(chosen: Attempt, attempts: Sequence[Attempt], stamp_s: float) -> C
     """Return the result of a frame.
 
     Args:
-        chosen: The attempt that answers for the frame.
+        chosen: The attempt whose result is that of the frame.
         attempts: All attempts.
         stamp_s: Time stamp of the frame [s].
     """
@@ -113,7 +114,7 @@ def result_of(chosen: Attempt, attempts: Sequence[Attempt], stamp_s: float) -> C
 
 
 def rejected(rejection: Rejection, stamp_s: float = 0.0, **evidence: object) -> CalibrationResult:
-    """Return the result of a refused frame; ``evidence`` goes into the fields that explain it."""
+    """Return the result of a refused frame; ``evidence`` sets further fields of the result."""
     return CalibrationResult(message=rejection.message, rejection=rejection, stamp_s=stamp_s, **evidence)  # type: ignore[arg-type]
 
 
@@ -122,7 +123,10 @@ def announce(result: CalibrationResult, n_outliers: int = 0) -> str:
 
     Args:
         result: The result.
-        n_outliers: Accepted frames that were left out of it.
+        n_outliers: Number of accepted frames that were left out as outliers.
+
+    Raises:
+        ValueError: The result is not an accepted one.
     """
     if result.extrinsics is None or result.std is None:
         raise ValueError("only an accepted result can be announced")

@@ -1,4 +1,4 @@
-"""What counts as the same road, as wrong, as a kerb: every such limit, once."""
+"""Limits of what counts as the same road, as wrong, as a kerb or as a shift: each is defined here once."""
 
 from __future__ import annotations
 
@@ -6,26 +6,29 @@ import numpy as np
 
 from .types import Array
 
-# What stripes and texture have to agree within (height [m], pitch, roll [rad]); beyond, it is another road.
+# Estimates from stripes and texture must agree to within this (height [m], pitch, roll [rad]); beyond, they
+# are of different roads.
 AGREEMENT = np.array([0.030, np.radians(0.25), np.radians(0.8)])
-# Enough texture: noise decides less than a third of that, one false alarm in 370. The whole uncertainty, with
-# the road's own shape, has to be below it: else the comparison says nothing.
+# The texture is sufficient where the standard deviation by noise alone is at most this, a third of AGREEMENT:
+# one false alarm in 370. The whole uncertainty, with the unevenness of the road, has to be below AGREEMENT;
+# otherwise the comparison shows nothing.
 MAX_NOISE_STD = AGREEMENT / 3.0
-# Height [m], pitch, roll [rad] by which both may differ all the same, as far as the lever of the nearest line
-# stretches that: an estimate off by this is called wrong, and the asphalt alone is better by half.
+# Greatest difference between stripes and texture in height [m], pitch, roll [rad], as far as the lever of the
+# nearest line enlarges it. An estimate with a larger error is called wrong; the road surface alone is twice
+# as accurate.
 MAX_DIFFERENCE = np.array([0.060, np.radians(0.5), np.radians(1.2)])
-# The same, of an estimate that has nothing but its own standard deviation to show that it is not wrong.
+# The same for an estimate whose only evidence that it is not wrong is its own standard deviation.
 WRONG = MAX_DIFFERENCE.copy()
-# Asphalt that says how high a line or a plane lies excludes what is this many of its standard deviations off:
-# a second question, after all of the asphalt has agreed.
+# The surface of the lane excludes the height of a line or a plane that differs by this many of its standard
+# deviations. It is a second check, after the whole surface has agreed with the lines.
 KERB_SIGMAS = 2.0
-# Painted lines lie in the asphalt; the lowest kerbs are 6 cm high, and half of that tells them apart.
+# Painted lines lie in the road surface. The lowest kerbs are 6 cm high, and half of that tells them apart.
 MAX_LINE_HEIGHT_M = 0.030
-# Smaller shifts are those of load and speed: one person more in a car does as much. Height [m], pitch, roll
-# [rad].
+# Smaller shifts are caused by load and speed: one more person in a car has the same effect. Height [m],
+# pitch, roll [rad].
 LEAST_SHIFT: Array = np.array([0.010, np.radians(0.10), np.radians(0.15)])
-# What load, speed and fuel move over an hour without anybody having touched the camera, standard deviations:
-# no drift. Height [m], pitch, roll [rad].
+# Standard deviations of the changes by load, speed and fuel over an hour, without a shift of the camera:
+# these are no drift. Height [m], pitch, roll [rad].
 WANDER_STD: Array = np.array([0.001, np.radians(0.005), np.radians(0.01)])
-# Twice what is called wrong: a tape measure and a spirit level on the parked car tell as much.
+# Twice what is called wrong: a tape measure and a spirit level on the parked car are as accurate.
 MAX_STD = 2.0 * WRONG

@@ -1,4 +1,4 @@
-"""The asphalt as a witness: agreement, no texture, and lines that lie in another plane."""
+"""Cross-check by the texture: agreement, no texture, and lines that lie in another plane."""
 
 import math
 from dataclasses import replace
@@ -28,7 +28,7 @@ def test_the_asphalt_agrees_and_is_a_stage():
     assert result.accepted
     assert list(result.stages)[-2:] == ["textured", "combined"]
     assert result.extrinsics == result.stages["combined"]
-    assert not any("asphalt" in note for note in result.notes)
+    assert not any("texture of the road surface" in note for note in result.notes)
     difference = result.stages["textured"].as_array() - scene.extrinsics.as_array()
     assert np.all(np.abs(difference) < [0.030, math.radians(0.25), math.radians(0.8)])
 
@@ -100,7 +100,7 @@ def test_grey_values_that_lead_away_from_the_lines_are_refused(monkeypatch):
 
 
 def test_the_asphalt_stands_with_one_line_where_two_contradict_it(monkeypatch):
-    """What is accepted is the plane of the asphalt, and nothing of the lines that were raised."""
+    """The accepted pose is that of the road surface alone; the raised lines add nothing to it."""
     scene, images = coarse_asphalt(12.0)
     raised(monkeypatch, 0.07)
     result = Calibrator(scene.rig).add(*images)
@@ -114,7 +114,7 @@ def test_the_asphalt_stands_with_one_line_where_two_contradict_it(monkeypatch):
 
 @pytest.mark.parametrize("gone", [0, 1])
 def test_one_line_and_asphalt_are_a_road(gone):
-    """One line alone determines no roll; with the asphalt beside it the road is known, and right."""
+    """One line alone does not determine the roll; with the texture beside it, the pose is right."""
     scene, _ = coarse_asphalt(12.0)
     left = tuple(line for i, line in enumerate(scene.road.lines) if i != gone)
     scene = replace(scene, road=replace(scene.road, lines=left))

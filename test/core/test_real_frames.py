@@ -43,7 +43,7 @@ def error(result, reference):
     [
         ("000036", "combined"),  # two lines that both cameras see well
         ("000076", "combined"),  # found by chains
-        ("000107", "combined"),  # found where the asphalt says they are
+        ("000107", "combined"),  # found with the plane of the texture
         ("000063", "textured"),  # two lines, of which one may be a kerb
         ("000040", "textured"),  # one line
         ("000109", "combined"),  # a bend

@@ -1,1 +1,1 @@
-"""What speaks for and against an estimate: measurements, gates, uncertainties, cross-checks."""
+"""What speaks for and against an estimate: measurements, gates, terms of its uncertainty, cross-checks."""

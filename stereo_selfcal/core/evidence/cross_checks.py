@@ -1,8 +1,9 @@
-"""Independent checks of an estimate from two lines, by what else the images show.
+"""Independent checks of an estimate from two lines, by other evidence in the images.
 
-Residuals and covariance do not show the gross errors: a kerb is as straight as a line, and a turned camera
-fits as well as another height. As an independent check, the texture of the road surface between the lines is
-matched in both images. Where it is too weak, the checks that lines alone allow take its place.
+Residuals and covariance do not show gross errors: a kerb is as straight as a line, and a camera that has
+turned fits as well as another height. As an independent check, the texture of the road surface between the
+lines is matched in both images. Where that texture is too weak, the checks that need lines alone take its
+place.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from ..estimators.texture_alignment import TextureFit, align_texture
 from ..geometry.plane import plane_from_pose
 from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm
-from ..lanes.extra_lines import height_between
+from ..lanes.extra_lines import inner_line_height
 from ..lanes.lane_pair import LanePattern
 from ..lanes.line_geometry import HeightOverLane, lane_in_road
 from ..rejection import GateReading, Rejection, fitted
@@ -37,17 +38,17 @@ from .nuisances import (
     slope_ahead_unknown,
     unseen_slope_covariance,
 )
-from .profile import profile_of_asphalt
+from .profile import profile_from_texture
 from .row_offset import vertical_offset
 from .stripe_border import measure_borders
 
-# The road goes on beyond its lines by a shoulder or another lane: a cell more on either side has the lines
-# inside of the surface they are compared with, not on its rim.
-_BESIDE_M = CELL_WIDTH_M
-# What is beyond a line that is a kerb is not of the road, and may be all there is to see. So the texture
-# between the lines is aligned once more, alone: from where the lane begins beside a kerb's face of 15 cm
-# (`core.evidence.stripe_border`), and half a stripe.
-_WITHIN_M = 0.3
+# Beyond its lines, the road continues as a shoulder or another lane. The surface the lines are compared with
+# is one cell wider on either side, so that the lines lie inside of it and not at its border.
+_MARGIN_M = CELL_WIDTH_M
+# Where a line is a kerb, the surface beyond it is not the road, and most of the texture may lie there. So the
+# texture between the lines is aligned alone as well. That surface begins this far inside of either line: a
+# kerb's face of 15 cm with a margin (`core.evidence.stripe_border`), and half a stripe.
+_INSET_M = 0.3
 OTHER_SLOPE = "the road is not seen far enough to exclude another slope of it ahead"
 _KERB = "a kerb beside a line cannot be ruled out; the uncertainty allows for it"
 
@@ -59,8 +60,8 @@ class CrossChecked:
     Attributes:
         estimate: The estimate, with what the checks leave unknown.
         poses: Pose by every stage that ran.
-        readings: What the gates read.
-        rejection: Why a gate refused it, None where none did.
+        readings: Readings of the gates.
+        rejection: Refusal by a gate; None where every gate was passed.
     """
 
     estimate: Estimate
@@ -79,35 +80,34 @@ def cross_check_texture(
     frame: FrameObservations,
     rig: StereoRig,
 ) -> CrossChecked:
-    """Check whether the lines lie in the road surface; where its texture is too weak, check all else.
+    """Check whether the lines lie in the road surface; where its texture is too weak, check the lines alone.
 
-    Where the texture between the lines is too weak, the one that has shown where the lines are still counts.
+    Where the alignment between the lines is too weak, the alignment by which the lines were found is used.
 
     Args:
         estimate: An estimate from lines.
         poses: Pose by every stage that ran.
-        evidence: What the stages have found.
-        readings: What the gates have read so far.
-        hypothesis: Which lines, found how.
+        evidence: Results of the stages so far.
+        readings: Readings of the gates so far.
+        hypothesis: Which lines were found, and how.
         pattern: These lines.
         frame: Images and stripe points.
         rig: Intrinsics and baseline.
 
     Returns:
-        Lines and texture combined; the estimate with a note, where the texture is too weak; or a refusal.
+        Lines and texture combined; or the estimate with a note where the texture is too weak; or a refusal.
     """
     config = evidence.config
     if not config.texture.check:
         return _cross_check_lines_only(estimate, poses, evidence, readings, hypothesis, pattern, frame, rig)
     _, left_m, right_m = lane_in_road(pattern.boundaries, rig, estimate.pose)
-    limits_m = (float(right_m) - _BESIDE_M, float(left_m) + _BESIDE_M)
+    limits_m = (float(right_m) - _MARGIN_M, float(left_m) + _MARGIN_M)
     line_pose, yaw = estimate.pose, estimate.lane_yaw_rad
     fit = fitted(align_texture(frame.images, rig, line_pose, yaw, limits_m=limits_m))
     if hypothesis.locating_texture is not None and (fit is None or fit.sufficiency < 1.0):
         fit = hypothesis.locating_texture
-    if (
-        fit is not None
-    ):  # a road that is not a plane is so for the lines, too, even where it cannot check them
+    # The unevenness of the road counts for the lines even where the texture is too weak to check them.
+    if fit is not None:
         paint = paint_angle_covariance(pattern, rig, line_pose, fit.shape)
         shape = road_shape_terms(pattern, rig, line_pose, fit.shape)
         estimate = estimate.with_terms(*shape, UncertaintyTerm("paint_angle", paint))
@@ -116,11 +116,11 @@ def cross_check_texture(
         lacking = "too uneven" if fit is not None and fit.enough_texture else "too little texture"
         sufficiency = 0.0 if fit is None else fit.sufficiency
     else:
-        within_m = (float(right_m) + _WITHIN_M, float(left_m) - _WITHIN_M)
+        within_m = (float(right_m) + _INSET_M, float(left_m) - _INSET_M)
         between = fitted(align_texture(frame.images, rig, line_pose, yaw, limits_m=within_m))
         lane_heights = _heights_over_lane(pattern, rig, line_pose, between)
         sufficiency = surely_no_kerb(lane_heights) if lane_heights else 0.0
-        if between is not None and between.enough_texture:  # less may be aligned by chance
+        if between is not None and between.enough_texture:  # a weaker one may be aligned by chance
             evidence = replace(evidence, lane_heights=lane_heights)
         if sufficiency < 1.0:
             lacking = "too little texture between the lines"
@@ -141,7 +141,7 @@ def cross_check_texture(
     if refusal is not None:
         return CrossChecked(estimate, poses, readings, refusal)
     combined = combine(estimate, fit)
-    profiles = (evidence.profile, profile_of_asphalt(fit))
+    profiles = (evidence.profile, profile_from_texture(fit))
     combined = combined.with_terms(
         UncertaintyTerm("rectification", rectification_covariance(rig, combined.pose)),
         UncertaintyTerm("slope_seen", seen_slope_covariance(*profiles)),
@@ -162,10 +162,10 @@ def _cross_check_lines_only(
     frame: FrameObservations,
     rig: StereoRig,
 ) -> CrossChecked:
-    """Check an estimate that rests on the lines alone by what else the images show."""
+    """Check an estimate that rests on the lines alone: borders and edges of stripes, other lines, horizon."""
     estimate = estimate.with_terms(UncertaintyTerm("crown", crown_covariance(evidence.refined)))
     if evidence.refined is not None and evidence.profile is not None:
-        if slope_ahead_unknown(evidence.profile):  # also where it is seen to bend
+        if slope_ahead_unknown(evidence.profile):  # also where it is bent
             estimate = estimate.with_note(OTHER_SLOPE)
         borders = measure_borders(frame.images, pattern, evidence.refined, rig)
         evidence = replace(evidence, borders=borders)
@@ -181,8 +181,10 @@ def _cross_check_lines_only(
     evidence = replace(evidence, stripes_fitted=evidence.refined is not None, std=std)
     if hypothesis.other_lines is not None:
         plane = plane_from_pose(estimate.pose, rig)
-        between = height_between(pattern, plane, hypothesis.other_lines, frame.points, rig, evidence.config)
-        evidence = replace(evidence, height_between=between)
+        between = inner_line_height(
+            pattern, plane, hypothesis.other_lines, frame.points, rig, evidence.config
+        )
+        evidence = replace(evidence, inner_line_height=between)
     evidence = replace(evidence, vertical=fitted(horizon_offset(frame.images, rig, estimate.pose)))
     readings, refusal = evaluate_gates(evidence, already=readings)
     return CrossChecked(estimate, poses, readings, refusal)
@@ -191,7 +193,7 @@ def _cross_check_lines_only(
 def _heights_over_lane(
     pattern: LanePattern, rig: StereoRig, line_pose: Extrinsics, between: TextureFit | None
 ) -> tuple[HeightOverLane, ...]:
-    """Return how high both boundaries lie over the surface between them; nothing where it is not seen."""
+    """Return the heights of both boundaries over the surface between them; () where it is not seen."""
     if between is None or not between.seen:
         return ()
     return heights_over_surface(pattern.boundaries, rig, line_pose, between)

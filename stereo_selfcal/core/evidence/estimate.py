@@ -1,4 +1,4 @@
-"""An estimate on its way through the stages: the pose by each of them, and what is not known of it."""
+"""An estimate on its way through the stages: its pose by each stage, and the terms of its uncertainty."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ class StagePoses:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """A pose over the road, and what is not known of it.
+    """A pose over the road with its uncertainty.
 
     Attributes:
         pose: Height, pitch and roll.
-        terms: Terms of the uncertainty, one for each name.
+        terms: Terms of the uncertainty, one for each name; their sum is the covariance.
         lane_yaw_rad: Yaw of the camera against the lane [rad], > 0: it points left of it.
-        notes: Sentences about what is not quite as it should be, though no reason to refuse.
+        notes: Sentences about imperfections that are no reason to refuse the estimate.
     """
 
     pose: Extrinsics
@@ -60,9 +60,9 @@ class Estimate:
         return total_covariance(self.terms)
 
     def with_terms(self, *terms: UncertaintyTerm) -> Estimate:
-        """Return the estimate with more that is not known."""
+        """Return the estimate with further terms of its uncertainty."""
         return replace(self, terms=merge_terms((*self.terms, *terms)))
 
     def with_note(self, note: str) -> Estimate:
-        """Return the estimate with a sentence more."""
+        """Return the estimate with one more note."""
         return replace(self, notes=(*self.notes, note))

@@ -1,4 +1,4 @@
-"""What is known of a frame: its images, a hypothesis about its lines, and what the stages have found."""
+"""What is known of a frame: its observations, a hypothesis about its lines, and the results of the stages."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _CLIPPED_STEP = 4  # every fourth pixel of every fourth row is enough for two di
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameObservations:
-    """What is seen in a frame before any hypothesis is made.
+    """Observations of a frame that need no hypothesis.
 
     Attributes:
         images: Left and right image, (H, W) uint8.
-        points: Stripe points of both.
+        points: Stripe points of both images.
         clipped: Greatest part of black and white pixels in the lower half of an image.
     """
 
@@ -41,7 +41,7 @@ class FrameObservations:
 
     @classmethod
     def from_images(cls, images: tuple[Image, Image], config: CalibratorConfig) -> FrameObservations:
-        """Return what is seen in the left and the right image, (H, W) uint8."""
+        """Return the observations of a left and a right image, (H, W) uint8 each."""
         clipped = clipped_share(images)
         left, right = (find_stripe_points(image, config.extraction) for image in images)
         return cls(images, (left, right), clipped)
@@ -67,20 +67,20 @@ class FoundBy(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypothesis:
-    """What is assumed of a frame: which two lines bound the lane, and how they were found.
+    """An assumption about a frame: which two lines bound the lane, and how they were found.
 
     Attributes:
         found_by: ``hough``: single stripe points vote for lines; ``chains``: chains of stripe points vote;
-            ``texture``: the lines were looked for on the road that the texture shows; ``surface``: no pair of
-            lines, but the texture of the road surface and one line on it.
+            ``texture``: the lines were looked for on the plane of the road surface's texture; ``surface``: no
+            pair of lines, but the texture of the road surface and one line on it.
         pattern: The lines; None for ``surface``.
-        other_lines: Lines both cameras see, those of the pattern among them; None where none were kept.
-        below: How deep another line lies below the plane of these; None where that was not measured.
-        locating_texture: The texture alignment that has shown where the lines are; None where they were found
-            without it.
-        needs_texture: Whether an estimate counts only if the texture confirms it: lines that were not the
-            first choice.
-        single_lines: For ``surface``: lines both cameras see, one of which has to lie in the surface.
+        other_lines: Lines that both cameras see, those of the pattern included; None where none were kept.
+        below: How deep another line lies below the plane of the pattern; None where it was not measured.
+        locating_texture: The texture alignment by which the lines were found; None where they were found
+            without one.
+        needs_texture: Whether an estimate counts only if the texture confirms it, as for lines that were not
+            the first choice.
+        single_lines: For ``surface``: lines that both cameras see, one of which has to lie in the surface.
     """
 
     found_by: FoundBy
@@ -92,26 +92,26 @@ class Hypothesis:
     single_lines: tuple[Match, ...] = ()
 
     def slim(self) -> Hypothesis:
-        """Return the hypothesis without points and lines, which weigh as much as an image."""
+        """Return the hypothesis without points and lines, which take as much memory as an image."""
         return Hypothesis(self.found_by, None, needs_texture=self.needs_texture)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """What the stages have found so far; None where one has not run, or found nothing.
+    """Results of the stages so far; None where a stage has not run, or has given up.
 
     Attributes:
         config: Settings.
-        genetic: Estimate of the genetic algorithm; None where the surface alone is estimated.
+        genetic: Pose by the genetic algorithm; None where the pose is estimated from the surface alone.
         fitness: Its fitness.
         misfit_px: Misfit of the lines under it.
-        below: How deep another line both cameras see lies below the plane of these.
+        below: How deep another line that both cameras see lies below the plane of the pattern.
         bends: Curvatures of the lines.
         lines: Fit of a flat road to the lines.
-        refined: Fit of the grey values of the stripes.
+        refined: Fit of the stripes' grey values.
         profile: Heights of the road along the stripes, over the plane of that fit.
-        wide_profile: The same by edges that are too far off to be measured well: where it shows another slope
-            ahead, there is one, of that size at least.
+        wide_profile: The same, with edges that are too far off to be measured well. Where it shows another
+            slope ahead, there is one, at least of that size.
         clipped: Greatest part of clipped pixels in the lower half of an image.
         texture_sufficiency: Texture of the road surface over what a check of the lines needs; None where such
             a check is not required.
@@ -119,10 +119,10 @@ class Evidence:
         surface_heights: Heights of all lines over that surface.
         lane_heights: Heights of the two boundaries over the surface between them alone.
         vertical: Vertical offset between the images.
-        borders: What lies between the boundaries and the lane; empty where the texture checks the lines.
+        borders: Grey values between the boundaries and the lane; empty where the texture checks the lines.
         stripes_fitted: Whether the stripes' grey values could be fitted; None where the texture checks the
             lines.
-        height_between: Height of a line between the boundaries over their plane.
+        inner_line_height: Height of a line between the boundaries over their plane.
         std: (3,) standard deviations of an estimate that rests on the lines alone [m, rad, rad].
     """
 
@@ -144,10 +144,10 @@ class Evidence:
     vertical: VerticalOffset | None = None
     borders: tuple[StripeBorder, ...] = ()
     stripes_fitted: bool | None = None
-    height_between: HeightOverLane | None = None
+    inner_line_height: HeightOverLane | None = None
     std: Array | None = None
 
     @property
-    def of_lines(self) -> Extrinsics | None:
-        """The estimate from lines that is best so far."""
+    def line_pose(self) -> Extrinsics | None:
+        """The best pose from lines so far."""
         return self.genetic if self.refined is None else self.refined.extrinsics

@@ -1,7 +1,7 @@
-"""The gates a calibration has to pass, as data: what is measured, its limit, the reason and the remedy.
+"""The gates that a calibration has to pass, as data: a reading with its limit, the reason and the remedy.
 
 Each gate reads one number from the evidence of a frame. A new gate is one entry in :data:`GATES` and one
-test. The checks before there is an estimate (images, lines, matches) are in `core.lanes.frame_checks`.
+test. The checks before there is an estimate (of images, lines and matches) are in `core.lanes.frame_checks`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Gate:
         label: Name for people, in pictures and tables.
         reason: Of a refusal.
         remedy: What the user can do.
-        read: Function that returns the reading; None where there is nothing to read.
+        read: Function that returns the reading, or None where there is no evidence for it.
     """
 
     key: str
@@ -41,7 +41,7 @@ def evaluate_gates(
     """Read all gates for which there is evidence, in order, up to the first that refuses the frame.
 
     Args:
-        evidence: What the stages have found.
+        evidence: Results of the stages so far.
         already: Readings of an earlier call; their gates are not read again.
 
     Returns:
@@ -62,7 +62,7 @@ def evaluate_gates(
     return tuple(taken), None
 
 
-_KERB = "one of them may be a kerb, or slope otherwise: drive on, in the middle of a flat lane"
+_KERB = "one of the lines may be a kerb, or the road may not be flat: drive on, in the middle of a flat lane"
 _ONE_ROAD = f"check that left and right are not swapped, and {FIND_LINES}"
 
 GATES: tuple[Gate, ...] = (
@@ -184,7 +184,7 @@ GATES: tuple[Gate, ...] = (
         RejectReason.LINES_NOT_COPLANAR,
         "the lines are those of more than one lane, or one is a kerb or a rail: drive on, in the middle of a "
         "flat lane",
-        measurements.read_height_between,
+        measurements.read_inner_line_height,
     ),
     Gate(
         "two_edges",

@@ -1,4 +1,4 @@
-"""How high lane lines lie over the road's surface, and how surely that is no kerb."""
+"""Heights of lane lines over the road surface, and whether they exclude a kerb."""
 
 from __future__ import annotations
 
@@ -20,128 +20,146 @@ from ..tolerances import KERB_SIGMAS, MAX_LINE_HEIGHT_M
 from ..types import Array
 
 
-def heights_over(pattern: LanePattern, rig: StereoRig, lines: Extrinsics, road: Extrinsics) -> Array:
-    """Return how high each line of the pattern lies over a road [m], where it was seen, (L,).
+def heights_over(pattern: LanePattern, rig: StereoRig, line_pose: Extrinsics, road_pose: Extrinsics) -> Array:
+    """Return the height of each line over a road [m], mean over the rows it was seen in, (L,).
 
     Args:
         pattern: The lines.
         rig: Intrinsics and baseline.
-        lines: Estimate from them: their disparities.
-        road: Another estimate.
+        line_pose: Pose estimated from them: it gives their disparities.
+        road_pose: Pose over the road.
     """
-    return np.array([np.average(h, weights=w) for h, w, _ in _heights_along(pattern, rig, lines, road)])
+    heights = _heights_along(pattern, rig, line_pose, road_pose)
+    return np.array([np.average(height_m, weights=weights) for height_m, weights, _ in heights])
 
 
 def heights_over_surface(
-    pattern: LanePattern, rig: StereoRig, lines: Extrinsics, texture: TextureFit
+    pattern: LanePattern, rig: StereoRig, line_pose: Extrinsics, texture: TextureFit
 ) -> tuple[HeightOverLane, ...]:
-    """Return how high each line lies over the road surface beside it, on the side of the camera.
+    """Return the height of each line over the road surface beside it, on the side of the camera.
 
-    Where the asphalt is no plane, a line in it need not lie in its plane; what tells a kerb is its height
-    over the asphalt it runs along: over the heights of the lane's own cells, carried on to it (universal
-    kriging: Cressie, Statistics for Spatial Data, 1993, section 3.4).
+    Where the road surface is uneven, a painted line need not lie in its plane. A kerb is known by its height
+    over the surface it runs along. So the heights of the lane's own cells are extrapolated to the line
+    (universal kriging: Cressie, Statistics for Spatial Data, 1993, section 3.4).
 
     Args:
         pattern: The lines.
         rig: Intrinsics and baseline.
-        lines: Estimate from them: their disparities.
-        texture: The asphalt.
+        line_pose: Pose estimated from them: it gives their disparities.
+        texture: The alignment of the road surface.
 
     Returns:
         One for each of the L lines; the standard deviations are those of the surface alone.
     """
-    yaw, left_m, right_m = lane_in_road(pattern.boundaries, rig, lines)
+    yaw, left_m, right_m = lane_in_road(pattern.boundaries, rig, line_pose)
     aside = texture.cells_xy_m[:, 1] + np.tan(yaw) * texture.cells_xy_m[:, 0]
     inner = (right_m < aside) & (aside < left_m)
-    along = _heights_along(pattern, rig, lines, texture.extrinsics)
-    return tuple(_over_cells(*of_line, texture, inner) for of_line in along)
+    lines = _heights_along(pattern, rig, line_pose, texture.extrinsics)
+    return tuple(_height_over_cells(*along, texture, inner) for along in lines)
 
 
-def _over_cells(
-    heights: Array, weights: Array, places: Array, texture: TextureFit, which: npt.NDArray[np.bool_]
+def _height_over_cells(
+    heights: Array, weights: Array, positions_m: Array, texture: TextureFit, usable: npt.NDArray[np.bool_]
 ) -> HeightOverLane:
-    """Return how high something lies over cells of the road surface, carried on to it.
+    """Return the mean height of points over the road surface, extrapolated from its cells.
 
     Args:
-        heights: (N,) heights over the plane of the asphalt [m].
-        weights: (N,) of them in the mean that is returned.
-        places: (N, 2) where, on the road [m].
-        texture: The asphalt.
-        which: (C,) cells that count.
+        heights: (N,) heights of the points over the plane of the road surface [m].
+        weights: (N,) their weights in the mean.
+        positions_m: (N, 2) their positions on the road [m].
+        texture: The alignment of the road surface.
+        usable: (C,) cells to extrapolate from.
     """
-    known = np.isfinite(texture.cells_height_m) & which
+    known = np.isfinite(texture.cells_height_m) & usable
     xy, residuals = texture.cells_xy_m[known], texture.cells_height_m[known]
-    # Outliers are cells of little weight.
+    # Outliers are cells of small weight.
     variances = texture.cells_variance[known] / np.maximum(texture.cells_weight[known], LEAST_WEIGHT)
-    at = np.concatenate([places, xy])
+    at = np.concatenate([positions_m, xy])
     kernel, profile = kernels(at)
-    of_road = texture.shape.roughness * kernel + texture.shape.profile**2 * profile
+    road = texture.shape.roughness * kernel + texture.shape.profile**2 * profile
     planes = np.column_stack([np.ones(len(at)), at])
-    n, mean = len(places), weights / weights.sum()
-    to_cells, measured = mean @ of_road[:n, n:], of_road[n:, n:] + np.diag(variances)
-    carried = np.linalg.solve(measured, np.column_stack([to_cells, planes[n:]]))
-    by_cells, information = carried[:, 0], planes[n:].T @ carried[:, 1:]
-    # What the cells leave open of their own plane.
-    open_plane = mean @ planes[:n] - by_cells @ planes[n:]
-    variance = mean @ of_road[:n, :n] @ mean - by_cells @ to_cells
-    variance += open_plane @ np.linalg.pinv(information) @ open_plane
-    return HeightOverLane(float(mean @ heights - by_cells @ residuals), float(np.sqrt(max(variance, 0.0))))
+    n, mean = len(positions_m), weights / weights.sum()
+    to_cells, measured = mean @ road[:n, n:], road[n:, n:] + np.diag(variances)
+    kriging = np.linalg.solve(measured, np.column_stack([to_cells, planes[n:]]))
+    cell_weights, information = kriging[:, 0], planes[n:].T @ kriging[:, 1:]
+    # The error of the plane that the cells determine.
+    plane_error = mean @ planes[:n] - cell_weights @ planes[n:]
+    variance = mean @ road[:n, :n] @ mean - cell_weights @ to_cells
+    variance += plane_error @ np.linalg.pinv(information) @ plane_error
+    return HeightOverLane(
+        float(mean @ heights - cell_weights @ residuals), float(np.sqrt(max(variance, 0.0)))
+    )
 
 
 def _heights_along(
-    pattern: LanePattern, rig: StereoRig, lines: Extrinsics, road: Extrinsics
+    pattern: LanePattern, rig: StereoRig, line_pose: Extrinsics, road_pose: Extrinsics
 ) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield heights over a road [m], weights and places on it [m] of the rows each line was seen in."""
-    rotation = road_from_camera_rotation(road.pitch_rad, road.roll_rad)
+    """Yield for each line its N heights over a road [m], their weights and positions on it (N, 2) [m]."""
+    rotation = road_from_camera_rotation(road_pose.pitch_rad, road_pose.roll_rad)
     for ray in rays_of_lines(pattern, rig):
-        seen, expected = (plane_from_pose(each, rig).disparities(ray) for each in (lines, road))
+        seen, expected = (plane_from_pose(each, rig).disparities(ray) for each in (line_pose, road_pose))
         seen = np.maximum(seen, LEAST_DISPARITY_PX)
-        metres = road.height_m / seen
+        metres = road_pose.height_m / seen
         xy = (ray * (rig.fx * rig.baseline_m / seen)[:, None]) @ rotation[:2].T
-        # Rows weigh as their pixels do; far ones say little of a height.
+        # A row has the weight of its pixels, as one pixel is a larger height farther away.
         yield (seen - expected) * metres, metres**-2.0, xy
 
 
-def surely_same(road: Extrinsics, other: TextureFit, rig: StereoRig) -> bool:
-    """Whether a part of the asphalt excludes that a road is that of a kerb beside the lane.
+def surely_same(road_pose: Extrinsics, own_lane: TextureFit, rig: StereoRig) -> bool:
+    """Whether the surface of the own lane excludes that a plane is that of a kerb or pavement beside it.
+
+    The plane's height over the surface of the lane is measured at both sides of the lane, as the mean along
+    it. It has to be surely less than that of the lowest kerb (:func:`surely_no_kerb`).
 
     Args:
-        road: A road from more of the asphalt.
-        other: The part of it that is surely of the lane.
+        road_pose: Pose over the plane of a wider part of the road surface.
+        own_lane: Alignment of the part that surely belongs to the own lane.
         rig: Intrinsics and baseline.
 
     Returns:
-        Whether the lowest kerb is excluded at both sides of the lane, along all of the part.
+        Whether the lowest kerb is excluded; False where the surface of the lane is not seen.
     """
-    if not other.seen:
+    if not own_lane.seen:
         return False
-    known = np.isfinite(other.cells_height_m)
-    ahead_m = other.cells_xy_m[known, 0]
-    # Rows of the image weigh alike, as those of a line do.
+    known = np.isfinite(own_lane.cells_height_m)
+    ahead_m = own_lane.cells_xy_m[known, 0]
+    # Points at equal steps of image rows, as those of a line.
     rows = np.linspace(1.0 / ahead_m.max(), 1.0 / ahead_m.min(), N_ROWS)
-    to_camera = road_from_camera_rotation(other.extrinsics.pitch_rad, other.extrinsics.roll_rad)
-    over = []
+    to_camera = road_from_camera_rotation(own_lane.extrinsics.pitch_rad, own_lane.extrinsics.roll_rad)
+    heights_m = []
     for side_m in (HALF_LANE_M, -HALF_LANE_M):
-        places = np.column_stack([1.0 / rows, np.full(N_ROWS, side_m)])
-        ray = np.column_stack([places, np.full(N_ROWS, -other.extrinsics.height_m)]) @ to_camera
+        positions_m = np.column_stack([1.0 / rows, np.full(N_ROWS, side_m)])
+        ray = np.column_stack([positions_m, np.full(N_ROWS, -own_lane.extrinsics.height_m)]) @ to_camera
         ray /= ray[:, :1]
-        seen, expected = (plane_from_pose(each, rig).disparities(ray) for each in (road, other.extrinsics))
-        heights = (seen - expected) * other.extrinsics.height_m / seen
-        over.append(_over_cells(heights, seen**2.0, places, other, known))
-    return surely_no_kerb(over) >= 1.0
+        seen, expected = (
+            plane_from_pose(each, rig).disparities(ray) for each in (road_pose, own_lane.extrinsics)
+        )
+        heights = (seen - expected) * own_lane.extrinsics.height_m / seen
+        heights_m.append(_height_over_cells(heights, seen**2.0, positions_m, own_lane, known))
+    return surely_no_kerb(heights_m) >= 1.0
 
 
 def surely_no_kerb(heights: Sequence[HeightOverLane]) -> float:
-    """Return how surely nothing is the lowest kerb, twice as high as a line may be: 1 is enough.
+    """Return how surely all heights exclude the lowest kerb, over what is needed: 1 is enough.
+
+    The lowest kerb is 6 cm high, twice ``MAX_LINE_HEIGHT_M``. Each height must be ``KERB_SIGMAS`` of its
+    standard deviations below that.
 
     Args:
-        heights: Over the road surface of the lane; at least one.
+        heights: Heights over the road surface of the lane; at least one.
     """
     return min(
         (2.0 * MAX_LINE_HEIGHT_M - abs(height.value_m)) / (KERB_SIGMAS * height.std_m) for height in heights
     )
 
 
-def lies_on(pattern: LanePattern, rig: StereoRig, lines: Extrinsics, road: Extrinsics) -> bool:
-    """Whether both lines lie in a road."""
-    return bool(np.all(np.abs(heights_over(pattern, rig, lines, road)) <= MAX_LINE_HEIGHT_M))
+def lies_on(pattern: LanePattern, rig: StereoRig, line_pose: Extrinsics, road_pose: Extrinsics) -> bool:
+    """Whether each line lies within ``MAX_LINE_HEIGHT_M`` of a road, above or below.
+
+    Args:
+        pattern: The lines.
+        rig: Intrinsics and baseline.
+        line_pose: Pose estimated from them: it gives their disparities.
+        road_pose: Pose over the road.
+    """
+    return bool(np.all(np.abs(heights_over(pattern, rig, line_pose, road_pose)) <= MAX_LINE_HEIGHT_M))

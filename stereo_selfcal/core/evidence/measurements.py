@@ -1,6 +1,7 @@
-"""What the gates read: one number each, from the evidence of a frame, beside its limit.
+"""What the gates read: for each gate, one number from the evidence of a frame, and its limit.
 
-The sentences are those of :class:`.Rejection`: ``{value}`` and ``{limit}`` stand for the numbers.
+Each reading has a sentence for :class:`.Rejection`, in which ``{value}`` and ``{limit}`` stand for the
+numbers.
 """
 
 from __future__ import annotations
@@ -16,14 +17,14 @@ from ..rejection import Bound
 from ..tolerances import AGREEMENT, MAX_DIFFERENCE, MAX_LINE_HEIGHT_M, MAX_STD
 from ..types import Array
 from .frame_evidence import Evidence
-from .stripe_border import LEFT_OF_EDGES
+from .stripe_border import EDGE_REMAINDER
 
-# An estimate this close to a side of the search space, as a fraction of the length of that side, has been
-# stopped by it: the genetic algorithm ends with its whole population within 1e-7.
+# An estimate this close to an end of the search range, as a fraction of the range, was stopped by it: the
+# genetic algorithm ends with its whole population within 1e-7.
 _EDGE_FRACTION = 1e-3
 
-# A curvature counts when it is this many standard deviations from zero: for normal errors, that is one false
-# alarm in 15 000 frames.
+# A curvature counts when it is this many standard deviations from zero: one false alarm in 15 000 frames for
+# normal errors.
 _CURVATURE_SIGMAS = 4.0
 
 # The pixels of a line have most weight 8 m ahead. With this radius, the slope of the road differs there by
@@ -31,16 +32,16 @@ _CURVATURE_SIGMAS = 4.0
 _MIN_VERTICAL_RADIUS_M = 1800.0
 
 # The lines of one rectified pair over any flat road agree within their standard deviations. Real roads exceed
-# these up to five times, as edges are not straight to a hundredth of a pixel; this leaves 40 % to spare. A
+# these up to five times, as edges are not straight to a hundredth of a pixel; the limit is 40 % above that. A
 # right camera turned by 0.02 rad about its axis gives 37, a vertical offset of a quarter of a pixel 21.
 _MAX_MISFIT_SIGMAS = 7.0
 
-# The narrowest lines there are, rails of trams; and half of the narrowest lane, as an arrow in the middle of
-# a lane may be taken for a line.
+# The narrowest lines are rails of trams. The least lane is half of the narrowest one, as an arrow in the
+# middle of a lane may be taken for a line.
 _MIN_STRIPE_M, _MIN_LANE_M = 0.05, 1.25
 
-# How far the refinement may lead away from the lines: by what the texture of the road surface can tell
-# apart, or, in noise, by this many standard deviations of both estimates, as edges are rough (see above).
+# The fit of the stripes may differ from the lines by what the texture of the road surface can tell apart
+# (AGREEMENT). In noise, it may differ by this many standard deviations of both estimates, as edges are rough.
 _MAX_STAGE_SIGMAS = 10.0
 
 # The fit of the stripes stops at BLUR_MAX_PX. A blur within 3 % of it was stopped there: the true one may be
@@ -59,15 +60,15 @@ _MAX_TURN_RAD = math.radians(0.1)
 # An offset, an angle or a height counts when it is this many of its standard deviations from zero.
 _SHAPE_SIGMAS = 3.0
 
-# The grey value changes in one step from a painted stripe to the lane beside it. In random worlds shadows,
-# dapples and noise leave further steps of up to 5 % of the paint's contrast, the faces of kerbs 7 % and more.
+# The grey value changes in one step from a painted stripe to the lane beside it. In random worlds, shadows,
+# dapples and noise leave another step of up to 5 % of the paint's contrast, the faces of kerbs 7 % and more.
 _MAX_BORDER_STEP = 0.06
-# The same between the two halves of a stripe whose edges both lie in the road: two lines that were taken for
+# The same between the two halves of a stripe whose edges both lie in the road. Two lines that were taken for
 # one differ by up to 19 %, the halves of a rail by 24 % and more.
-_MAX_OWN_TONE = 0.2
-# The same of a strip as narrow as the face of the lowest kerb: 99 % of the roads of random worlds leave less
-# than 7 %, faces that are seen 12 % and more.
-_MAX_FACE = 0.10
+_MAX_HALF_DIFFERENCE = 0.2
+# The same for a strip as narrow as the face of the lowest kerb: 99 % of the roads of random worlds have a
+# step of less than 7 %, faces that are seen one of 12 % and more.
+_MAX_NARROW_STEP = 0.10
 # A difference counts when it is this many of its standard deviations from zero.
 _SURELY_SIGMAS = 4.0
 
@@ -94,7 +95,7 @@ class Reading:
 
 
 def read_search_edge(evidence: Evidence) -> Reading | None:
-    """Read the number of the pose that is nearest to a side of the search space, beside that side."""
+    """Read the component of the pose that is nearest to an end of its search range, and that end."""
     estimate = evidence.genetic or (evidence.texture.extrinsics if evidence.texture else None)
     if estimate is None:
         return None
@@ -129,7 +130,7 @@ def read_fitness(evidence: Evidence) -> Reading | None:
 
 
 def _radius(what: str, curvature_per_m: float, std_per_m: float, least_m: float) -> Reading:
-    """Return the reading of a radius; the limit is less where noise alone may have made the curvature."""
+    """Return the reading of a radius; the limit is smaller where noise alone may explain the curvature."""
     curvature = max(abs(curvature_per_m), 1e-9)  # a million kilometres
     limit = max(1.0 / least_m, _CURVATURE_SIGMAS * std_per_m)
     return Reading(what, 1.0 / curvature, Bound.LEAST, 1.0 / limit, "m", curvature <= limit)
@@ -157,7 +158,7 @@ def read_vertical_radius(evidence: Evidence) -> Reading | None:
 
 
 def read_independent_lines(evidence: Evidence) -> Reading | None:
-    """Read how many lines are independent: two that coincide determine five of the six parameters only."""
+    """Read how many lines are independent: two that coincide determine only five of the six parameters."""
     if evidence.bends is None:  # before the lines are fitted
         return None
     n = 1 if evidence.lines is None else 2
@@ -166,7 +167,7 @@ def read_independent_lines(evidence: Evidence) -> Reading | None:
 
 
 def read_line_misfit(evidence: Evidence) -> Reading | None:
-    """Read how far the lines are from those of any flat road."""
+    """Read how far the lines are from those of any flat road, in standard deviations."""
     if evidence.lines is None:
         return None
     sigmas = evidence.lines.misfit_sigmas
@@ -186,7 +187,7 @@ def read_uncertainty(evidence: Evidence) -> Reading | None:
 def _difference(what: str, difference: Array, limits: Array) -> Reading:
     """Return the reading of the component of the pose that differs most, relative to its limit.
 
-    ``{axis}`` in the text stands for the name of that component.
+    ``{axis}`` in the sentence stands for the name of that component.
     """
     difference = np.abs(difference)
     worst = int(np.argmax(difference / limits))
@@ -198,7 +199,7 @@ def _difference(what: str, difference: Array, limits: Array) -> Reading:
 
 
 def read_stage_difference(evidence: Evidence) -> Reading | None:
-    """Read how far the refinement has led away from the lines."""
+    """Read how far the fit of the stripes differs from the estimate from the lines."""
     if evidence.refined is None or evidence.lines is None or evidence.genetic is None:
         return None
     sigmas = np.sqrt(np.diag(evidence.lines.covariance) + np.diag(evidence.refined.covariance))
@@ -236,7 +237,7 @@ def read_blur(evidence: Evidence) -> Reading | None:
 
 
 def read_clipped_part(evidence: Evidence) -> Reading | None:
-    """Read how much of the images is black or white."""
+    """Read which part of the images is black or white."""
     if evidence.clipped is None:
         return None
     what = "the part of the road that is black or white in an image is {value}"
@@ -246,9 +247,9 @@ def read_clipped_part(evidence: Evidence) -> Reading | None:
 
 def read_surface_difference(evidence: Evidence) -> Reading | None:
     """Read how the plane of the lines and that of the road surface differ."""
-    if evidence.texture is None or evidence.of_lines is None:
+    if evidence.texture is None or evidence.line_pose is None:
         return None
-    difference = evidence.of_lines.as_array() - evidence.texture.extrinsics.as_array()
+    difference = evidence.line_pose.as_array() - evidence.texture.extrinsics.as_array()
     what = "the lane lines and the road surface between them differ in {axis} by {value}"
     return _difference(what, difference, MAX_DIFFERENCE)
 
@@ -264,7 +265,7 @@ def read_height_over_surface(evidence: Evidence) -> Reading | None:
 
 
 def read_height_over_lane(evidence: Evidence) -> Reading | None:
-    """Read how high the lane lines lie over the road surface between them, aligned by itself."""
+    """Read how high the lane lines lie over the road surface between them, which is aligned alone."""
     if not evidence.lane_heights:
         return None
     limits = [
@@ -280,7 +281,7 @@ def read_height_over_lane(evidence: Evidence) -> Reading | None:
 
 
 def read_texture_sufficiency(evidence: Evidence) -> Reading | None:
-    """Read whether the texture of the road surface can confirm the lines, where that is required."""
+    """Read the texture of the road surface over what a check of the lines needs, where one is required."""
     if evidence.texture_sufficiency is None:
         return None
     what = "the road surface has {value} of the texture and evenness that a check of the lines needs"
@@ -317,7 +318,7 @@ def read_depth_below_plane(evidence: Evidence) -> Reading | None:
 
 
 def read_profile_change(evidence: Evidence) -> Reading | None:
-    """Read how the road farther ahead differs from the plane of the lines."""
+    """Read how the road 5 to 20 m ahead differs from the plane of the lines."""
     profile = evidence.wide_profile
     if profile is None:
         return None
@@ -334,15 +335,19 @@ def read_border_step(evidence: Evidence) -> Reading | None:
     beside, within = "between a stripe and the lane", "within a stripe"
     steps = []
     for border in evidence.borders:
-        # Where the edges do not show whether they are level, the strip beside has to be bare.
-        most = LEFT_OF_EDGES if math.isnan(border.lower.height_m) else _MAX_BORDER_STEP
+        # Where the heights of the edges were not measured, no strip beside the stripe is allowed.
+        most = EDGE_REMAINDER if math.isnan(border.edge_step.height_m) else _MAX_BORDER_STEP
         steps.append((border.step, border.step_std, most, beside))
-        # Within a level stripe a shadow may end, or it may be two lines that were taken for one.
-        level = border.lower.surely_lower_than(MAX_LINE_HEIGHT_M)
-        tone, most = (border.own_tone, _MAX_OWN_TONE) if level else (border.tone, _MAX_BORDER_STEP)
-        steps.append((tone, border.tone_std, most, within))
+        # The halves of a level stripe may differ: a shadow may end in it, or it may be two lines.
+        if border.edge_step.surely_lower_than(MAX_LINE_HEIGHT_M):
+            difference, most = border.unshaded_difference, _MAX_HALF_DIFFERENCE
+        else:
+            difference, most = border.half_difference, _MAX_BORDER_STEP
+        steps.append((difference, border.half_difference_std, most, within))
     steps += [
-        (each.face, each.face_std, _MAX_FACE, beside) for each in evidence.borders if math.isfinite(each.face)
+        (each.narrow_step, each.narrow_step_std, _MAX_NARROW_STEP, beside)
+        for each in evidence.borders
+        if math.isfinite(each.narrow_step)
     ]
     limits = [(abs(step), max(most, _SURELY_SIGMAS * std), where) for step, std, most, where in steps]
     step, limit, where = max(limits, key=lambda each: each[0] / each[1])
@@ -352,10 +357,10 @@ def read_border_step(evidence: Evidence) -> Reading | None:
 
 def read_edge_heights(evidence: Evidence) -> Reading | None:
     """Read how low the edges of the stripes towards the lane lie below their other edges."""
-    faces = [border.lower for border in evidence.borders if math.isfinite(border.lower.height_m)]
-    if not faces:
+    steps = [border.edge_step for border in evidence.borders if math.isfinite(border.edge_step.height_m)]
+    if not steps:
         return None
-    limits = [(abs(face.height_m), max(MAX_LINE_HEIGHT_M, _SURELY_SIGMAS * face.std_m)) for face in faces]
+    limits = [(abs(step.height_m), max(MAX_LINE_HEIGHT_M, _SURELY_SIGMAS * step.std_m)) for step in steps]
     value_m, limit_m = max(limits, key=lambda each: each[0] / each[1])
     what = "the two edges of a stripe differ in height by {value}"
     return Reading(what, 1e3 * value_m, Bound.MOST, 1e3 * limit_m, "mm", value_m <= limit_m)
@@ -373,11 +378,11 @@ def read_fitted_stripes(evidence: Evidence) -> Reading | None:
     return Reading(what, n, Bound.LEAST, 2, "", evidence.stripes_fitted)
 
 
-def read_height_between(evidence: Evidence) -> Reading | None:
+def read_inner_line_height(evidence: Evidence) -> Reading | None:
     """Read how far a line between the lane lines lies above or below their plane."""
-    if evidence.height_between is None:
+    if evidence.inner_line_height is None:
         return None
-    height_m = abs(evidence.height_between.value_m)
-    limit_m = max(MAX_LINE_HEIGHT_M, _SURELY_SIGMAS * evidence.height_between.std_m)
+    height_m = abs(evidence.inner_line_height.value_m)
+    limit_m = max(MAX_LINE_HEIGHT_M, _SURELY_SIGMAS * evidence.inner_line_height.std_m)
     what = "a line between the two lane lines lies {value} above or below their plane"
     return Reading(what, 1e3 * height_m, Bound.MOST, 1e3 * limit_m, "mm", height_m <= limit_m)

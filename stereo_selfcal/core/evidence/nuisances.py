@@ -1,4 +1,4 @@
-"""What is unknown besides the pose, and the covariance it leaves in the pose: one function each."""
+"""Causes of uncertainty besides the noise of the pixels: for each, the covariance it leaves in the pose."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from ..tolerances import MAX_LINE_HEIGHT_M
 from ..types import Array
 from .profile import Profile
 
-_ANGLE_STEPS = np.array([1e-4, 1e-5, 1e-5])  # m, rad, rad: of a derivative
+_ANGLE_STEPS = np.array([1e-4, 1e-5, 1e-5])  # m, rad, rad: steps of the central difference
 
 
 def road_shape_terms(
     pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics, shape: RoadUnevenness
 ) -> tuple[UncertaintyTerm, ...]:
-    """Return what the shape of the road leaves unknown in an estimate from lines.
+    """Return the terms that the shape of the road adds to the covariance of an estimate from lines.
 
-    The disparities of the lines, row by row and of equal weight, are fitted by a plane; the heights of
-    the road are no plane, with the covariance the texture shows.
+    A plane is fitted to the disparities of the lines, row by row with equal weights. The heights of the road
+    deviate from a plane, with a covariance that was measured from the texture of its surface.
 
     Args:
         pattern: The lines.
@@ -41,7 +41,7 @@ def road_shape_terms(
         shape: Roughness, profile and mismatch of the road between them.
 
     Returns:
-        Roughness, camber and mismatch; nothing where the road is a plane, as far as the texture shows.
+        Roughness, camber and mismatch; no terms where the texture shows a plane.
     """
     if not shape.uneven:
         return ()
@@ -70,13 +70,15 @@ def road_shape_terms(
 def kerb_covariance(
     pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics, doubtful: Sequence[int]
 ) -> Array:
-    """Return the covariance (3, 3) of an estimate from boundaries that may be the lowest kerbs, at even odds.
+    """Return the covariance (3, 3) that possible kerbs add to an estimate from two boundaries.
+
+    Each doubtful boundary is a painted line or the lowest kerb, at even odds.
 
     Args:
         pattern: The lines.
         rig: Intrinsics and baseline.
         extrinsics: The estimate from them.
-        doubtful: Which of the boundaries.
+        doubtful: Indices of the boundaries that may be kerbs.
     """
     covariance = np.zeros((3, 3))
     plane = plane_from_pose(extrinsics, rig)
@@ -93,20 +95,26 @@ def kerb_covariance(
     return covariance
 
 
-def stage_disagreement_covariance(lines: Extrinsics, covariance: Array, refined: StripeFit | None) -> Array:
-    """Return the covariance (3, 3) of a refined estimate that is not that of the lines it began with.
+def stage_disagreement_covariance(
+    line_pose: Extrinsics, covariance: Array, refined: StripeFit | None
+) -> Array:
+    """Return the covariance (3, 3) that a disagreement of two stages adds to a refined estimate.
 
-    Both are of the same stripes. Where they differ by more than their covariances explain, one of them has
-    taken something else for a part of a stripe, and it is not known which.
+    The estimate from the lines and that from the grey values are made from the same stripes. Where they
+    differ by more than their covariances explain, one of them has taken something else for a part of a
+    stripe. It is not known which one.
 
     Args:
-        lines: Estimate from the lines.
+        line_pose: Pose estimated from the lines.
         covariance: (3, 3) of it.
-        refined: Fit of the grey values.
+        refined: Fit of the stripes' grey values; None where there is none.
+
+    Returns:
+        The square of the difference; zeros where the covariances explain it.
     """
     if refined is None:
         return np.zeros((3, 3))
-    difference = refined.extrinsics.as_array() - lines.as_array()
+    difference = refined.extrinsics.as_array() - line_pose.as_array()
     chi2 = float(difference @ np.linalg.solve(covariance + refined.covariance, difference))
     return np.outer(difference, difference) * (chi2 > UNLIKELY_CHI2_3)
 
@@ -114,34 +122,34 @@ def stage_disagreement_covariance(lines: Extrinsics, covariance: Array, refined:
 def paint_angle_covariance(
     pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics, shape: RoadUnevenness
 ) -> Array:
-    """Return the covariance (3, 3) that lines painted not quite parallel give an estimate from them.
+    """Return the covariance (3, 3) of an estimate from lines that are not painted exactly parallel.
 
-    The disparities of two lines leave the pose nearly free along a valley; the angle between them on the
-    road, taken to be zero, says where in it.
+    The disparities of two lines determine the pose only weakly along one direction. The angle between the
+    lines on the road, assumed to be zero, determines it along that direction.
 
     Args:
         pattern: The lines.
         rig: Intrinsics and baseline.
         extrinsics: The estimate from them.
-        shape: Of the road between them.
+        shape: Roughness, profile and mismatch of the road between them.
 
     Returns:
-        Zeros where the road is a plane, as far as the asphalt shows: rendered lines are parallel.
+        The covariance; zeros where the texture shows a plane, as rendered lines are exactly parallel.
     """
     if not shape.uneven:
         return np.zeros((3, 3))
     ray = np.concatenate(rays_of_lines(pattern.boundaries, rig))
     jac_pose_plane = jacobian_pose_wrt_plane(plane_from_pose(extrinsics, rig), rig)
     jac_pose_disparities = jac_pose_plane @ np.linalg.pinv(ray)
-    free = jac_pose_disparities @ jac_pose_disparities.T
+    pose_covariance = jac_pose_disparities @ jac_pose_disparities.T
     jac_angle = _jac_angle_pose(pattern.boundaries, rig, extrinsics)
-    moved = free @ jac_angle / (jac_angle @ free @ jac_angle) * PAINT_STD_RAD
-    covariance: Array = np.outer(moved, moved)
+    pose_change = pose_covariance @ jac_angle / (jac_angle @ pose_covariance @ jac_angle) * PAINT_STD_RAD
+    covariance: Array = np.outer(pose_change, pose_change)
     return covariance
 
 
 def _jac_angle_pose(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics) -> Array:
-    """Return the derivative (3,) of the angle between two lines on the road by the pose."""
+    """Return the derivative (3,) of the angle [rad] between two lines on the road by the pose."""
     ends = np.array([[line.rows.min(), line.rows.max()] for line in pattern.left])
     columns = [line.column_at(rows) for line, rows in zip(pattern.left, ends, strict=True)]
     points = np.stack([np.array(columns), ends], axis=-1)
@@ -156,10 +164,11 @@ def _jac_angle_pose(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics
 
 
 def rectification_covariance(rig: StereoRig, extrinsics: Extrinsics) -> Array:
-    """Return the covariance (3, 3) that imperfect intrinsics of a rig give any estimate with it.
+    """Return the covariance (3, 3) that an imperfect rectification adds to any estimate.
 
-    The disparities of a rectified pair are off by as much as the calibration of the cameras has left: a
-    constant, and what grows to the sides and to the top and bottom of the image.
+    The calibration of the cameras leaves an error in the disparities of a rectified pair. The error has three
+    parts of equal size at the border of the image: a constant, one that grows with the column, and one that
+    grows with the row.
     """
     reach = np.array([1.0, rig.width / (2.0 * rig.fx), rig.height / (2.0 * rig.fy)])
     jac_pose_plane = jacobian_pose_wrt_plane(plane_from_pose(extrinsics, rig), rig) * (
@@ -170,42 +179,47 @@ def rectification_covariance(rig: StereoRig, extrinsics: Extrinsics) -> Array:
 
 
 def seen_slope_covariance(*profiles: Profile | None) -> Array:
-    """Return the covariance (3, 3) of an estimate from a road whose near and far parts differ.
+    """Return the covariance (3, 3) that a measured change of slope adds to an estimate.
 
-    They are of one plane within noise, or the road is none and the estimate is as uncertain as they differ,
-    and as what is not seen of the road 5 to 20 m ahead may go on.
+    Where the near and far parts of the road lie in different planes, the estimate is as uncertain as these
+    planes differ. The covariance of the profile is added: it covers the part of the road 5 to 20 m ahead that
+    is not seen.
 
     Args:
-        profiles: Of the road, by what the estimate is made from; the first that is surely bent counts.
+        profiles: Profiles of the road, from the stripes or the texture; the first that is surely bent counts.
+
+    Returns:
+        The covariance; zeros where no profile is surely bent.
     """
     for profile in profiles:
         if profile is not None and profile.bent:
-            return _as_it_may_go_on(profile)
+            return _slope_covariance(profile)
     return np.zeros((3, 3))
 
 
 def unseen_slope_covariance(*profiles: Profile | None) -> Array:
-    """Return the covariance (3, 3) of an estimate from what ends, to the eye, where a slope may begin.
+    """Return the covariance (3, 3) that a possible change of slope ahead adds to an estimate.
 
-    Zero where one of the profiles has seen the road there, or none was measured. Where one is surely bent,
-    :func:`seen_slope_covariance` says so.
+    It is zero where one of the profiles excludes such a change, or none was measured. Where one is surely
+    bent, :func:`seen_slope_covariance` returns the covariance instead.
 
     Args:
-        profiles: Of the road, by what the estimate is made from.
+        profiles: Profiles of the road, from the stripes or the texture.
     """
     known = [profile for profile in profiles if profile is not None]
     if not slope_ahead_unknown(*known) or any(profile.bent for profile in known):
         return np.zeros((3, 3))
-    return _as_it_may_go_on(min(known, key=lambda profile: float(profile.std[1])))
+    return _slope_covariance(min(known, key=lambda profile: float(profile.std[1])))
 
 
 def slope_ahead_unknown(*profiles: Profile | None) -> bool:
-    """Whether none of the profiles that were measured excludes another slope of the road ahead."""
+    """Whether profiles were measured, and none of them excludes another slope of the road ahead."""
     known = [profile for profile in profiles if profile is not None]
     return bool(known) and not any(profile.sees_ahead for profile in known)
 
 
-def _as_it_may_go_on(profile: Profile) -> Array:
+def _slope_covariance(profile: Profile) -> Array:
+    """Return the covariance (3, 3) by the change of a profile; a bent one is scaled to its full size."""
     covariance = np.zeros((3, 3))
     change = profile.change / profile.seen_share if profile.bent else profile.change
     covariance[:2, :2] = np.outer(change, change) + profile.covariance
@@ -213,42 +227,43 @@ def _as_it_may_go_on(profile: Profile) -> Array:
 
 
 def crown_covariance(refined: StripeFit | None) -> Array:
-    """Return the covariance (3, 3) that crowns give an estimate from lines, as one of the own lane.
+    """Return the covariance (3, 3) that the crown of the road adds to an estimate from lines.
 
-    A line that was measured between the boundaries shows how the own lane lies; where there is none and the
-    boundaries are farther apart than the lines of one lane, the slope changes between them, as it does from
-    lane to lane; of n lanes at most.
-    Lines nearer to each other than any lane is wide (one of them is an arrow) show a part of the own one.
+    The pose is that over the own lane. A line that was measured between the boundaries shows how the own lane
+    lies. Where there is none and the boundaries are farther apart than the lines of one lane, the slope may
+    change from lane to lane between them. The number of lanes is the most that fit. Where the lines are
+    nearer to each other than any lane is wide, one of them is an arrow. They show only a part of the own
+    lane.
 
     Args:
-        refined: Positions of the stripes, and heights of those beside the boundaries.
+        refined: Positions of the stripes, and heights of the extra ones; None where there is no fit.
 
     Returns:
-        Zeros where the stripes are those of one lane, in one plane.
+        The covariance; zeros where the stripes are those of one lane, in one plane.
     """
     covariance = np.zeros((3, 3))
     if refined is None:
         return covariance
-    places, heights = refined.positions_m, refined.heights_m
-    if np.any(places > 0.0) and np.any(places < 0.0):
-        left = int(np.argmin(np.where(places > 0.0, places, np.inf)))
-        right = int(np.argmax(np.where(places < 0.0, places, -np.inf)))
-    else:  # one is an arrow before the camera
-        left, right = int(np.argmax(places[:2])), int(np.argmin(places[:2]))
-    width_m = places[left] - places[right]
-    # Height of the own lane over the plane below the camera, and how it rises to the left: what lies higher
-    # makes the camera lower; what rises to the left, its roll less.
+    positions_m, heights = refined.positions_m, refined.heights_m
+    if np.any(positions_m > 0.0) and np.any(positions_m < 0.0):
+        left = int(np.argmin(np.where(positions_m > 0.0, positions_m, np.inf)))
+        right = int(np.argmax(np.where(positions_m < 0.0, positions_m, -np.inf)))
+    else:  # one of the lines is an arrow in front of the camera
+        left, right = int(np.argmax(positions_m[:2])), int(np.argmin(positions_m[:2]))
+    width_m = positions_m[left] - positions_m[right]
+    # Height of the own lane over the plane, below the camera, and its rise to the left. A lane that lies
+    # higher lowers the height; one that rises to the left lowers the roll.
     rise = (heights[left] - heights[right]) / width_m
-    higher_m = heights[right] - rise * places[right]
-    shown = np.array([higher_m, 0.0, rise])
-    covariance += np.outer(shown, shown)
+    higher_m = heights[right] - rise * positions_m[right]
+    seen_tilt = np.array([higher_m, 0.0, rise])
+    covariance += np.outer(seen_tilt, seen_tilt)
     lanes = max(2, int(width_m / NARROWEST_LANE_M)) if width_m > WIDEST_LANE_M else 1
-    near, far = sorted((places[left], places[right]), key=abs)
+    near, far = sorted((positions_m[left], positions_m[right]), key=abs)
     if lanes > 1:
         # The plane goes through both borders, the lane of the camera through the nearer one.
-        hidden, border_m = (lanes - 1) / lanes, near
+        unseen_share, border_m = (lanes - 1) / lanes, near
     else:
-        # The border of the lane is the farther one: the arrow lies before the camera.
-        hidden, border_m = max(0.0, 1.0 - float(np.ptp(places)) / NARROWEST_LANE_M), far
-    by_slope = FALL_STD * hidden * np.array([-border_m, 0.0, 1.0])
-    return covariance + np.outer(by_slope, by_slope)
+        # The border of the lane is the farther line: the arrow lies in front of the camera.
+        unseen_share, border_m = max(0.0, 1.0 - float(np.ptp(positions_m)) / NARROWEST_LANE_M), far
+    change = FALL_STD * unseen_share * np.array([-border_m, 0.0, 1.0])
+    return covariance + np.outer(change, change)

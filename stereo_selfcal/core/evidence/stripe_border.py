@@ -1,8 +1,9 @@
-"""Whether a stripe is paint on the asphalt of the lane: there, the asphalt goes on up to the paint.
+"""Grey values beside and within a stripe: they tell a painted line from a kerb or a rail.
 
-The bright top of a kerb is as straight, as parallel and as bright as a painted line, and two lines alone do
-not tell that one of them lies too high. But a kerb shows its face to the lane, a guard rail its lower half:
-between the stripe and the asphalt there is a strip of another grey.
+The bright top of a kerb is as straight, as parallel and as bright as a painted line. Two lines alone do not
+tell that one of them lies too high. Beside paint, the road surface of the lane begins at the edge of the
+stripe. Beside the top of a kerb, its face lies between the stripe and the road surface; beside a guard rail,
+its lower half does. Such a face appears as a strip of another grey value.
 """
 
 from __future__ import annotations
@@ -21,107 +22,114 @@ from ..lanes.lane_pair import ImageLine, LanePattern
 from ..lanes.stripe_points import MIN_CONTRAST_GREY
 from ..numerics.statistics import SIGMA_OVER_MAD, upper_median
 from ..types import Array, Image
-from .kerb_face import UNSEEN, EdgeStep, measure_edge_steps
+from .kerb_face import NOT_MEASURED, EdgeStep, measure_edge_steps
 
-# Beside the stripe, on the side of the lane [m]: where a kerb of 6 cm and more shows its face to a camera as
-# high above it as it is aside. The lane begins beyond a face of 15 cm: next to that a shadow is least likely
-# to begin, but a second line may lie there, which takes less than half of what is wider.
-_NEAR_M, _LANES_M = (0.02, 0.08), ((0.20, 0.40), (0.15, 0.90))
-_NEAR_SAMPLES, _LANE_SAMPLES = 12, 27  # across each
-_HALVES = ((0.2, 0.4), (0.6, 0.8))  # of a stripe from the lane on, without its edges
-_ALIKE = 0.06  # of the contrast, by which both sides of a stripe in a shadow may differ
-# The face of the lowest kerbs is 6 cm high; a camera sees it as wide along the row as its line is inclined,
-# which may be narrower than the strip. So it is looked for apart: a pixel farther from the edge, as lines
-# that bend a little are off by as much, and where a quarter of a pixel is left of it.
-_LOWEST_FACE_M, _FACE_PX, _LEAST_FACE_PX = 0.06, 1.0, 0.25
-# Nothing is read nearer to an edge than what lens and pixel smear: of the edge, 0.6 % is left there. The
-# strip beside the stripe must be as wide. Within the stripe both edges leave the same: less will do.
+# Strip beside the stripe, on the side of the lane [m]. A camera that is as high above a kerb as it is beside
+# it sees there the face of a kerb of 6 cm and more. The lane is read in two ranges, and the one that differs
+# less from the strip counts. The narrow range begins beyond a face of 15 cm, where a shadow is least likely
+# to begin; but a second line may lie in it. A second line covers less than half of the wide range.
+_STRIP_M, _LANE_RANGES_M = (0.02, 0.08), ((0.20, 0.40), (0.15, 0.90))
+_STRIP_SAMPLES, _LANE_SAMPLES = 12, 27  # across each
+_HALVES = ((0.2, 0.4), (0.6, 0.8))  # of a stripe, counted from the lane, without its edges
+_MAX_SHADED_DIFFERENCE = 0.06  # of the contrast: both sides of a stripe in a shadow may differ by this
+# The face of the lowest kerbs is 6 cm high. Its width along the row grows with the slope of its line, so it
+# may be narrower than the strip. Such a narrow strip is read apart, from a pixel farther from the edge, as
+# lines that bend a little are off by as much. It is read where it is at least a quarter of a pixel wide.
+_LOWEST_KERB_M, _NARROW_GAP_PX, _LEAST_NARROW_PX = 0.06, 1.0, 0.25
+# No pixel is read nearer to an edge than lens and pixel smear it: there, 0.6 % of the edge remains.
+# The strip beside the stripe must be as wide as that. Within the stripe, both edges add the same to both
+# halves, so 0.6 of the distance is enough.
 _SMEAR_SIGMAS, _INNER_SMEAR = 2.5, 0.6
 _PIXEL_VARIANCE = 1.0 / 12.0
 _LEAST_ROWS, _MOST_ROWS = 12, 400  # all rows of usual images
 _CONTRAST_PERCENTILE = 75.0  # of the rows: at least a quarter of a dashed line is painted
-# A strip of another grey is surely there beyond three standard deviations, and beyond what lens and pixel
-# leave of the stripe's two edges.
-_SURELY_SIGMAS, LEFT_OF_EDGES = 3.0, 0.01
-# Where the median of the rows is less sure than this, by what lies there and not by noise, a face of 12 % may
-# go unseen (four standard deviations). Of noise, all of the rows' variance is from row to row; of dapples or
-# glare, little.
-_BLIND_STD, _LIKE_NOISE = 0.03, 0.25
+# A strip of another grey is surely there where it differs by more than three standard deviations, and by more
+# than lens and pixel leave of the two edges of the stripe.
+_SURELY_SIGMAS, EDGE_REMAINDER = 3.0, 0.01
+# A face of 12 % of the contrast is four times this standard deviation. Where the median of the rows is less
+# certain, and by another cause than noise, such a face may be missed. With noise, the whole variance of the
+# rows is from row to row; with dapples or glare, little of it is.
+_MAX_MEDIAN_STD, _MIN_NOISE_SHARE = 0.03, 0.25
 
 
 @dataclass(frozen=True, slots=True)
 class StripeBorder:
-    """What speaks against a stripe being paint, mean of both cameras, over the contrast of the stripe.
+    """Grey values beside and within a stripe, mean of both cameras, as fractions of the stripe's contrast.
 
     Attributes:
-        step: Grey of the strip beside the stripe less that of the lane: the face of a kerb. 0 where a shadow
-            darkens both sides of the stripe.
+        step: Grey of the strip beside the stripe minus grey of the lane; not 0 where a kerb shows its face.
+            It is set to 0 where a shadow darkens both sides of the stripe.
         step_std: Its standard deviation by the scatter of the rows.
-        tone: Grey of the half of the stripe that is turned to the lane less that of the other: a face that
-            passes for a part of the stripe, the halves of a rail.
-        tone_std: Its standard deviation.
-        face: As step, of what is as narrow as the face of the lowest kerb, and the same far and near: where
-            these differ, the smaller of both. NaN where that is too narrow in the image.
-        face_std: Its standard deviation.
-        lower: How low the edge towards the lane lies: a face that is a part of the stripe.
-        line: Which of the two boundaries it is.
-        covered: Whether so much else lies beside the stripe that most faces of kerbs would not be seen.
-        own_tone: The part of the tone that is not a shadow's which ends within the stripe: that changes the
-            paint by no more than it does the asphalt to either side.
+        half_difference: Grey of the half of the stripe on the side of the lane minus grey of the other half.
+            It is not 0 where the fit takes a face for a part of the stripe, or a rail for a stripe.
+        half_difference_std: Its standard deviation.
+        narrow_step: As ``step``, for a strip as narrow as the face of the lowest kerb. A face has the same
+            step far and near; where the steps differ, the smaller one is given. NaN where such a strip is too
+            narrow in the image.
+        narrow_step_std: Its standard deviation.
+        edge_step: How low the edge towards the lane lies below the other edge of the stripe.
+        line: Index of the boundary: 0 the left one, 1 the right one.
+        may_hide_face: Whether the grey values beside the stripe vary so much that most faces of kerbs would
+            be missed.
+        unshaded_difference: The part of ``half_difference`` that no shadow explains. A shadow whose edge lies
+            within the stripe changes the paint by no more than it changes the road surface on either side.
     """
 
     step: float
     step_std: float
-    tone: float = 0.0
-    tone_std: float = 0.0
-    face: float = np.nan
-    face_std: float = np.nan
-    lower: EdgeStep = UNSEEN
+    half_difference: float = 0.0
+    half_difference_std: float = 0.0
+    narrow_step: float = np.nan
+    narrow_step_std: float = np.nan
+    edge_step: EdgeStep = NOT_MEASURED
     line: int = 0
-    covered: bool = False
-    own_tone: float = 0.0
+    may_hide_face: bool = False
+    unshaded_difference: float = 0.0
 
     @property
     def doubtful(self) -> bool:
-        """Whether there may be a kerb: something faint is surely there, or its face would not be seen."""
-        return self.covered or not all(
-            abs(value) <= max(LEFT_OF_EDGES, _SURELY_SIGMAS * std)  # false for NaN
-            for value, std in ((self.step, self.step_std), (self.face, self.face_std))
+        """Whether a kerb cannot be ruled out: a faint strip is surely there, or a face would be missed."""
+        return self.may_hide_face or not all(
+            abs(value) <= max(EDGE_REMAINDER, _SURELY_SIGMAS * std)  # false for NaN
+            for value, std in ((self.step, self.step_std), (self.narrow_step, self.narrow_step_std))
         )
 
 
 def measure_borders(
     images: tuple[Image, Image], pattern: LanePattern, refined: StripeFit, rig: StereoRig
 ) -> tuple[StripeBorder, ...]:
-    """Measure what lies between the boundaries of a lane and its asphalt, in both cameras.
+    """Measure the grey values between the boundaries of a lane and its road surface, in both cameras.
 
     Args:
         images: Left and right image, (H, W) uint8.
         pattern: The lines.
-        refined: Width of the stripes, and the plane.
+        refined: Fit of the stripes: their widths, blur and residuals, and the pose.
         rig: Intrinsics and baseline.
 
     Returns:
-        One for each boundary of which enough is wide enough.
+        One for each boundary whose strip is wide enough in at least 12 rows of a camera.
     """
     plane = plane_from_pose(refined.extrinsics, rig)
     edge_steps = measure_edge_steps(refined.residuals, refined.widths_m, rig)
-    rims = []
+    borders = []
     for index, lines in enumerate(zip(pattern.left, pattern.right, strict=True)):
         width_m = float(refined.widths_m[index])
-        seen = [
-            rim
+        measured = (
+            _measure_border(image, line, (width_m, float(blur)), index == 0, plane, rig)
             for image, line, blur in zip(images, lines, refined.blur_px, strict=True)
-            if (rim := _rim(image, line, (width_m, float(blur)), index == 0, plane, rig)) is not None
-        ]
+        )
+        seen = [border for border in measured if border is not None]
         if seen:
-            step = _mean_of([(rim.step, rim.step_std) for rim in seen])
-            tone = _mean_of([(rim.tone, rim.tone_std) for rim in seen])
-            own_tone, _ = _mean_of([(rim.own_tone, rim.tone_std) for rim in seen])
-            face = _mean_of([(rim.face, rim.face_std) for rim in seen if np.isfinite(rim.face)])
-            covered = any(rim.covered for rim in seen)
-            rims.append(StripeBorder(*step, *tone, *face, edge_steps[index], index, covered, own_tone))
-    return tuple(rims)
+            step = _mean_of([(each.step, each.step_std) for each in seen])
+            halves = _mean_of([(each.half_difference, each.half_difference_std) for each in seen])
+            unshaded, _ = _mean_of([(each.unshaded_difference, each.half_difference_std) for each in seen])
+            narrow = _mean_of(
+                [(each.narrow_step, each.narrow_step_std) for each in seen if np.isfinite(each.narrow_step)]
+            )
+            may_hide_face = any(each.may_hide_face for each in seen)
+            edge_step = edge_steps[index]
+            borders.append(StripeBorder(*step, *halves, *narrow, edge_step, index, may_hide_face, unshaded))
+    return tuple(borders)
 
 
 def _mean_of(pairs: list[tuple[float, float]]) -> tuple[float, float]:
@@ -132,7 +140,7 @@ def _mean_of(pairs: list[tuple[float, float]]) -> tuple[float, float]:
     return float(values.mean()), float(np.sqrt((stds**2).mean() / len(stds)))
 
 
-def _rim(
+def _measure_border(
     image: Image,
     line: ImageLine,
     stripe: tuple[float, float],
@@ -140,8 +148,18 @@ def _rim(
     plane: DisparityPlane,
     rig: StereoRig,
 ) -> StripeBorder | None:
+    """Measure one boundary in one image; None where too few rows show enough of it.
+
+    Args:
+        image: (H, W) uint8.
+        line: Left edge of the stripe.
+        stripe: Width of the stripe [m] and blur of its edges [px].
+        lane_is_right: Whether the lane lies to the right of the stripe.
+        plane: The road, of the camera in the middle.
+        rig: Intrinsics and baseline.
+    """
     width_m, blur_px = stripe
-    # Along the row, an inclined edge is smeared more.
+    # The blur is measured across the edge; along the row, an inclined edge is smeared more.
     smear_px = _SMEAR_SIGMAS * float(np.sqrt((blur_px**2 + _PIXEL_VARIANCE) * (1.0 + line.slope**2)))
     top, bottom = int(np.ceil(line.rows.min())), int(line.rows.max())
     rows = np.arange(top, bottom + 1, max(1, (bottom - top) // _MOST_ROWS)).astype(np.float64)
@@ -150,138 +168,153 @@ def _rim(
     side = 1.0 if lane_is_right else -1.0
     if lane_is_right:
         edge = edge + width_m * px_per_m
-    seen = (_NEAR_M[1] - _NEAR_M[0]) * px_per_m >= smear_px
-    farthest = edge + side * (_LANES_M[1][1] * px_per_m + smear_px)
+    seen = (_STRIP_M[1] - _STRIP_M[0]) * px_per_m >= smear_px
+    farthest = edge + side * (_LANE_RANGES_M[1][1] * px_per_m + smear_px)
     seen &= (farthest > 0) & (farthest < image.shape[1] - 1)
     if np.count_nonzero(seen) < _LEAST_ROWS:
         return None
     rows, edge, px_per_m = rows[seen, None], edge[seen, None], px_per_m[seen, None]
 
-    # All places of a row at once: the strip beside the stripe, the lane, the other side, both halves.
-    near_m = np.linspace(*_NEAR_M, _NEAR_SAMPLES)
-    parts = [near_m, *(np.linspace(*reach, _LANE_SAMPLES) for reach in _LANES_M), -near_m - width_m]
-    beyond_px = [smear_px, smear_px, smear_px, -smear_px, 0.0, 0.0]
-    parts += [-width_m * np.linspace(first, last, _NEAR_SAMPLES) for first, last in _HALVES]
-    reach = np.concatenate(parts) * px_per_m + np.repeat(beyond_px, [len(part) for part in parts])
-    face_px = _LOWEST_FACE_M * abs(line.slope) * rig.fy / rig.fx * px_per_m
-    beside_px = smear_px + _FACE_PX
-    reach = np.column_stack([beside_px + (face_px - beside_px) * np.linspace(0.0, 1.0, _NEAR_SAMPLES), reach])
+    # One read for each row: the strip beside the stripe, the lane twice, the other side, both halves.
+    near_m = np.linspace(*_STRIP_M, _STRIP_SAMPLES)
+    parts = [near_m, *(np.linspace(*reach, _LANE_SAMPLES) for reach in _LANE_RANGES_M), -near_m - width_m]
+    gaps_px = [smear_px, smear_px, smear_px, -smear_px, 0.0, 0.0]
+    parts += [-width_m * np.linspace(first, last, _STRIP_SAMPLES) for first, last in _HALVES]
+    reach = np.concatenate(parts) * px_per_m + np.repeat(gaps_px, [len(part) for part in parts])
+    narrow_px = _LOWEST_KERB_M * abs(line.slope) * rig.fy / rig.fx * px_per_m
+    beside_px = smear_px + _NARROW_GAP_PX
+    reach = np.column_stack(
+        [beside_px + (narrow_px - beside_px) * np.linspace(0.0, 1.0, _STRIP_SAMPLES), reach]
+    )
     u = (edge + side * reach).astype(np.float32)
     v = np.broadcast_to(rows, u.shape).astype(np.float32)
     read = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float64)
-    strips = np.split(read, np.cumsum([_NEAR_SAMPLES, *(len(part) for part in parts)])[:-1], axis=1)
-    broad = face_px[:, 0] >= beside_px + _LEAST_FACE_PX
-    wide = _HALVES[0][0] * width_m * px_per_m[:, 0] >= _INNER_SMEAR * smear_px
-    return _compare(strips, broad, wide)
+    strips = np.split(read, np.cumsum([_STRIP_SAMPLES, *(len(part) for part in parts)])[:-1], axis=1)
+    narrow_usable = narrow_px[:, 0] >= beside_px + _LEAST_NARROW_PX
+    halves_usable = _HALVES[0][0] * width_m * px_per_m[:, 0] >= _INNER_SMEAR * smear_px
+    return _compare(strips, narrow_usable, halves_usable)
 
 
 def _compare(
-    strips: list[Array], broad: npt.NDArray[np.bool_], wide: npt.NDArray[np.bool_]
+    strips: list[Array], narrow_usable: npt.NDArray[np.bool_], halves_usable: npt.NDArray[np.bool_]
 ) -> StripeBorder | None:
-    """Compare what lies beside and in a stripe with its lane.
+    """Compare the strips beside and within a stripe with its lane.
 
     Args:
-        strips: (N, samples) each: the narrowest face, the strip beside the stripe, the lane in two reaches,
-            the other side, the half of the stripe towards the lane, the other half.
-        broad: (N,) whether the narrowest face can be seen in a row.
-        wide: (N,) whether the stripe is wide enough there to tell its halves apart.
+        strips: (N, samples) grey values of each: the narrow strip, the strip beside the stripe, the lane in
+            two ranges, the other side, the half of the stripe towards the lane, the other half.
+        narrow_usable: (N,) whether the narrow strip is wide enough in a row.
+        halves_usable: (N,) whether the stripe is wide enough in a row to tell its halves apart.
     """
-    face, near, *lanes, beyond, first_half, second_half = strips
+    narrow, near, *lanes, beyond, first_half, second_half = strips
     near, beyond = near.mean(axis=1), beyond.mean(axis=1)
     lane = min((np.median(each, axis=1) for each in lanes), key=lambda each: abs(upper_median(near - each)))
     halves = [first_half.mean(axis=1), second_half.mean(axis=1)]
-    painted = np.mean(halves, axis=0) - near
-    contrast = float(np.percentile(painted, _CONTRAST_PERCENTILE))
+    stripe_contrast = np.mean(halves, axis=0) - near
+    contrast = float(np.percentile(stripe_contrast, _CONTRAST_PERCENTILE))
     if contrast < MIN_CONTRAST_GREY:
         return None
-    step, step_std = _middle(near - lane)
-    covered = _hides_a_face(near - lane, contrast)
-    # Only where there is paint, and enough of it between its edges.
-    wide = wide & (painted > contrast / 2.0)
-    tones = _tones(*(each[wide] for each in (*halves, near, beyond)))
-    shadow = abs(upper_median(near - beyond)) <= _ALIKE * contrast
-    if step < 0.0 and not shadow and _grows(tones, contrast):
-        shadow = covered = True
+    step, step_std = _median_and_std(near - lane)
+    may_hide_face = _may_hide_face(near - lane, contrast)
+    # Only rows that show paint, and enough of it between its edges.
+    halves_usable = halves_usable & (stripe_contrast > contrast / 2.0)
+    differences = _half_differences(*(each[halves_usable] for each in (*halves, near, beyond)))
+    shadow = abs(upper_median(near - beyond)) <= _MAX_SHADED_DIFFERENCE * contrast
+    if step < 0.0 and not shadow and _brightens_towards_lane(differences, contrast):
+        shadow = may_hide_face = True
     if step < 0.0 and shadow:
         step = 0.0
-    faces = [np.nan, np.nan]
-    if np.count_nonzero(broad) >= _LEAST_ROWS:
-        *faces, hidden = _alike_along((face.mean(axis=1) - lane)[broad])
-        covered = covered or hidden > _BLIND_STD * contrast
-        if faces[0] < 0.0 and shadow:
-            faces[0] = 0.0
-    tone, tone_std, own_tone = (value / contrast for value in tones)
-    step, step_std, narrow, narrow_std = (value / contrast for value in (step, step_std, *faces))
+    narrow_step = narrow_std = np.nan
+    if np.count_nonzero(narrow_usable) >= _LEAST_ROWS:
+        narrow_step, narrow_std, hidden = _step_along((narrow.mean(axis=1) - lane)[narrow_usable])
+        may_hide_face = may_hide_face or hidden > _MAX_MEDIAN_STD * contrast
+        if narrow_step < 0.0 and shadow:
+            narrow_step = 0.0
+    half_difference, half_difference_std, unshaded_difference = differences
     return StripeBorder(
-        step, step_std, tone, tone_std, narrow, narrow_std, covered=covered, own_tone=own_tone
+        step / contrast,
+        step_std / contrast,
+        half_difference / contrast,
+        half_difference_std / contrast,
+        narrow_step / contrast,
+        narrow_std / contrast,
+        may_hide_face=may_hide_face,
+        unshaded_difference=unshaded_difference / contrast,
     )
 
 
-def _tones(first_half: Array, second_half: Array, near: Array, beyond: Array) -> tuple[float, float, float]:
-    """Return by what the halves of a stripe differ, its deviation, and what no shadow explains of it.
+def _half_differences(
+    first_half: Array, second_half: Array, near: Array, beyond: Array
+) -> tuple[float, float, float]:
+    """Return the difference of a stripe's halves, its standard deviation, and what no shadow explains.
 
     Args:
         first_half: (N,) grey of the half towards the lane.
         second_half: (N,) grey of the other.
-        near: (N,) grey of the asphalt beside the first half.
+        near: (N,) grey of the road surface beside the first half.
         beyond: (N,) grey of that beside the second half.
     """
     if len(near) < _LEAST_ROWS:
         return 0.0, 0.0, 0.0
-    tone, std = _middle(first_half - second_half)
-    first, second, by_first, by_second = map(upper_median, (first_half, second_half, near, beyond))
-    light = max(by_first, 1.0) / max(by_second, 1.0)  # that is left on the first half by a shadow
-    by_shadow = second * (light - 1.0) if light < 1.0 else first * (1.0 - 1.0 / light)
-    # It may end anywhere in the stripe, and change less of a half than all of it.
-    return tone, std, tone - float(np.clip(tone, min(by_shadow, 0.0), max(by_shadow, 0.0)))
+    half_difference, std = _median_and_std(first_half - second_half)
+    first, second, beside_first, beside_second = map(upper_median, (first_half, second_half, near, beyond))
+    # Light on the first half over light on the second half.
+    ratio = max(beside_first, 1.0) / max(beside_second, 1.0)
+    shadow_effect = second * (ratio - 1.0) if ratio < 1.0 else first * (1.0 - 1.0 / ratio)
+    # A shadow may end anywhere in the stripe, so it explains any part of its full effect.
+    explained = float(np.clip(half_difference, min(shadow_effect, 0.0), max(shadow_effect, 0.0)))
+    return half_difference, std, half_difference - explained
 
 
-def _grows(tones: tuple[float, float, float], contrast: float) -> bool:
-    """Whether the paint is surely brighter towards the lane, and all of it by the light that grows there.
+def _brightens_towards_lane(differences: tuple[float, float, float], contrast: float) -> bool:
+    """Whether the paint is surely brighter towards the lane, and a shadow explains all of that.
 
-    The edge of a shadow does that, and leaves the strip beside the stripe darker than the lane. No face makes
-    the paint brighter; but one may be hidden there.
+    The edge of a shadow brightens the paint towards the lane, and leaves the strip beside the stripe darker
+    than the lane. A face does not make the paint brighter; but such an edge may hide a face.
     """
-    tone, std, own_tone = tones
-    return tone > max(LEFT_OF_EDGES * contrast, _SURELY_SIGMAS * std) and own_tone == 0.0
+    half_difference, std, unshaded_difference = differences
+    surely_not_zero = max(EDGE_REMAINDER * contrast, _SURELY_SIGMAS * std)
+    return half_difference > surely_not_zero and unshaded_difference == 0.0
 
 
-def _alike_along(values: Array) -> tuple[float, float, float]:
-    """Return the median and its deviation; where the far and the near half differ, that of the smaller.
+def _step_along(values: Array) -> tuple[float, float, float]:
+    """Return the median of the rows, its standard deviation, and the size of a face that may be hidden.
 
-    A face runs along the whole stripe; an edge that is off where a stripe bends does not. Halves that differ
-    in sign show nothing, unless by no more than their scatter explains: then they are one. The last value is
-    by how much they contradict each other to either side of nothing: a face as great may be hidden there.
+    A face runs along the whole stripe; an edge that is off where a stripe bends does not. So the far and the
+    near half of the rows are compared. Where they agree within three standard deviations, all rows are taken
+    together. Where they differ and have the same sign, the smaller median is returned. Where they differ in
+    sign, the median is 0, and the last value is half their difference: a face of that size may be hidden.
     """
-    halves = [_middle(half) for half in np.array_split(values, 2)]
+    halves = [_median_and_std(half) for half in np.array_split(values, 2)]
     (far, far_std), (near, near_std) = halves
     if abs(far - near) <= _SURELY_SIGMAS * float(np.hypot(far_std, near_std)):
-        return *_middle(values), 0.0
+        return *_median_and_std(values), 0.0
     if far * near <= 0.0:
         return 0.0, max(far_std, near_std), abs(far - near) / 2.0
     return *min(halves, key=lambda half: abs(half[0])), 0.0
 
 
-def _middle(values: Array) -> tuple[float, float]:
-    """Return the median of the rows and its standard deviation, as if they were independent."""
+def _median_and_std(values: Array) -> tuple[float, float]:
+    """Return the median of the rows and its standard deviation, the rows taken as independent."""
     return upper_median(values), _scatter(values) / float(np.sqrt(len(values)))
 
 
-def _hides_a_face(values: Array, contrast: float) -> bool:
-    """Return whether so much else lies along the rows that their median does not show a face.
+def _may_hide_face(values: Array, contrast: float) -> bool:
+    """Whether the rows vary so much by other causes than noise that their median may miss a face.
 
-    Neighbouring rows see the same dapples, glare, or second line: where they differ less than the scatter
-    says, they count for fewer, as those of a first order autoregression do (Box, Jenkins and Reinsel, Time
-    Series Analysis, 1994, section 3.2).
+    Neighbouring rows see the same dapples, glare or second line. Where they differ less from row to row than
+    they scatter, they count as fewer independent rows. Their number is that of a first order autoregression
+    (Box, Jenkins and Reinsel, Time Series Analysis, 1994, section 3.2).
     """
     scatter = _scatter(values)
     if scatter == 0.0:
         return False
-    by_row = SIGMA_OVER_MAD * upper_median(np.abs(np.diff(values)))
-    of_noise = float(np.clip(by_row**2 / (2.0 * scatter**2), 1.0 / len(values), 1.0))
-    std = scatter * float(np.sqrt((2.0 - of_noise) / of_noise / len(values)))
-    return of_noise < _LIKE_NOISE and std > _BLIND_STD * contrast
+    row_to_row = SIGMA_OVER_MAD * upper_median(np.abs(np.diff(values)))
+    noise_share = float(np.clip(row_to_row**2 / (2.0 * scatter**2), 1.0 / len(values), 1.0))
+    std = scatter * float(np.sqrt((2.0 - noise_share) / noise_share / len(values)))
+    return noise_share < _MIN_NOISE_SHARE and std > _MAX_MEDIAN_STD * contrast
 
 
 def _scatter(values: Array) -> float:
+    """Return the standard deviation of the rows by their median absolute deviation."""
     return SIGMA_OVER_MAD * upper_median(np.abs(values - upper_median(values)))

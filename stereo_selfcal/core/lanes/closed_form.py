@@ -1,10 +1,11 @@
 """Closed form: the road plane from the disparities of the sampled lines, by linear least squares.
 
-The disparity of a plane is linear in the image (Labayrade, Aubert and Tarel, "Real time obstacle detection in
-stereovision on non flat road geometry through v-disparity representation", IV 2002, for a road without
-roll), so two lines are enough. It uses E1 only: not that the lines are parallel, hence not the
-vanishing point, which is why its pitch is the weakest. It needs no search and no first guess, and is
-the second opinion on what does.
+The disparity of a plane is linear in the image, so two lines are enough. The source is Labayrade, Aubert and
+Tarel, "Real time obstacle detection in stereovision on non flat road geometry through v-disparity
+representation", IV 2002, for a road without roll. The closed form uses only the paper's matching term E1. It
+does not use that the lines are parallel, and so not the vanishing point; its pitch is therefore less accurate
+than that of the other stages. It needs no search and no initial guess, so it is an independent check of the
+genetic algorithm.
 """
 
 from __future__ import annotations
@@ -22,12 +23,12 @@ from ..road.priors import UNEVEN_STD_M
 from ..types import Array
 from .lane_pair import LanePattern
 
-_CONTRADICTION_SIGMAS = 4.0  # one false word in 15 000 frames
+_CONTRADICTION_SIGMAS = 4.0  # one false note in 15 000 frames for normal errors
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClosedForm:
-    """Extrinsics of the plane, and their covariance (3, 3) by that of the measured lines."""
+    """Extrinsics of the plane, and their covariance (3, 3), propagated from that of the measured lines."""
 
     extrinsics: Extrinsics
     covariance: Array
@@ -35,6 +36,10 @@ class ClosedForm:
 
 def solve_plane(pattern: LanePattern, rig: StereoRig) -> ClosedForm | NotFitted:
     """Fit a plane to the disparities of the sampled points.
+
+    Args:
+        pattern: The lines.
+        rig: Intrinsics and baseline.
 
     Returns:
         The extrinsics, or why not: the points lie on one line, or the plane is no road below the rig.
@@ -68,7 +73,7 @@ def solve_plane(pattern: LanePattern, rig: StereoRig) -> ClosedForm | NotFitted:
 
 
 def contradictions(closed: ClosedForm, genetic: Extrinsics, covariance: Array) -> tuple[str, ...]:
-    """Say where the closed form contradicts the genetic algorithm.
+    """Return where the closed form contradicts the genetic algorithm.
 
     Args:
         closed: The closed form.
@@ -79,7 +84,7 @@ def contradictions(closed: ClosedForm, genetic: Extrinsics, covariance: Array) -
         A sentence for each of height, pitch and roll that differs by more than both uncertainties.
     """
     difference = closed.extrinsics.as_array() - genetic.as_array()
-    # Both are made from the same lines, so the sum of their variances is an upper bound.
+    # Both are estimated from the same lines, so the sum of their variances is an upper bound.
     std = np.sqrt(np.diag(closed.covariance) + np.diag(covariance))
     return tuple(
         f"the closed form differs from the genetic algorithm in {component.label} by "
@@ -93,7 +98,8 @@ def contradictions(closed: ClosedForm, genetic: Extrinsics, covariance: Array) -
 def point_weights(pattern: LanePattern) -> Array:
     """Return the weights of the sampled points, (L N,).
 
-    A boundary has 1, a line that may lie as far beside their plane as boundaries do themselves a half.
+    The weight of a boundary is 1. An extra line whose height may deviate from the plane by the unevenness of
+    a road has a weight of 1/2.
     """
     weights = 1.0 / (1.0 + (pattern.height_stds_m / UNEVEN_STD_M) ** 2)
     return np.repeat(weights, len(pattern.rows))

@@ -1,7 +1,7 @@
 """Line detectors: each finds the lines of one image that may be the boundaries of a lane.
 
-A detector only proposes lines. Whether two of them bound a lane is decided by what comes after it, in the
-same way for every detector: matching between the cameras, the fit, and the gates.
+A detector only proposes lines. The matching between the cameras, the fit and the gates decide whether two of
+them bound a lane, in the same way for every detector.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ class LineDetector(Protocol):
         Args:
             points: Its stripe points, with the gradient and the noise of the image.
             image: (H, W) uint8, rectified.
-            chained: Whether this is the second look at a frame, for which stripe points are linked to
+            chained: Whether this is the second search in a frame, for which stripe points are linked to
                 chains. A detector that makes no use of chains may return the same lines again.
 
         Returns:
             Lines that may be left boundaries of a lane, which run to the left going down, and lines that may
-            be right boundaries. The votes of a line say how much speaks for it, compared with the other
-            lines of the same detector.
+            be right boundaries. The votes of a line are its evidence, compared with the other lines of the
+            same detector.
         """
 
 

@@ -1,8 +1,8 @@
-"""Further lines beside the two boundaries of a lane: double lines, those of bus lanes and of the next lanes.
+"""Extra lines beside the two boundaries of a lane: double lines, lines of bus lanes and of the next lanes.
 
-Only the boundaries make the plane, as the next lane may slope otherwise. What is told apart here: a line
-that is none of the road (a rail, the top of a kerb, a shadow) misses the point where all lines meet, or lies
-too high.
+Only the boundaries determine the plane, as the next lane may have another slope. A rail, the top of a kerb or
+a shadow is not a painted line: it misses the point where all lines meet, or lies too high. Such lines are
+left out.
 """
 
 from __future__ import annotations
@@ -19,19 +19,23 @@ from ..tolerances import MAX_LINE_HEIGHT_M
 from .closed_form import solve_plane
 from .lane_pair import ExtraLine, ImageLine, LanePattern
 from .line_fit import refit_line
-from .line_geometry import HeightOverLane, height_std_m, place_of_line
+from .line_geometry import HeightOverLane, height_and_offset_m, height_std_m
 from .matching import HALF_CREDIT_PX, Match, Matches, common_point, first_sampled_row
 from .stripe_points import StripePoints
 
-# Boundaries that miss their common point by this have half of their credit (`core.lanes.matching`); a further
-# line could be left out, so it is held to that.
+# Boundaries that miss their common point by this count half (`core.lanes.matching`). An extra line is not
+# needed, so one that misses the point by more is left out.
 _MAX_CONCURRENCY_PX = HALF_CREDIT_PX
-# Each costs as much as a boundary in the refinement; a road has rarely more lines within a lane's width.
+# In the fit of the stripes, an extra line takes as much time as a boundary. A road rarely has more lines
+# within a lane's width.
 _MOST_LINES = 4
-# Lines are marked along the row. Farther aside, a line moves by more columns a row than it is wide where its
-# direction is seen, and is marked off by up to half a pixel, which the angles between lines do not bear.
+# Greatest slope of an extra line [columns a row]. Lines are measured along the row. A line with a greater
+# slope moves by more than its width from row to row. It is measured with an error of up to half a pixel. That
+# is too much for the angles between lines.
 _MAX_SLOPE = 2.5
-_SIGMAS = 4.0  # a line between the boundaries is beside their plane for sure
+# A line between the boundaries is surely not in their plane where its height is this many of its standard
+# deviations from zero.
+_SIGMAS = 4.0
 
 
 def find_extra_lines(
@@ -41,11 +45,11 @@ def find_extra_lines(
     rig: StereoRig,
     config: CalibratorConfig,
 ) -> tuple[ExtraLine, ...]:
-    """Return the other lines both cameras see on the road of a lane, most voted first.
+    """Return the other lines that both cameras see on the road of a lane, those with most votes first.
 
     Args:
         pattern: The boundaries of the lane.
-        matches: Lines both cameras see.
+        matches: Lines that both cameras see.
         points: Stripe points of both images.
         rig: Intrinsics and baseline.
         config: Settings of the extraction.
@@ -54,45 +58,52 @@ def find_extra_lines(
     if isinstance(closed, NotFitted):
         return ()
     plane = plane_from_pose(closed.extrinsics, rig)
-    own = [place_of_line(*pair, plane, rig)[1] for pair in zip(pattern.left, pattern.right, strict=True)]
-    taken = [(place, _width_m(line, plane, rig)) for place, line in zip(own, pattern.left, strict=True)]
+    bounds_m = [
+        height_and_offset_m(*pair, plane, rig)[1] for pair in zip(pattern.left, pattern.right, strict=True)
+    ]
+    occupied = [
+        (offset, _width_m(line, plane, rig)) for offset, line in zip(bounds_m, pattern.left, strict=True)
+    ]
     found: list[ExtraLine] = []
     for match in sorted((m for side in matches for m in side), key=lambda m: -m.votes):
         if len(found) == _MOST_LINES:
             break
-        if _is_one_of(own, match, plane, rig):
+        if _is_one_of(bounds_m, match, plane, rig):
             continue
         lines = _refit(match, pattern, points, rig, config)
         if lines is None:
             continue
-        height_m, aside_m = place_of_line(*lines, plane, rig)
+        height_m, offset_m = height_and_offset_m(*lines, plane, rig)
         width_m = _width_m(lines[0], plane, rig)
-        if any(abs(aside_m - place) < (width_m + width) / 2.0 for place, width in taken):
+        if any(abs(offset_m - offset) < (width_m + width) / 2.0 for offset, width in occupied):
             continue
-        beyond_m = max(aside_m - max(own), min(own) - aside_m, 0.0)
+        beyond_m = max(offset_m - max(bounds_m), min(bounds_m) - offset_m, 0.0)
         allowed_m = MAX_LINE_HEIGHT_M + GREATEST_FALL * beyond_m
         if beyond_m > LANE_M or abs(height_m) > allowed_m:
             continue
         _, missed_px = common_point([*pattern.left, *pattern.right, *lines])
         if missed_px > _MAX_CONCURRENCY_PX:
             continue
-        taken.append((aside_m, width_m))
-        found.append(ExtraLine(*lines, float(np.hypot(UNEVEN_STD_M, FALL_STD * _lever_m(own, aside_m)))))
+        occupied.append((offset_m, width_m))
+        found.append(
+            ExtraLine(*lines, float(np.hypot(UNEVEN_STD_M, FALL_STD * _lever_m(bounds_m, offset_m))))
+        )
     return tuple(found)
 
 
-def _lever_m(own: list[float], aside_m: float) -> float:
-    """Return how much higher a line comes to lie over the plane by a change of slope beside it [m].
+def _lever_m(bounds_m: list[float], offset_m: float) -> float:
+    """Return the height of a line over the plane, per unit of a change of slope beside it [m].
 
-    Beyond the boundaries, where the next lane begins: at the nearer one; between them: at the line itself.
+    For a line beyond the boundaries, the slope changes at the nearer boundary, where the next lane begins.
+    For a line between them, it changes at the line itself.
     """
-    first, second = abs(aside_m - min(own)), abs(aside_m - max(own))
-    if min(own) < aside_m < max(own):
+    first, second = abs(offset_m - min(bounds_m)), abs(offset_m - max(bounds_m))
+    if min(bounds_m) < offset_m < max(bounds_m):
         return first * second / (first + second)
     return min(first, second)
 
 
-def height_between(
+def inner_line_height(
     pattern: LanePattern,
     plane: DisparityPlane,
     matches: Matches,
@@ -100,35 +111,41 @@ def height_between(
     rig: StereoRig,
     config: CalibratorConfig,
 ) -> HeightOverLane:
-    """Return how far a line between the boundaries lies above or below their plane.
+    """Return the height of a line between the boundaries over their plane.
 
-    A lane has no lines in it but its own: one that lies over the plane says that the boundaries are those of
-    more than one lane, with a crown between them; one below it, that one of them is a kerb or a rail.
+    A lane has no other lines between its own two. A line above their plane means that the boundaries belong
+    to different lanes, with a crown between them. A line below it means that one boundary is a kerb or a
+    rail.
 
     Args:
         pattern: The boundaries.
-        plane: Through them, of the camera in the middle.
-        matches: Lines both cameras see.
+        plane: The plane through them, of the camera in the middle.
+        matches: Lines that both cameras see.
         points: Stripe points of both images.
         rig: Intrinsics and baseline.
         config: Settings of the extraction.
 
     Returns:
-        Of the line that stands out the most; zeros where there is none.
+        The height of the line that most surely lies beside the plane; zeros where there is no such line.
     """
-    own = [place_of_line(*pair, plane, rig)[1] for pair in zip(pattern.left, pattern.right, strict=True)]
+    bounds_m = [
+        height_and_offset_m(*pair, plane, rig)[1] for pair in zip(pattern.left, pattern.right, strict=True)
+    ]
     widths = [_width_m(line, plane, rig) for line in pattern.left]
     worst = HeightOverLane(0.0, 0.0)
     for match in (m for side in matches for m in side):
-        # Before it is fitted again, a line may be off by as much as it is wide.
-        _, aside_m = place_of_line(match.left.line, match.right.line, plane, rig)
-        if _is_one_of(own, match, plane, rig) or not min(own) < aside_m < max(own):
+        # Before it is fitted again, a line may be off by its width.
+        _, offset_m = height_and_offset_m(match.left.line, match.right.line, plane, rig)
+        if _is_one_of(bounds_m, match, plane, rig) or not min(bounds_m) < offset_m < max(bounds_m):
             continue
         lines = _refit(match, pattern, points, rig, config)
         if lines is None:
             continue
-        height_m, aside_m = place_of_line(*lines, plane, rig)
-        if not min(own) + max(widths) < aside_m < max(own) - max(widths) or height_m > HIGHEST_CROWN_M:
+        height_m, offset_m = height_and_offset_m(*lines, plane, rig)
+        if (
+            not min(bounds_m) + max(widths) < offset_m < max(bounds_m) - max(widths)
+            or height_m > HIGHEST_CROWN_M
+        ):
             continue
         _, missed_px = common_point([*pattern.left, *pattern.right, *lines])
         if missed_px > _MAX_CONCURRENCY_PX:
@@ -139,10 +156,10 @@ def height_between(
     return worst
 
 
-def _is_one_of(places_m: list[float], match: Match, plane: DisparityPlane, rig: StereoRig) -> bool:
-    """Whether a line lies where one is known already, by less than half its width."""
-    _, aside_m = place_of_line(match.left.line, match.right.line, plane, rig)
-    return any(abs(aside_m - place) < _width_m(match.left.line, plane, rig) / 2.0 for place in places_m)
+def _is_one_of(offsets_m: list[float], match: Match, plane: DisparityPlane, rig: StereoRig) -> bool:
+    """Whether a line lies at one of the given offsets [m], to within half of its width."""
+    _, offset_m = height_and_offset_m(match.left.line, match.right.line, plane, rig)
+    return any(abs(offset_m - offset) < _width_m(match.left.line, plane, rig) / 2.0 for offset in offsets_m)
 
 
 def _refit(
@@ -152,7 +169,7 @@ def _refit(
     rig: StereoRig,
     config: CalibratorConfig,
 ) -> tuple[ImageLine, ImageLine] | None:
-    """Measure a line of both cameras where the pattern is sampled."""
+    """Fit a line in both images again, in the rows where the pattern is sampled."""
     first_row = first_sampled_row(pattern.vanishing_point, rig, config)
     left, right = (
         refit_line(view.gradient, candidate.line, view.noise_grey, first_row)

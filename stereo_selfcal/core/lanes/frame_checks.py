@@ -1,4 +1,4 @@
-"""Reasons to refuse a frame before there is an estimate: images, lines, matches.
+"""Reasons to refuse a frame before there is an estimate: its images, its lines, their matches.
 
 The conditions that an estimate has to meet are in `core.evidence.gates`.
 """
@@ -15,14 +15,14 @@ from ..rejection import Bound, Rejection, RejectReason
 from .lane_pair import ImageLine
 from .matching import Candidate, MatchedLines
 
-# The widest filter of the extraction spans 33 px; nothing can be found in less.
+# The widest filter of the extraction spans 33 px; in smaller images it finds nothing.
 _MIN_IMAGE_PX = 64
 
 FIND_LINES = "drive on a straight road with painted lines on both sides of the camera, lens clean"
 
 
 def check_images(left: Any, right: Any, rig: StereoRig) -> Rejection | None:
-    """Refuse what is no pair of grey images of the rig's size."""
+    """Refuse anything but two 8-bit grey images of the rig's size."""
     for side, image in (("left", left), ("right", right)):
         if image is None or (isinstance(image, np.ndarray) and image.size == 0):
             return Rejection(
@@ -134,13 +134,13 @@ def lines_not_matched(n_matched: tuple[int, int]) -> Rejection:
 
 
 def cameras_swapped(pairs: list[MatchedLines]) -> Rejection:
-    """Refuse images whose lines match only if the left and the right image change places.
+    """Refuse images whose lines match only when the left and the right image are exchanged.
 
     Args:
         pairs: Pairs of lane boundaries of the exchanged images, best first.
     """
     best = pairs[0]
-    disparities = [a.column_at(np.array(a.v_mid)) - b.column_at(np.array(a.v_mid)) for a, b in _both(best)]
+    disparities = [a.column_at(np.array(a.v_mid)) - b.column_at(np.array(a.v_mid)) for a, b in _pairs(best)]
     return Rejection(
         RejectReason.CAMERAS_SWAPPED,
         "the left and the right image are exchanged: the disparity of the lane lines is {value}",
@@ -152,7 +152,7 @@ def cameras_swapped(pairs: list[MatchedLines]) -> Rejection:
     )
 
 
-def _both(lines: MatchedLines) -> list[tuple[ImageLine, ImageLine]]:
+def _pairs(lines: MatchedLines) -> list[tuple[ImageLine, ImageLine]]:
     return list(zip(lines.left, lines.right, strict=True))
 
 
@@ -187,7 +187,7 @@ def check_converging(matched: MatchedLines) -> Rejection | None:
 
 
 def no_frames() -> Rejection:
-    """Refuse an estimate before there is a frame."""
+    """Refuse an estimate without any frame."""
     return Rejection(RejectReason.NO_FRAMES, "frames", 0, Bound.LEAST, 1, "", "add a stereo frame first")
 
 

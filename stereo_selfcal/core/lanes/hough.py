@@ -1,8 +1,8 @@
-"""Where to look for lines: the Hough transform of stripe points (paper section 2.2).
+"""Hough transform of the stripe points (paper section 2.2): approximate positions of the lines.
 
-The accumulator is the paper's: rho = u cos(theta) + v sin(theta) about the image centre, rho of
-either sign, so that left and right lane boundaries differ in the sign of theta. Its cells (1 degree, 4
-px) only say where to look; the accuracy comes from the fit that follows (:mod:`.lines`).
+The accumulator is the paper's: rho = u cos(theta) + v sin(theta) about the image centre. rho has either sign,
+so left and right lane boundaries differ in the sign of theta. Its cells (1 degree, 4 px) only give the start
+of the fit that follows (`core.lanes.line_fit`), which gives the accuracy.
 """
 
 from __future__ import annotations
@@ -23,41 +23,42 @@ _THETA_MAX_DEG = 80.0
 _N_THETA = int(2 * _THETA_MAX_DEG / _THETA_STEP_DEG) + 1
 _RHO_STEP_PX = 4.0
 
-# A point votes only for slopes near that of its own edge: within three standard deviations of
-# the measured direction, but at least within this, for a direction from 3 x 3 pixels of a
-# stripe a few pixels wide is that much off by its other edge (measured on rendered lines).
+# A point votes only for slopes near that of its own edge: within three standard deviations of the measured
+# direction, but at least within this. A direction from 3 x 3 pixels of a stripe a few pixels wide is off by
+# as much, because of its other edge (measured on rendered lines).
 _MIN_VOTE_HALF_WIDTH_DEG = 8.0
-_MAX_VOTE_HALF_WIDTH_DEG = 40.0  # half the accumulator: beyond, a point says nothing
+_MAX_VOTE_HALF_WIDTH_DEG = 40.0  # half the accumulator; a larger one gives no information
 _VOTE_SIGMAS = 3.0
 
-# A chain of points knows its direction to its own scatter; a cell of the accumulator is one degree wide.
+# The direction of a chain is as accurate as its scatter allows; a cell of the accumulator is one degree wide.
 _MIN_CHAIN_HALF_WIDTH_DEG = 1.0
-# Shorter chains are chance: two links in a row.
+# Shorter chains arise by chance: two links in a row.
 _MIN_CHAIN_ROWS = 8
-# From here on a point has its full vote: the shortest dash, 3 m, seen 20 m ahead, is as many rows long.
-# A point without a chain has a tenth of it.
+# A point of a chain this long or longer has its full vote: the shortest dash, 3 m, is as many rows long 20 m
+# ahead. A point without a chain has a tenth of it.
 _FULL_CHAIN_ROWS = 24.0
-_UNCHAINED = 0.1
+_UNCHAINED_VOTE = 0.1
 
-# Contrast beyond this makes no better line: a quarter of the grey levels (the paper's stripes
-# have 123), so that fresh paint in the sun does not outvote a worn line of twice the length.
+# Contrast beyond this adds no votes: a quarter of the grey levels (the paper's stripes have 123). So fresh
+# paint in the sun does not outvote a worn line of twice the length.
 _FULL_VOTE_GREY = 64.0
 
-# The strongest points of an image that vote; a lane line has at most one in each row and filter,
-# so this leaves room for several lines besides clutter, and bounds the time on foliage.
+# Only the strongest points of an image vote. A lane line has at most one point in each row and filter, so
+# this number is enough for several lines besides clutter. It bounds the time on images of foliage.
 _MAX_VOTING_POINTS = 6000
 
 # Peaks kept for each sign of theta: own lane, neighbours' lanes, kerbs, shadows.
 PEAKS_PER_SIGN = 10
-# Lines with fewer votes are not looked at: a worn line (10 grey levels) of half the length of the
-# strongest has a tenth of its votes, and 40 rows of it have 5.
+# Peaks with fewer votes are dropped: a worn line (10 grey levels) of half the length of the strongest one has
+# a tenth of its votes, and 40 rows of it have 5.
 _MIN_VOTE_SHARE = 0.04
 _MIN_VOTES = 2.0
-_MIN_CHAINED_VOTES = 0.2  # the same without chains
-# Points this close to a peak are taken to be its line, and their votes are withdrawn before the
-# next peak is looked for: the half diagonal of a cell over the length of a line.
+_MIN_CHAINED_VOTES = 0.2  # the same where points vote as chains: without a chain, a point has a tenth
+# Points this close to a peak are taken as points of its line. Their votes are withdrawn before the next peak
+# is searched. It is the half diagonal of a cell over the length of a line.
 _SUPPORT_PX = 6.0
-# Votes of a line that may lie beyond the rows it is measured in, at either end: strays of a tree behind it.
+# Share of the votes of a line that may lie beyond the rows it is measured in, at either end: stray points of
+# a tree behind it.
 _TAIL_SHARE = 0.02
 
 
@@ -83,17 +84,17 @@ def hough_peaks(
     Args:
         points: Marked points of one image.
         shape: (H, W) of the image.
-        chained: Whether points vote as the chains they belong to: foliage, in which points drown, has
-            none, but noise breaks them, and a bend becomes a chord.
+        chained: Whether points vote as the chains they belong to. Foliage has many points but no chains.
+            But noise breaks chains, and a bend becomes a chord.
 
     Returns:
         Lines that run to the left going down (theta > 0: left lane boundaries), and to the right.
     """
     centre_u, centre_v = (shape[1] - 1) / 2, (shape[0] - 1) / 2
-    vote, theta, half_width, in_chain = _votes(points, shape[1], chained)
+    vote, theta, half_width, chained_point = _votes(points, shape[1], chained)
     strongest = np.argsort(-vote, kind="stable")[:_MAX_VOTING_POINTS]
     u, v = points.columns[strongest] - centre_u, points.rows[strongest] - centre_v
-    theta, half_width, in_chain = theta[strongest], half_width[strongest], in_chain[strongest]
+    theta, half_width, chained_point = theta[strongest], half_width[strongest], chained_point[strongest]
     n_rho = 2 * math.ceil(math.hypot(*shape) / 2 / _RHO_STEP_PX) + 3
     cells, owner = _cells(u, v, theta, half_width, n_rho)
     weights = vote[strongest]
@@ -113,7 +114,7 @@ def hough_peaks(
             rho = (best % n_rho - n_rho // 2) * _RHO_STEP_PX
             support = np.abs(u * math.cos(angle) + v * math.sin(angle) - rho) < _SUPPORT_PX
             support &= weights > 0.0
-            near = support & in_chain
+            near = support & chained_point
             support &= np.abs(theta - math.degrees(angle)) <= half_width
             if not support.any():
                 table[best] = 0.0
@@ -127,7 +128,7 @@ def hough_peaks(
                 ((rho - v_mid * math.sin(angle)) / math.cos(angle), -math.tan(angle)),
             )
             rows = (0.0, shape[0] - 1.0)
-            if 2.0 * weights[support & in_chain].sum() > weights[support].sum():
+            if 2.0 * weights[support & chained_point].sum() > weights[support].sum():
                 rows = _row_range(points.rows[chosen], weights[support])
             peaks.append(
                 HoughPeak(
@@ -141,40 +142,46 @@ def hough_peaks(
                     last_row=int(rows[1]),
                 )
             )
-            # A stripe that several filters have marked must not come back as another line.
+            # A stripe that several filters have marked must not be found again as another line.
             support |= near
             withdrawn = support[owner]
             table -= np.bincount(cells[withdrawn], weights[owner[withdrawn]], minlength=table.size)
             weights[support] = 0.0
-            table[best] = 0.0  # what rounding left, or points on the rim of the support
+            table[best] = 0.0  # rounding, or points at the border of the support, may have left votes
     return sides
 
 
 def _votes(
     points: StripePoints, width: int, chained: bool
 ) -> tuple[Array, Array, Array, npt.NDArray[np.bool_]]:
-    """Return weight, theta [deg] and half width [deg] of each point's votes, and whether a chain has it."""
+    """Return weight, theta [deg] and half width [deg] of each point's votes, and whether it is in a chain."""
     vote = np.minimum(points.contrast / _FULL_VOTE_GREY, 1.0) * points.continuity * points.counts
     slopes, slope_std = points.slopes, points.slope_std
-    in_chain = np.zeros(len(vote), dtype=bool)
+    chained_point = np.zeros(len(vote), dtype=bool)
     if chained:
         chains = chain_points(points, width)
-        in_chain = chains.length >= _MIN_CHAIN_ROWS
-        vote = vote * np.clip(chains.length / _FULL_CHAIN_ROWS, _UNCHAINED, 1.0)
-        slopes = np.where(in_chain, chains.slope, slopes)
-        slope_std = np.where(in_chain, chains.slope_std, slope_std)
+        chained_point = chains.length >= _MIN_CHAIN_ROWS
+        vote = vote * np.clip(chains.length / _FULL_CHAIN_ROWS, _UNCHAINED_VOTE, 1.0)
+        slopes = np.where(chained_point, chains.slope, slopes)
+        slope_std = np.where(chained_point, chains.slope_std, slope_std)
     spread = np.degrees(slope_std / (1.0 + slopes**2))
-    least = np.where(in_chain, _MIN_CHAIN_HALF_WIDTH_DEG, _MIN_VOTE_HALF_WIDTH_DEG)
+    least = np.where(chained_point, _MIN_CHAIN_HALF_WIDTH_DEG, _MIN_VOTE_HALF_WIDTH_DEG)
     half_width = np.clip(_VOTE_SIGMAS * spread, least, _MAX_VOTE_HALF_WIDTH_DEG)
-    return vote, np.degrees(np.arctan(-slopes)), half_width, in_chain
+    return vote, np.degrees(np.arctan(-slopes)), half_width, chained_point
 
 
 def _line_through(u: Array, v: Array, weights: Array, cell: tuple[float, float]) -> tuple[float, float]:
-    """Return u and du/dv at v = 0 of the line through the points of a cell, (u, du/dv) of the cell itself.
+    """Return u and du/dv at v = 0 of the line through the points of a cell.
 
-    A cell is a degree wide: too much in noise, where the blocks of rows the edge is measured in must be
-    long, and the points know better. No point is further from the cell than it may be, which bounds the
-    slope.
+    A cell is a degree wide. That is too much in noise, where the edge is measured in long blocks of rows; the
+    points give a more accurate direction. No point is farther from the cell than ``_SUPPORT_PX``, which
+    bounds the slope.
+
+    Args:
+        u: (N,) columns of the points [px].
+        v: (N,) their rows [px].
+        weights: (N,) their votes.
+        cell: u and du/dv at v = 0 of the cell itself.
     """
     share = weights / weights.sum()
     mean_u, mean_v = float(share @ u), float(share @ v)
@@ -199,7 +206,7 @@ def _row_range(rows: Array, weights: Array) -> tuple[float, float]:
 def _cells(
     u: Array, v: Array, theta: Array, half_width: Array, n_rho: int
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Return the cells that get votes, (M,), and which point each vote is of, (M,)."""
+    """Return the cell of each vote, (M,), and the index of its point, (M,)."""
     nearest = np.rint((theta + _THETA_MAX_DEG) / _THETA_STEP_DEG).astype(np.intp)
     reach = (half_width / _THETA_STEP_DEG).astype(np.intp)
     n_votes = 2 * reach + 1

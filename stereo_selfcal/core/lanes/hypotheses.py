@@ -1,4 +1,4 @@
-"""From the stripe points of both images to the calibration patterns they can be (paper section 2.2)."""
+"""Pairs of lane boundaries that both cameras see: calibration patterns (paper section 2.2)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .closed_form import solve_plane
 from .detector import LineDetector, detect_by_hough
 from .lane_pair import ImageLine, LanePattern
 from .line_fit import refit_line
-from .line_geometry import BelowPlane, height_std_m, place_of_line
+from .line_geometry import BelowPlane, height_and_offset_m, height_std_m
 from .matching import (
     Candidates,
     MatchedLines,
@@ -32,13 +32,14 @@ from .stripe_points import StripePoints
 
 Points = tuple[StripePoints, StripePoints]
 
-# Lines of worn stripes in noise are known to half a pixel where they end.
+# Lines surely cross where they change sides by more than this: the ends of worn stripes in noise are known to
+# half a pixel each.
 _SURELY_APART_PX = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoPattern:
-    """Why a frame has no pattern, and the lines that were found all the same, for a picture."""
+    """Why a frame has no pattern; the lines that were found are kept for a picture."""
 
     rejection: Rejection
     pattern: LanePattern | None = None
@@ -46,11 +47,11 @@ class NoPattern:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaneHypotheses:
-    """What one look at a frame has found.
+    """Lines of a frame, and the pairs that can bound a lane.
 
     Attributes:
         candidates: Lines of the left and of the right camera.
-        matches: Lines that both see.
+        matches: Lines that both cameras see.
         patterns: Pairs of lane boundaries, sampled, most promising first; or why there are none.
     """
 
@@ -75,7 +76,7 @@ def find_hypotheses(
         rig: Intrinsics and baseline.
         config: Settings of the extraction.
         chained: Whether points vote as chains (:func:`~stereo_selfcal.core.lanes.hough.hough_peaks`).
-        detector: What finds the lines of an image.
+        detector: Detector of the lines of an image.
     """
     left, right = (detector(each, image, chained=chained) for each, image in zip(points, images, strict=True))
     matches = match_lines(left, right, images, rig, config)
@@ -110,7 +111,7 @@ def _patterns(
 def _refit(
     matched: MatchedLines, points: Points, rig: StereoRig, config: CalibratorConfig
 ) -> MatchedLines | None:
-    """Fit the chosen lines again where they are sampled: below the vanishing point."""
+    """Fit the chosen lines again in the rows where they are sampled, below the vanishing point."""
     first_row = first_sampled_row(matched.vanishing_point, rig, config)
     lines = []
     for view, pair in zip(points, (matched.left, matched.right), strict=True):
@@ -123,23 +124,24 @@ def _refit(
 
 
 def unused_lines(found: LaneHypotheses, pattern: LanePattern | None) -> tuple[ImageLine, ...]:
-    """Return the lines of the left camera that a look has found and a pattern has no use for."""
+    """Return the lines of the left camera that were found and are not in the pattern."""
     used = [] if pattern is None else pattern.lines[0]
     lines = [candidate.line for side in found.candidates[0] for candidate in side]
-    return tuple(line for line in lines if not any(line.is_stripe(other) for other in used))
+    return tuple(line for line in lines if not any(line.is_same_stripe(other) for other in used))
 
 
 def lines_below_plane(patterns: list[LanePattern], rig: StereoRig) -> list[BelowPlane]:
-    """Return how deep a line of the other patterns lies below the plane of each, if any: the surest one.
+    """Return for each pattern how deep a line of the other patterns lies below its plane.
 
-    Nothing that is seen lies below the road: where a line does, the plane is that of a kerb, of a rail. A
-    line farther aside than those of the pattern may be lower by as much as roads fall to their sides.
+    Nothing that is seen lies below the road. Where a line lies below the plane, the plane is that of a kerb
+    or a rail. A line beyond those of the pattern may be lower by as much as roads fall to their sides. Of
+    several lines, the one that is most surely below the plane counts.
 
     Args:
         patterns: Pairs of lines of one frame.
         rig: Intrinsics and baseline.
     """
-    lines = [pair for pattern in patterns for pair in _pairs_of(pattern)]
+    lines = [pair for pattern in patterns for pair in _line_pairs(pattern)]
     depths = []
     for pattern in patterns:
         closed = solve_plane(pattern, rig)
@@ -147,12 +149,14 @@ def lines_below_plane(patterns: list[LanePattern], rig: StereoRig) -> list[Below
         if isinstance(closed, NotFitted):
             continue
         plane = plane_from_pose(closed.extrinsics, rig)
-        by_pose = np.linalg.inv(jacobian_pose_wrt_plane(plane, rig))
-        covariance = by_pose @ closed.covariance @ by_pose.T
-        own_m = np.array([place_of_line(left, right, plane, rig)[1] for left, right in _pairs_of(pattern)])
+        jac_plane_pose = np.linalg.inv(jacobian_pose_wrt_plane(plane, rig))
+        covariance = jac_plane_pose @ closed.covariance @ jac_plane_pose.T
+        own_offsets_m = np.array(
+            [height_and_offset_m(left, right, plane, rig)[1] for left, right in _line_pairs(pattern)]
+        )
         for left, right in lines:
-            height_m, aside_m = place_of_line(left, right, plane, rig)
-            beyond_m = float(max(aside_m - own_m.max(), own_m.min() - aside_m, 0.0))
+            height_m, offset_m = height_and_offset_m(left, right, plane, rig)
+            beyond_m = float(max(offset_m - own_offsets_m.max(), own_offsets_m.min() - offset_m, 0.0))
             if beyond_m <= LANE_M:
                 std_m = height_std_m(left, right, plane, rig, covariance)
                 depth = BelowPlane(-height_m - GREATEST_FALL * beyond_m, std_m)
@@ -161,9 +165,10 @@ def lines_below_plane(patterns: list[LanePattern], rig: StereoRig) -> list[Below
 
 
 def cross(a: LanePattern, b: LanePattern) -> bool:
-    """Return whether a line of one pattern crosses one of the other in the rows that show both.
+    """Whether a line of one pattern crosses a line of the other in the rows that show both.
 
-    Lines of one road meet at their vanishing point only: one of the two leads from one stripe to another.
+    Lines of one road meet at their vanishing point only. Where two lines cross elsewhere, one of them leads
+    from one stripe to another.
     """
     return any(
         _cross(*pair)
@@ -180,5 +185,5 @@ def _cross(a: ImageLine, b: ImageLine) -> bool:
     return bool(apart.min() < -_SURELY_APART_PX and apart.max() > _SURELY_APART_PX)
 
 
-def _pairs_of(pattern: LanePattern) -> list[tuple[ImageLine, ImageLine]]:
+def _line_pairs(pattern: LanePattern) -> list[tuple[ImageLine, ImageLine]]:
     return list(zip(pattern.left, pattern.right, strict=True))

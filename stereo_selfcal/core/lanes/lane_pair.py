@@ -44,8 +44,8 @@ class ImageLine:
         """Return the column [px] at rows ``v`` [px], the same shape."""
         return self.u_mid + self.slope * (v - self.v_mid)
 
-    def is_stripe(self, other: ImageLine) -> bool:
-        """Whether another line of the same image is the same stripe, as far as its width tells."""
+    def is_same_stripe(self, other: ImageLine) -> bool:
+        """Whether another line of the image is closer than the stripe's width, at its middle and its end."""
         v = np.array([self.rows.mean(), self.rows.max()])
         return bool(np.all(np.abs(self.column_at(v) - other.column_at(v)) < self.width_px))
 
@@ -57,8 +57,8 @@ class ExtraLine:
     Attributes:
         left: The line in the left image.
         right: The same in the right image.
-        height_std_m: How far it may lie over or below the plane of the boundaries [m]: roads fall to their
-            sides.
+        height_std_m: Standard deviation of its height over the plane of the boundaries [m], as roads fall to
+            their sides.
     """
 
     left: ImageLine
@@ -70,8 +70,8 @@ class ExtraLine:
 class LanePattern:
     """The lane lines of both cameras, matched and sampled (paper section 2.2, figure 3b).
 
-    The two boundaries of a lane, which are the paper's whole pattern, make the plane; L - 2 further lines
-    run in parallel to them.
+    The two boundaries of a lane, which are the paper's whole pattern, determine the plane. L - 2 extra lines
+    are parallel to them.
 
     Attributes:
         left: Left and right lane boundary in the left camera.
@@ -79,7 +79,7 @@ class LanePattern:
         vanishing_point: (2,) column and row where the boundaries meet [px].
         rows: (N,) sampled image rows [px].
         columns: (2, L, N) columns [px] of camera (left, right), line (boundaries first), row.
-        further: The other lines, L - 2.
+        extra_lines: The other lines, L - 2.
     """
 
     left: tuple[ImageLine, ImageLine]
@@ -87,39 +87,39 @@ class LanePattern:
     vanishing_point: Array
     rows: Array
     columns: Array
-    further: tuple[ExtraLine, ...] = ()
+    extra_lines: tuple[ExtraLine, ...] = ()
 
     @property
     def lines(self) -> tuple[tuple[ImageLine, ...], tuple[ImageLine, ...]]:
         """All L lines in the left and in the right camera."""
         return (
-            (*self.left, *(line.left for line in self.further)),
-            (*self.right, *(line.right for line in self.further)),
+            (*self.left, *(line.left for line in self.extra_lines)),
+            (*self.right, *(line.right for line in self.extra_lines)),
         )
 
     @property
     def boundaries(self) -> LanePattern:
         """The pattern of the two boundaries alone."""
-        return replace(self, columns=self.columns[:, :2], further=()) if self.further else self
+        return replace(self, columns=self.columns[:, :2], extra_lines=()) if self.extra_lines else self
 
     @property
     def height_stds_m(self) -> Array:
-        """(L,) how far each line may lie beside the plane [m]; zeros for the boundaries, which make it."""
-        return np.array([0.0, 0.0, *(line.height_std_m for line in self.further)])
+        """(L,) standard deviations of the lines' heights over the plane [m]; zeros for the boundaries."""
+        return np.array([0.0, 0.0, *(line.height_std_m for line in self.extra_lines)])
 
-    def joined(self, further: tuple[ExtraLine, ...]) -> LanePattern:
-        """Return the boundaries together with other lines."""
+    def joined(self, extra_lines: tuple[ExtraLine, ...]) -> LanePattern:
+        """Return the boundaries together with extra lines."""
         columns = [
             [line.column_at(self.rows) for line in (*pair, *others)]
             for pair, others in (
-                (self.left, [line.left for line in further]),
-                (self.right, [line.right for line in further]),
+                (self.left, [line.left for line in extra_lines]),
+                (self.right, [line.right for line in extra_lines]),
             )
         ]
-        return replace(self, columns=np.array(columns), further=further)
+        return replace(self, columns=np.array(columns), extra_lines=extra_lines)
 
 
 def row_towards(vanishing_point: Array, fraction: float, rig: StereoRig) -> float:
-    """Return the row [px], not above the image, at a fraction of the vanishing point's height."""
+    """Return the row [px], at least 0, at a fraction of the vanishing point's height over the bottom row."""
     bottom = rig.height - 1.0
     return max(0.0, bottom - fraction * (bottom - float(vanishing_point[1])))

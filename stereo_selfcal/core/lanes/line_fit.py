@@ -1,4 +1,4 @@
-"""Straight lines measured to a fraction of a pixel where the Hough transform found them.
+"""Straight lines fitted to a fraction of a pixel, from the peaks of the Hough transform.
 
 The edge is measured in blocks of rows along the line, and a straight line is fitted robustly to the
 measurements.
@@ -21,14 +21,14 @@ from .stripe_points import Response
 # 1 degree over the length of the line), then around the fitted line.
 _COARSE_HALF_WIDTHS_PX = (7, 4)
 _FINE_HALF_WIDTHS_PX = (3,)
-# A block of rows has as many as bring its edge to this many standard deviations over the noise.
+# A block has as many rows as make the contrast of its edge this many standard deviations of the noise.
 _BLOCK_SIGMAS = 6.0
 _BLOCK_ROWS_MIN, _BLOCK_ROWS_MAX = 4, 24
-_BLOCK_ROWS_CLEAN = 8  # up to here a line is marked in nearly every row it is seen in
+_BLOCK_ROWS_CLEAN = 8  # up to this, a line has a stripe point in nearly every row it is seen in
 _MIN_PEAK_SIGMAS = 3.5  # one false peak in 2000 blocks
-_MIN_BLOCKS = 5  # two parameters, and enough left to estimate the residuals' spread
+_MIN_BLOCKS = 5  # two parameters, and three more to estimate the scatter of the residuals
 _REWEIGHTING = Reweighting(rounds=40, settled=1e-3)
-_SINGULAR = 1e-12  # all points in one row
+_SINGULAR = 1e-12  # ratio to the product of its factors: all points lie in one row
 _MIN_RESIDUAL_PX = 0.005  # rounding to 8 bits moves an edge of contrast 100 by this
 _SCALE = scale_by_median(_MIN_RESIDUAL_PX)
 
@@ -38,7 +38,7 @@ def fit_line(response: Response, peak: HoughPeak, noise: float) -> ImageLine | N
 
     Args:
         response: (H, W) gradient of the image by the paper's kernel [-1 0 1].
-        peak: Where to look.
+        peak: Peak of the Hough transform: the start of the fit.
         noise: Standard deviation of the image noise [grey levels].
 
     Returns:
@@ -47,12 +47,12 @@ def fit_line(response: Response, peak: HoughPeak, noise: float) -> ImageLine | N
     start = (peak.u_mid, peak.slope, peak.v_mid)
     rows = (peak.first_row, peak.last_row + 1)
     if _block_rows(noise, peak.contrast) > _BLOCK_ROWS_CLEAN:
-        rows = (0, response.shape[0])  # in noise a line may be where it is not marked
+        rows = (0, response.shape[0])  # in noise, a line may have no stripe points in some rows
     return _fit(response, start, noise, rows, _COARSE_HALF_WIDTHS_PX, peak.width_px, peak.contrast)
 
 
 def refit_line(response: Response, line: ImageLine, noise: float, first_row: float) -> ImageLine | None:
-    """Fit a line again, close by and below ``first_row`` only: nothing above is road."""
+    """Fit a line again, close to it and only below ``first_row``, as nothing above it is road."""
     start = (line.u_mid, line.slope, line.v_mid)
     rows = (max(0, math.ceil(first_row)), response.shape[0])
     return _fit(response, start, noise, rows, _FINE_HALF_WIDTHS_PX, line.width_px, line.contrast)
@@ -67,7 +67,7 @@ def _fit(
     width_px: float,
     contrast: float,
 ) -> ImageLine | None:
-    """Measure the edge along a line and fit a line to it; in longer blocks where that fails in noise."""
+    """Measure the edge along a line and fit a line to it; where that fails in noise, with longer blocks."""
     n_rows = _block_rows(noise, contrast)
     for rows in (n_rows, _BLOCK_ROWS_MAX):
         line = _fit_blocks(response, start, noise, between, half_widths, width_px, contrast, rows)
@@ -77,7 +77,7 @@ def _fit(
 
 
 def _block_rows(noise: float, contrast: float) -> int:
-    """Return how many rows of an edge stand out of the noise by as much as a block should."""
+    """Return the rows of a block for a contrast of ``_BLOCK_SIGMAS`` standard deviations of its noise."""
     rows = (_BLOCK_SIGMAS * noise * math.sqrt(2.0) / contrast) ** 2
     return round(min(max(rows, _BLOCK_ROWS_MIN), _BLOCK_ROWS_MAX))
 
@@ -133,8 +133,8 @@ def _measure(
     """Measure the edge in blocks of rows, each averaged along the line.
 
     Returns:
-        rows (M,) middle of each block that shows an edge, offsets (M,) of the edge from the line [px],
-        weights (M,) inverse variances up to a common factor.
+        Of each of M blocks that show an edge: rows (M,) of its middle [px], offsets (M,) of the edge from the
+        line [px], and weights (M,), which are inverse variances up to a common factor.
     """
     u_mid, slope, v_mid = line
     width = response.shape[1]
@@ -146,7 +146,7 @@ def _measure(
     if n_blocks < _MIN_BLOCKS:
         empty = np.empty(0)
         return empty, empty, empty
-    # The nearest rows fill whole blocks; what is left over is at the far end.
+    # The blocks begin at the nearest row; remaining rows are dropped at the far end.
     rows, columns = rows[-n_blocks * n_rows :], columns[-n_blocks * n_rows :]
     floor = np.floor(columns).astype(np.intp)
     part = (columns - floor).astype(np.float32)[:, None]
@@ -160,11 +160,11 @@ def _measure(
     before, here, after = (profile[block, best + shift] for shift in (-1, 0, 1))
     curvature = np.minimum(before - 2 * here + after, -1e-6)
     offsets = best - half_width + 0.5 * (before - after) / curvature
-    seen = here > _MIN_PEAK_SIGMAS * noise * math.sqrt(2.0 / n_rows)
+    has_peak = here > _MIN_PEAK_SIGMAS * noise * math.sqrt(2.0 / n_rows)
     middles = rows.reshape(n_blocks, n_rows).mean(axis=1)
-    # The noise of a parabola's vertex goes with the inverse of its curvature.
+    # The noise of a parabola's vertex is proportional to the inverse of its curvature.
     weights = (-curvature / 255.0) ** 2
-    return middles[seen], offsets[seen].astype(np.float64), weights[seen].astype(np.float64)
+    return middles[has_peak], offsets[has_peak].astype(np.float64), weights[has_peak].astype(np.float64)
 
 
 def _robust_line(v: Array, u: Array, weights: Array) -> tuple[tuple[float, float], Array, Array] | None:

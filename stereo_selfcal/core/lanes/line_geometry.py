@@ -1,4 +1,4 @@
-"""Where a line that both cameras see lies: its height over a plane, how well that is known, its place."""
+"""Height over a plane and lateral offset of a line that both cameras see, and the height's uncertainty."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from ..tolerances import MAX_LINE_HEIGHT_M
 from ..types import Array
 from .lane_pair import ImageLine, LanePattern
 
-_DEPTH_SIGMAS = 3.0  # a line counts when it is surely there
-N_ROWS = 8  # a line is evaluated in, as it has two parameters
+_DEPTH_SIGMAS = 3.0  # a line is surely below a plane by this many standard deviations
+N_ROWS = 8  # rows in which a line is evaluated: enough, as it has two parameters
 
 
 @dataclass(frozen=True, slots=True)
 class HeightOverLane:
-    """How high something lies over the plane of a lane, or over its surface.
+    """Height over the plane of a lane, or over its surface.
 
     Attributes:
         value_m: The height [m], > 0: above.
@@ -34,26 +34,26 @@ class HeightOverLane:
 
 @dataclass(frozen=True, slots=True)
 class BelowPlane:
-    """How deep a line lies below a plane, and the standard deviation [m]."""
+    """How deep a line lies below a plane [m], and the standard deviation [m]."""
 
     depth_m: float = 0.0
     std_m: float = 0.0
 
     @property
     def limit_m(self) -> float:
-        """How deep it may seem to lie, and lie in the plane."""
+        """The depth up to which the line may lie in the plane [m]."""
         return max(MAX_LINE_HEIGHT_M, _DEPTH_SIGMAS * self.std_m)
 
     @property
     def surely_below(self) -> bool:
-        """Whether it is none of the plane."""
+        """Whether the line surely does not lie in the plane."""
         return self.depth_m > self.limit_m
 
 
-def place_of_line(
+def height_and_offset_m(
     left: ImageLine, right: ImageLine, plane: DisparityPlane, rig: StereoRig
 ) -> tuple[float, float]:
-    """Return the height of a line over a plane and its place to the left of the camera [m].
+    """Return the height of a line over a plane [m], and its lateral offset from the camera [m], > 0: left.
 
     Args:
         left: The line in the left image.
@@ -82,7 +82,7 @@ def height_std_m(
         right: The same in the right image.
         plane: The road, of the camera in the middle.
         rig: Intrinsics and baseline.
-        plane_covariance: (3, 3) of the plane; None where it is that of the line alone that is asked for.
+        plane_covariance: (3, 3) of the plane; None for the standard deviation by the line alone.
     """
     v, ray, disparity = _rows_of(left, right, rig)
     metres, weights = _metres(disparity, plane, rig)
@@ -106,7 +106,7 @@ def _rows_of(left: ImageLine, right: ImageLine, rig: StereoRig) -> tuple[Array, 
 
 
 def rays_of_lines(pattern: LanePattern, rig: StereoRig) -> list[Array]:
-    """Return the rays (1, y, z) from the middle of the baseline to the rows each line was seen in, (N, 3)."""
+    """Return the rays (N, 3) from the middle of the baseline to each line, in the rows where it was seen."""
     rays = []
     for index, line in enumerate(pattern.left):
         seen = (pattern.rows >= line.rows.min()) & (pattern.rows <= line.rows.max())
@@ -115,7 +115,7 @@ def rays_of_lines(pattern: LanePattern, rig: StereoRig) -> list[Array]:
 
 
 def _metres(disparity: Array, plane: DisparityPlane, rig: StereoRig) -> tuple[Array, Array]:
-    """Return how high a pixel of disparity is (N,) [m], and weights (N,): rows weigh as their pixels do."""
+    """Return the height of a pixel of disparity (N,) [m], and the weights of rows (N,): inverse squares."""
     metres: Array = plane.height_m(rig) / np.maximum(disparity, LEAST_DISPARITY_PX)
     return metres, metres**-2.0
 
@@ -127,5 +127,5 @@ def lane_in_road(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics) -
     ends = np.stack([columns, np.broadcast_to(pattern.rows[[0, -1]], columns.shape)], axis=-1)
     far, near = np.moveaxis(apply_homography(to_road, ends), 1, 0)
     tangent = float(np.mean(((far[:, 1] - near[:, 1]) / (far[:, 0] - near[:, 0]))[:2]))
-    # The lane runs at minus the camera's yaw.
+    # The heading of the lane is minus the yaw of the camera.
     return np.concatenate([[-np.arctan(tangent)], near[:, 1] - tangent * near[:, 0]])

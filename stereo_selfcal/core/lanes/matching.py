@@ -1,11 +1,11 @@
-"""Which lines of the two images are the same two lane boundaries, and the pattern they make.
+"""Matching of the lines of both images: which of them are the same two lane boundaries.
 
-All lines of one direction on the road meet in one image point, and as that point is infinitely
-far away, it has no disparity: the left and right lane boundary in both rectified images are four
-lines through ONE point. Poles, shadows across the road and lines of another direction miss it; what
-runs parallel (a kerb) goes through it too and is told apart by what lies across it.
-The disparity of a road point grows in proportion to the rows below that point, by the
-baseline over the height: this bounds what can be a line on the road at all.
+All lines of one direction on the road meet in one image point. That point is infinitely far away and has no
+disparity. So the left and the right boundary in both rectified images are four lines through one point.
+Poles, shadows across the road and lines of another direction miss it. A parallel object, such as a kerb,
+meets it, too; its cross-section of grey values is another one. The disparity of a road point grows in
+proportion to the rows below that point, by the baseline over the height. This limits which lines can lie on
+the road.
 """
 
 from __future__ import annotations
@@ -23,32 +23,32 @@ from ..config import CalibratorConfig
 from ..types import Array, Image
 from .lane_pair import ImageLine, LanePattern, row_towards
 
-# Four lines that miss their common point by this (RMS along the row) count half. Lines are fitted
-# to about a tenth of a pixel, and to a few tenths when extrapolated beyond their last dash.
+# Four lines that miss their common point by this (RMS along the row) count half. A fitted line is accurate to
+# about a tenth of a pixel, and to a few tenths where it is extrapolated beyond its last dash.
 HALF_CREDIT_PX = 0.3
 
-# Pairs of boundaries that get the closer fit: a lane line, the kerb beside it and the line of the
-# next lane, on either side, make nine; more than five have never been near each other in score.
+# Pairs of boundaries that are fitted again. A lane line, the kerb beside it and the line of the next lane, on
+# either side, make nine pairs; no more than five have had similar scores.
 _MAX_PAIRS = 5
 
-# Both cameras see one stripe: in the same rows, as wide, and as bright up to their gains, which
-# an automatic exposure keeps within 0.8 ... 1.25 of each other.
-_MIN_ROW_OVERLAP = 0.5  # of the shorter line: one stray block in the sky makes a line twice as long
+# Both cameras see the same stripe in the same rows, with the same width and contrast. The contrast differs by
+# their gains, which an automatic exposure keeps within 0.8 ... 1.25 of each other.
+_MIN_ROW_OVERLAP = 0.5  # of the shorter line, as one stray block in the sky makes a line twice as long
 _MAX_WIDTH_RATIO = 2.0
 _MAX_CONTRAST_RATIO = 2.5
 # Least correlation r of the cross-sections of one line in both images, as Fisher's z = atanh(r), whose
 # scatter does not depend on r. This is r = 0.7, half of the variance in common; over real frames the same
 # line has 0.75 ... 1, a line and the kerb next to it -0.2 ... 0.6.
 MIN_LIKENESS = 0.867
-# Places of the cross-section, in stripe widths from the left edge of the stripe.
+# Positions of the cross-section, in stripe widths from the left edge of the stripe.
 _SECTION_WIDTHS = np.linspace(-3.0, 4.0, 29)
 _SECTION_ROW_STEP = 3
 
-# Roll tilts the road under a line at slope du/dv, which adds up to tan(15 deg) * slope to the growth
-# of its disparity; the bounds on the height are widened by this factor for it.
+# Roll tilts the road along a line of slope du/dv, which adds up to tan(15 deg) * slope to the growth of its
+# disparity. The limits of the height are widened by this factor to allow for that.
 _GROWTH_SLACK = 1.6
 
-# Widths of painted stripes on the road: 10 cm (narrow lane lines) to 50 cm (stop of a bus lane),
+# Widths of painted stripes on the road [m]: from 10 cm (narrow lane lines) to 50 cm (stop of a bus lane),
 # with a margin for the blur of distant ones.
 _STRIPE_WIDTH_M = (0.05, 0.6)
 
@@ -111,7 +111,7 @@ class MatchedLines:
 
     @property
     def score(self) -> float:
-        """What the choice among several goes by: many votes, little distance from one point."""
+        """Rank among several pairs: high for many votes and a small distance from one point."""
         return self.votes / (1.0 + (self.concurrency_px / HALF_CREDIT_PX) ** 2)
 
 
@@ -122,7 +122,7 @@ def match_lines(
     rig: StereoRig,
     config: CalibratorConfig,
 ) -> Matches:
-    """Return the lines that both cameras see alike.
+    """Return the lines that both cameras see, with similar cross-sections.
 
     Args:
         left: Candidates of the left camera: left boundaries, right boundaries.
@@ -135,9 +135,11 @@ def match_lines(
         Left and right boundaries.
     """
     sides = []
-    for of_left, of_right in zip(left, right, strict=True):
+    for left_lines, right_lines in zip(left, right, strict=True):
         possible = [
-            (a, b) for a, b in product(of_left, of_right) if may_lie_on_road(a.line, b.line, rig, config)
+            (a, b)
+            for a, b in product(left_lines, right_lines)
+            if may_lie_on_road(a.line, b.line, rig, config)
         ]
         matches = [Match(a, b, similarity(images, a.line, b.line)) for a, b in possible]
         sides.append([match for match in matches if looks_alike(match.similarity)])
@@ -155,13 +157,13 @@ def pair_lines(matches: Matches, rig: StereoRig, config: CalibratorConfig) -> li
         for first, second in product(*matches)
         if _roll_possible(first, second, rig, config)
     ]
-    # Only an order: these fits still take in what lies above the road.
+    # This is a preliminary order: the fits still include rows above the road.
     found.sort(key=lambda lines: -lines.score)
     return found[:_MAX_PAIRS]
 
 
 def _roll_possible(first: Match, second: Match, rig: StereoRig, config: CalibratorConfig) -> bool:
-    """Whether the plane through two boundaries is tilted to the side by no more than the greatest roll."""
+    """Whether the roll of the plane through two boundaries is within the search range."""
     # d = a + A u + B v on a plane, so along a line of slope m the disparity grows by A m + B a row.
     slopes = np.array([first.left.line.slope, second.left.line.slope])
     growths = slopes - np.array([first.right.line.slope, second.right.line.slope])
@@ -171,7 +173,7 @@ def _roll_possible(first: Match, second: Match, rig: StereoRig, config: Calibrat
 
 
 def may_lie_on_road(left: ImageLine, right: ImageLine, rig: StereoRig, config: CalibratorConfig) -> bool:
-    """Whether the disparity between two lines is that of a stripe on a road under the rig."""
+    """Whether the disparity of two lines can be that of a stripe on a road below the rig."""
     # d(v) = growth * (v - v_infinity); on a level road growth = baseline / height * fx / fy.
     growth = left.slope - right.slope
     scale = rig.baseline_m * rig.fx / rig.fy
@@ -187,7 +189,7 @@ def may_lie_on_road(left: ImageLine, right: ImageLine, rig: StereoRig, config: C
         return False
     if _overlap(left.rows, right.rows) < _MIN_ROW_OVERLAP:
         return False
-    # Widths grow with the rows below the horizon, and the two may be measured in different ones.
+    # Widths grow with the rows below the horizon, and the two may be measured in different rows.
     horizon = float(left.v_mid) - disparity / growth
     widths = [line.width_px / max(line.v_mid - horizon, 1.0) for line in (left, right)]
     if max(widths) > _MAX_WIDTH_RATIO * min(widths):
@@ -199,11 +201,16 @@ def may_lie_on_road(left: ImageLine, right: ImageLine, rig: StereoRig, config: C
 
 
 def similarity(images: tuple[Image, Image], left: ImageLine, right: ImageLine) -> float:
-    """Compare what lies across a line in both images: paint, asphalt, gutter, kerb.
+    """Compare the cross-sections of a line in both images: paint, road surface, gutter, kerb.
 
-    The grey values at fixed distances on the road from the line, a few stripe widths to either
-    side, are averaged over the rows both cameras see; this cross-section is the same for the
-    same line, and another one for the line next to it.
+    The grey values at fixed distances on the road from the line, a few stripe widths to either side, are
+    averaged over the rows that both cameras see. This cross-section is the same for the same line, and
+    differs for the line next to it.
+
+    Args:
+        images: Left and right image, (H, W) uint8.
+        left: The line in the left image.
+        right: The line in the right image.
 
     Returns:
         Correlation coefficient of the two cross-sections, -1 ... 1.
@@ -211,7 +218,7 @@ def similarity(images: tuple[Image, Image], left: ImageLine, right: ImageLine) -
     rows = np.arange(
         max(left.rows.min(), right.rows.min()), min(left.rows.max(), right.rows.max()), _SECTION_ROW_STEP
     )
-    # Where the disparity is zero is the horizon: distances on the road grow from there.
+    # The disparity is zero at the horizon; a distance on the road grows in the image with the rows below it.
     growth = left.slope - right.slope
     middle = np.array(float(np.median(rows))) if len(rows) else np.array(left.v_mid)
     horizon = float(middle) - float(left.column_at(middle) - right.column_at(middle)) / growth
@@ -237,7 +244,7 @@ def similarity(images: tuple[Image, Image], left: ImageLine, right: ImageLine) -
 
 
 def looks_alike(correlation: float) -> bool:
-    """Whether the cross-sections of two lines correlate as those of one line do."""
+    """Whether the correlation of two cross-sections is high enough for one and the same line."""
     return correlation >= math.tanh(MIN_LIKENESS)
 
 
@@ -261,8 +268,8 @@ def common_point(lines: Sequence[ImageLine]) -> tuple[Array, float]:
 def sample_pattern(matched: MatchedLines, rig: StereoRig, config: CalibratorConfig) -> LanePattern:
     """Sample the lines row by row (paper section 2.2, figure 3b).
 
-    The first row is where ``horizon_fraction`` of the height between the bottom of the image and the
-    vanishing point is reached, then every ``sample_step_px`` down to the bottom.
+    The first row is at ``horizon_fraction`` of the height between the bottom of the image and the vanishing
+    point. The others follow every ``sample_step_px`` down to the bottom.
     """
     first = first_sampled_row(matched.vanishing_point, rig, config)
     rows: npt.NDArray[np.float64] = np.arange(first, rig.height, config.extraction.sample_step_px)

@@ -1,10 +1,10 @@
 """Stripe points: where an image row crosses the left edge of a painted stripe (paper section 2.2).
 
-The paper correlates each row with [-1 0 1] and marks a positive peak that is followed, one
-stripe width further, by a negative one. The same is done here at several widths: for a stripe of w
-pixels the means of w / 2 pixels on both sides of the edge are compared, which sees the near,
-wide part of a line through noise that drowns single pixels. The narrowest width is the
-paper's kernel. The positive peak is marked, not the middle, which perspective moves.
+The paper correlates each row with [-1 0 1] and marks a positive peak that is followed, one stripe width
+farther, by a negative one. Here the same is done at several widths. For a stripe of w pixels, the means of w
+/ 2 pixels on both sides of the edge are compared. So the near, wide part of a line is found in noise that
+hides it from single pixels. The narrowest width is the paper's kernel. The positive peak is marked and not
+the middle of the stripe, as perspective moves the middle.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from ..types import Array, Image
 
 Response = npt.NDArray[np.float32]
 
-# Half widths of the edge filters [px]; filter k finds stripes of 2k ... 4k + 1 pixels, so together
-# they cover 2 ... 65 px: a 15 cm line from 0.7 m under a 500 px camera to 40 m ahead.
+# Half widths of the edge filters [px]. Filter k finds stripes of 2k ... 4k + 1 pixels, so together they find
+# stripes of 2 ... 65 px: a 15 cm line from 0.7 m under a 500 px camera to 40 m ahead.
 _FILTER_LENGTHS_PX = (1, 2, 4, 8, 16)
-# Stripes of four pixels and more are near and long, so every second row will do.
+# Stripes of four pixels and more are near and long, so every second row is enough.
 _ROW_STEPS = (1, 2, 2, 2, 2)
 
-# The weaker edge of a stripe has at least this share of the stronger one: paint lies on asphalt, so
-# that both sides are darker by about the same; a step (a shadow, a kerb, a verge) is no stripe.
+# The weaker edge of a stripe has at least this share of the contrast of the stronger one: the road surface on
+# both sides of paint is darker by about the same. A single step (a shadow, a kerb, a verge) is no stripe.
 _MIN_EDGE_RATIO = 0.5
 
-# Painted lines are brighter than their road by at least this, however little noise there is:
-# worn paint in deep shadow has about 10 grey levels, the texture of asphalt 3.
+# Painted lines are brighter than their road by at least this [grey levels], however little noise there is:
+# worn paint in deep shadow is brighter by about 10 grey levels; the texture of a road surface varies by 3.
 MIN_CONTRAST_GREY = 8.0
 
-# Rows above and below in which a stripe should go on, along its own direction.
-_CONTINUITY_ROWS = (-4, -2, 2, 4)  # even, as the wide filters see every second row
+# Rows above and below in which a stripe should continue, along its own direction.
+_CONTINUITY_ROWS = (-4, -2, 2, 4)  # even, as the wide filters mark every second row
 _CONTINUITY_REACH_PX = 1  # on either side: a direction off by 0.25 over four rows
 
-# Noise of a flat, noiseless 8-bit image: rounding alone gives 1 / sqrt(12) = 0.29 grey levels;
-# JPEG-free cameras reach about 0.5.
+# Least noise [grey levels]: rounding to 8 bits alone gives 1 / sqrt(12) = 0.29, cameras without JPEG about
+# 0.5.
 _MIN_NOISE_GREY = 0.5
 
 # Up to here a convolution is faster than running sums (0.14 against 0.28 ms on 640 x 480).
@@ -50,7 +50,7 @@ _CONVOLVED_UP_TO_PX = 2
 # response to planes, and an L2 norm of 6.
 _NOISE_MASK = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)
 _NOISE_MASK_NORM = 6.0
-_NOISE_ROW_STEP = 10  # every tenth strip of three rows is enough for two digits
+_NOISE_ROW_STEP = 10  # every tenth strip of three rows gives two digits
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,12 +62,12 @@ class StripePoints:
         columns: (N,) sub-pixel columns of the stripe's left edge [px].
         widths: (N,) widths of the stripe along the row [px].
         contrast: (N,) contrast of the weaker edge [grey levels].
-        counts: (N,) image rows each point stands for.
+        counts: (N,) number of image rows that each point represents.
         slopes: (N,) du/dv of the edge from the grey-value gradient around the point.
         slope_std: (N,) its standard deviation by the image noise.
-        continuity: (N,) share of the neighbouring rows in which the stripe goes on, 0 ... 1.
+        continuity: (N,) share of the neighbouring rows in which the stripe continues, 0 ... 1.
         noise_grey: Standard deviation of the image noise [grey levels].
-        gradient: (H, W) gradient by the paper's kernel, which the lines are measured in.
+        gradient: (H, W) gradient by the paper's kernel, in which the lines are measured.
     """
 
     rows: Array
@@ -87,7 +87,7 @@ def noise_grey(image: Image) -> float:
     strips = np.concatenate([image[i : i + 3] for i in range(0, image.shape[0] - 2, 3 * _NOISE_ROW_STEP)])
     response = cv2.filter2D(strips, cv2.CV_32F, _NOISE_MASK)[1::3, 1:-1]
     middle = strips[1::3, 1:-1]
-    # Clipped pixels (a white sky) carry no noise and would lower the estimate.
+    # Clipped pixels (a white sky) have no noise and would lower the estimate.
     usable = (middle > 0) & (middle < 255)
     if not usable.any():
         return _MIN_NOISE_GREY
@@ -112,7 +112,7 @@ def edge_response(image: Image, length_px: int) -> Response:
         response = np.asarray(cv2.filter2D(image, cv2.CV_32F, kernel), dtype=np.float32)
     else:
         response = np.empty(image.shape, dtype=np.float32)
-        # means[u] covers u ... u + length - 1: a running sum, whose cost does not grow with its length.
+        # means[u] covers u ... u + length - 1: a running sum, whose time does not grow with its length.
         means = cv2.boxFilter(
             image, cv2.CV_32F, (length_px, 1), anchor=(0, 0), borderType=cv2.BORDER_REPLICATE
         )
@@ -131,8 +131,8 @@ def find_stripe_points(image: Image, config: ExtractionConfig) -> StripePoints:
 
     Args:
         image: (H, W) uint8.
-        config: ``min_contrast_sigma`` is the least contrast of either edge over the noise of
-            the filter that found it.
+        config: Settings; ``min_contrast_sigma`` is the least contrast of either edge, over the noise of the
+            filter that found it.
     """
     noise = noise_grey(image)
     gradient = edge_response(image, 1)
@@ -181,7 +181,7 @@ def _edge_directions(
 
 
 def _continuity(rows: npt.NDArray[np.intp], columns: Array, slopes: Array, shape: tuple[int, ...]) -> Array:
-    """Return the share of neighbouring rows that are marked where the edge of each point leads."""
+    """Return the share of neighbouring rows with a point where the edge direction of each point leads."""
     points = np.zeros(shape, dtype=np.uint8)
     points[rows, np.rint(columns).astype(np.intp)] = 1
     marked = cv2.dilate(points, np.ones((1, 2 * _CONTINUITY_REACH_PX + 1), np.uint8))
@@ -200,12 +200,12 @@ def _points_of_response(
     # Mean of length pixels minus mean of length pixels.
     threshold = max(MIN_CONTRAST_GREY, config.min_contrast_sigma * noise * np.sqrt(2.0 / length))
     narrowest, widest = 2 * length, 4 * length + 1
-    # From here on only pixels over the threshold are looked at, a few in a hundred.
+    # The following steps use only pixels over the threshold, a few in a hundred.
     rows, columns = np.divmod(np.flatnonzero(response > np.float32(threshold)), response.shape[1])
     inside = (columns > length) & (columns < response.shape[1] - widest - 1)
     rows, columns = rows[inside], columns[inside]
     here = response[rows, columns]
-    # Local maximum: among the next pixels first, which leaves few, then over the length of the filter.
+    # Local maximum: first among the next pixels, to reduce their number, then over the length of the filter.
     peak = (here >= response[rows, columns - 1]) & (here >= response[rows, columns + 1])
     rows, columns, here = rows[peak], columns[peak], here[peak]
     if length > 1:

@@ -1,1 +1,1 @@
-"""Which lines are tried, in which order, and what becomes of each."""
+"""Hypotheses about the lines of a frame: their order, their solution and the choice among attempts."""

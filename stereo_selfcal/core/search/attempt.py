@@ -1,4 +1,4 @@
-"""What became of one hypothesis: every stage that ran, every gate that was read, and the verdict."""
+"""The attempt to solve one hypothesis: stages that ran, readings of the gates, and the verdict."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..rejection import GateReading, Rejection, RejectReason
 
 
 class Verdict(Enum):
-    """What became of a hypothesis; ``str()`` is a stable snake_case word."""
+    """Verdict on a hypothesis; ``str()`` is a stable snake_case word."""
 
     ACCEPTED = "accepted"
     REFUSED = "refused"
@@ -27,17 +27,17 @@ class Verdict(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Attempt:
-    """One hypothesis and what became of it.
+    """One hypothesis and its result.
 
     Attributes:
-        hypothesis: Which lines, found how.
-        verdict: ``accepted``; ``refused`` by a gate; ``unconfirmed``: every gate was passed, yet the texture
-            that has to confirm such lines did not; ``not_fitted``: an estimator gave up.
+        hypothesis: Which lines were found, and how.
+        verdict: ``accepted``; ``refused`` by a gate; ``unconfirmed``: every gate was passed, but the texture
+            did not confirm lines that need it; ``not_fitted``: an estimator gave up.
         message: One sentence: why it was not accepted, "" where it was.
         rejection: The gate's refusal, None without one.
         poses: Pose by every stage that ran.
-        readings: What the gates read, up to the first one that refused.
-        estimate: The pose with its uncertainty; None where no stage came that far.
+        readings: Readings of the gates, up to the first one that refused.
+        estimate: The pose with its uncertainty; None where the hypothesis was refused or not fitted.
         lane_curvature_per_m: Curvature of the lane [1/m], > 0: bends left; None where it was not measured.
         genetic: Report of the genetic algorithm; None where it did not run.
     """
@@ -54,7 +54,7 @@ class Attempt:
 
     @property
     def accepted(self) -> bool:
-        """Whether it gave a calibration that counts."""
+        """Whether the estimate is a calibration."""
         return self.verdict is Verdict.ACCEPTED
 
     @property
@@ -78,5 +78,5 @@ class Attempt:
         return self.poses.as_dict()
 
     def slim(self) -> Attempt:
-        """Return the attempt without points and lines, which weigh as much as an image."""
+        """Return the attempt without points and lines, which take as much memory as an image."""
         return replace(self, hypothesis=self.hypothesis.slim(), genetic=None)

@@ -1,4 +1,4 @@
-"""One hypothesis through all stages: from its lines, or from the road surface alone, to an attempt."""
+"""All stages for one hypothesis: from its lines, or from the road surface alone, to an attempt."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from ..evidence.nuisances import (
     stage_disagreement_covariance,
     unseen_slope_covariance,
 )
-from ..evidence.profile import measure_profile, profile_of_asphalt
+from ..evidence.profile import measure_profile, profile_from_texture
 from ..evidence.row_offset import vertical_offset
 from ..geometry.homography import SIDES
 from ..geometry.pose import Extrinsics
@@ -36,20 +36,24 @@ from ..rejection import GateReading, NotFitted, Rejection, fitted
 from .attempt import Attempt, Verdict
 from .texture_guided_lines import line_on_road
 
-# A lane of 2.5 m has this on both sides of a camera in it, with a quarter of a metre to spare.
-_BENEATH_M = (-1.0, 1.0)
+# Part of the road surface that surely belongs to the own lane, left and right of the camera [m]: a lane of
+# 2.5 m extends a quarter of a metre farther.
+_OWN_LANE_M = (-1.0, 1.0)
 
 
 def solve(
     hypothesis: Hypothesis, frame: FrameObservations, rig: StereoRig, config: CalibratorConfig
 ) -> Attempt:
-    """Estimate the pose under a hypothesis, and read every gate on the way.
+    """Estimate the pose under a hypothesis, and evaluate the gates after each stage.
 
     Args:
-        hypothesis: Which lines, found how.
+        hypothesis: Which lines were found, and how.
         frame: Images and stripe points.
         rig: Intrinsics and baseline.
         config: Settings.
+
+    Raises:
+        ValueError: The hypothesis has neither a pair of lines nor the texture of the road surface.
     """
     if hypothesis.pattern is not None:
         return _solve_lines(hypothesis, hypothesis.pattern, frame, rig, config)
@@ -122,23 +126,23 @@ def _solve_lines(
 
 def _estimate(
     genetic: Extrinsics,
-    lines: LineFit,
+    line_fit: LineFit,
     refined: StripeFit | None,
     evidence: Evidence,
     notes: tuple[str, ...],
 ) -> Estimate:
-    """Return the estimate from lines: that of the stripes' grey values where they could be fitted."""
-    terms = lines.terms if refined is None else (UncertaintyTerm("noise", refined.covariance),)
+    """Return the estimate from lines, by the fit of the stripes' grey values where there is one."""
+    terms = line_fit.terms if refined is None else (UncertaintyTerm("noise", refined.covariance),)
     more = (
         UncertaintyTerm("slope_seen", seen_slope_covariance(evidence.profile)),
         UncertaintyTerm(
-            "stage_disagreement", stage_disagreement_covariance(genetic, lines.covariance, refined)
+            "stage_disagreement", stage_disagreement_covariance(genetic, line_fit.covariance, refined)
         ),
     )
     return Estimate(
         genetic if refined is None else refined.extrinsics,
         merge_terms((*terms, *more)),
-        lines.lane_yaw_rad if refined is None else refined.lane_yaw_rad,
+        line_fit.lane_yaw_rad if refined is None else refined.lane_yaw_rad,
         notes,
     )
 
@@ -150,13 +154,13 @@ def _solve_surface(
     rig: StereoRig,
     config: CalibratorConfig,
 ) -> Attempt:
-    """Take the pose over the road surface where a line both cameras see lies in it."""
+    """Take the pose over the road surface, where a line that both cameras see lies in it."""
     poses = StagePoses(textured=texture.extrinsics)
 
     def not_fitted(message: str) -> Attempt:
         return Attempt(hypothesis, Verdict.NOT_FITTED, message, poses=poses)
 
-    profile = profile_of_asphalt(texture)
+    profile = profile_from_texture(texture)
     terms = merge_terms(
         (
             *texture.terms,
@@ -176,12 +180,13 @@ def _solve_surface(
     if found is None:
         return not_fitted("no line that both cameras see lies in the road surface")
     _, yaw = found
-    # What is beyond a kerb is not of the road, and may have decided the plane.
-    beneath = align_texture(frame.images, rig, texture.extrinsics, yaw, limits_m=_BENEATH_M)
-    if isinstance(beneath, NotFitted) or not surely_same(texture.extrinsics, beneath, rig):
+    # A pavement beside the lane is not the road, and its texture may have determined the plane. So the
+    # surface of the own lane is aligned alone, as a check.
+    own_lane = align_texture(frame.images, rig, texture.extrinsics, yaw, limits_m=_OWN_LANE_M)
+    if isinstance(own_lane, NotFitted) or not surely_same(texture.extrinsics, own_lane, rig):
         return not_fitted("the road surface of the own lane does not exclude a kerb beside it")
     vertical = vertical_offset(frame.images, rig, texture.extrinsics, yaw)
-    if isinstance(vertical, NotFitted):  # rows that cannot be compared may be those of a turned camera
+    if isinstance(vertical, NotFitted):  # the rows may be those of a camera that has turned
         return not_fitted("the rows of both images cannot be compared on the road surface")
     readings, refusal = evaluate_gates(Evidence(config, texture=texture, vertical=vertical))
     if refusal:
@@ -208,7 +213,7 @@ def _refused(
 
 
 def _search(fitness: PatternFitness, config: CalibratorConfig) -> GeneticResult:
-    """Run the genetic algorithm over the whole search box, once for each camera's parallelism."""
+    """Run the genetic algorithm over the whole search box, once with the parallelism term of each camera."""
     lower, upper = config.search.bounds()
     runs = maximise_each(
         fitness.seen_by_each,

@@ -1,8 +1,8 @@
-"""Which hypotheses are tried, in which order, and which attempt is the answer.
+"""Which hypotheses are solved, in which order, and which attempt is the result of a frame.
 
-Each hypothesis costs a search, a fit of the stripes and an alignment of the texture. So the clearest pair of
-lines comes first. Other pairs follow where one of its lines is not of the road. What was not the first choice
-has to be confirmed by the texture of the road surface.
+Each hypothesis takes the time of a search, a fit of the stripes and an alignment of the texture. So the pair
+of lines with the best score comes first. Other pairs follow where one of its lines is not a line on the road.
+All but the first choice must be confirmed by the texture of the road surface.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from ..rejection import NotFitted, RejectReason
 from .attempt import Attempt, Verdict
 from .texture_guided_lines import find_road, lines_on_road
 
-# Each further pair costs as much as the first one, so there is an end to it.
-_MAX_FURTHER_PAIRS = 4
-# Where one of two lines is not of the road, or not the same in both cameras, other pairs get their turn: as
-# many as that took in most random worlds.
-_OTHER_PAIRS_MAY_DO = (
+# Most other pairs that are solved: each takes as much time as the first one.
+_MAX_PAIRS_TO_CONFIRM = 4
+# Where one of two lines is not on the road, or not the same in both cameras, other pairs are solved. In most
+# random worlds, the right pair was among this many.
+_REASONS_FOR_OTHER_PAIRS = (
     RejectReason.LINES_NOT_MATCHED,
     RejectReason.LINE_BELOW_ROAD,
     RejectReason.LINES_NOT_COPLANAR,
@@ -44,14 +44,14 @@ def hypotheses(
     config: CalibratorConfig,
     attempts: Sequence[Attempt],
 ) -> Iterator[Hypothesis]:
-    """Yield the hypotheses about a frame, most promising first; end when one of them was accepted.
+    """Yield the hypotheses about a frame, most promising first, until one of them is accepted.
 
     Args:
-        first: Pairs of lines that single stripe points have voted for.
+        first: Pairs of lines for which single stripe points have voted.
         frame: Images and stripe points.
         rig: Intrinsics and baseline.
         config: Settings.
-        attempts: What became of the hypotheses so far; the caller appends each before it takes the next one.
+        attempts: Attempts so far; the caller appends each one before it takes the next hypothesis.
     """
     yield from _first_choice(first, frame, rig, config, attempts)
     if not config.texture.check or (attempts and attempts[-1].accepted):
@@ -61,12 +61,12 @@ def hypotheses(
     yield from _other_pairs(first, chained, rig, attempts)
     if attempts and attempts[-1].accepted:
         return
-    # The first of these attempts that saw the surface has said where it is.
+    # The pose over the surface, from the first of these attempts that has aligned its texture.
     seen = [each.poses.textured for each in attempts[max(n_first - 1, 0) :]]
-    known = next((pose for pose in seen if pose is not None), None)
+    known_pose = next((pose for pose in seen if pose is not None), None)
     matches = [match for found in (chained, first) for side in found.matches for match in side]
-    texture = find_road(frame.images, known, matches, rig, config)
-    if texture is None or (known is not None and not same_road(known, texture.extrinsics)):
+    texture = find_road(frame.images, known_pose, matches, rig, config)
+    if texture is None or (known_pose is not None and not same_road(known_pose, texture.extrinsics)):
         return
     candidates = [found.candidates[0] for found in (chained, first)]
     for pattern in lines_on_road(texture.extrinsics, candidates, frame.points, frame.images, rig, config):
@@ -78,10 +78,11 @@ def hypotheses(
 
 
 def choose(attempts: Sequence[Attempt]) -> Attempt | None:
-    """Return the attempt that answers for a frame; None without any.
+    """Return the attempt whose result is that of the frame; None without one.
 
-    The one that was accepted; else the last one of the first choice, or of the surface alone, that a gate
-    refused: what else was tried had less to go by.
+    It is the accepted attempt. Without one, it is the last attempt that a gate has refused, of those of the
+    first choice and of the surface alone. Lines that need the texture's confirmation are less likely to be
+    the lane's, so their refusals do not count.
     """
     for attempt in attempts:
         if attempt.accepted:
@@ -99,7 +100,7 @@ def _first_choice(
     config: CalibratorConfig,
     attempts: Sequence[Attempt],
 ) -> Iterator[Hypothesis]:
-    """Yield the clearest pair, with the other lines of the road and alone; then pairs with other lines."""
+    """Yield the pair with the best score, with and without extra lines; then other pairs."""
     if not isinstance(first.patterns, list):
         return
     depths = lines_below_plane(first.patterns, rig)
@@ -112,7 +113,7 @@ def _first_choice(
     yield pair(clearest.joined(extra), 0)
     if extra and not attempts[-1].accepted:
         yield pair(clearest, 0)
-    if attempts[-1].reason not in _OTHER_PAIRS_MAY_DO:
+    if attempts[-1].reason not in _REASONS_FOR_OTHER_PAIRS:
         return
     others = [
         index
@@ -120,41 +121,41 @@ def _first_choice(
         if index and not depth.surely_below and not cross(clearest, first.patterns[index])
     ]
     for index in others[:_MAX_OTHER_PAIRS]:
-        if attempts[-1].reason in _OTHER_PAIRS_MAY_DO:
+        if attempts[-1].reason in _REASONS_FOR_OTHER_PAIRS:
             yield pair(first.patterns[index], index)
 
 
 def _other_pairs(
     first: LaneHypotheses, chained: LaneHypotheses, rig: StereoRig, attempts: Sequence[Attempt]
 ) -> Iterator[Hypothesis]:
-    """Yield pairs of another road than those before, until one is accepted."""
+    """Yield pairs of lines whose plane differs from those before, until one is accepted."""
     tried: list[Extrinsics] = []
-    road: Extrinsics | None = None
+    road_pose: Extrinsics | None = None
     if attempts:
-        road = attempts[-1].poses.textured
+        road_pose = attempts[-1].poses.textured
         tried += [pose for pose in (attempts[-1].poses.genetic,) if pose is not None]
     n_tried = 0
     for found, found_by in ((chained, FoundBy.CHAINS), (first, FoundBy.HOUGH)):
         for pattern in found.patterns if isinstance(found.patterns, list) else ():
             closed = solve_plane(pattern, rig)
-            if isinstance(closed, NotFitted) or n_tried == _MAX_FURTHER_PAIRS:
+            if isinstance(closed, NotFitted) or n_tried == _MAX_PAIRS_TO_CONFIRM:
                 continue
             if any(same_road(closed.extrinsics, other) for other in tried):
                 continue
             tried.append(closed.extrinsics)
-            if road is not None and not lies_on(pattern, rig, closed.extrinsics, road):
+            if road_pose is not None and not lies_on(pattern, rig, closed.extrinsics, road_pose):
                 continue
             n_tried += 1
             yield Hypothesis(found_by, pattern, needs_texture=True)
             if attempts[-1].accepted:
                 return
-            road = road or attempts[-1].poses.textured
+            road_pose = road_pose or attempts[-1].poses.textured
 
 
 def _shows_another_slope(refused: Attempt | None, texture: TextureFit, rig: StereoRig) -> bool:
-    """Whether lines that lie in the surface were refused as those of a road with another slope ahead.
+    """Whether lines that lie in the surface were refused because the slope of the road changes ahead.
 
-    That stands: the texture tells less of what is farther ahead.
+    Such a refusal is kept, as the texture shows less of the road farther ahead.
     """
     if refused is None or refused.reason is not RejectReason.ROAD_NOT_FLAT or refused.pattern is None:
         return False

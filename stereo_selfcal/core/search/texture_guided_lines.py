@@ -1,8 +1,9 @@
-"""Lines looked for on a road that the asphalt has shown: a second look, where two free lines were not found.
+"""Lines found with the plane of the road surface's texture, where no pair of lines was found without it.
 
-Matching lines of both cameras freely takes two that are clear in both. One clear line, though, and a road
-that is level across, are near enough for the asphalt to be aligned; with its plane a line of the left camera
-says where the right one has it. Lines found this way are measured freely, and judged like all others.
+Matching the lines of both cameras needs two lines that are clear in both images. With one clear line, the
+pose over a road without roll is accurate enough to align the texture of the road surface. The plane of the
+texture then gives the position of a line in the right image from its position in the left one. Lines that are
+found this way are fitted to the images without that plane, and the gates are the same as for all others.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from ..geometry.rays import pixel_rays
 from ..lanes.hypotheses import Points
 from ..lanes.lane_pair import ImageLine, LanePattern
 from ..lanes.line_fit import refit_line
-from ..lanes.line_geometry import place_of_line
+from ..lanes.line_geometry import height_and_offset_m
 from ..lanes.matching import (
     Candidate,
     Candidates,
@@ -38,25 +39,25 @@ from ..rejection import NotFitted
 from ..tolerances import MAX_LINE_HEIGHT_M
 from ..types import Image
 
-# Starts that get an alignment each: the clearest lines.
+# Most lines from which the alignment of the texture is started: those with most votes.
 _MOST_STARTS = 3
-# Parallel lines meet on the horizon of their road, unless it bends up or down: by a grade of 1 % here.
+# Parallel lines meet on the horizon of their road, unless its slope changes: here by up to 1 %.
 MAX_GAP_RAD = 0.01
-# A car in its lane heads along it to a few degrees; edges that cross the road do not.
+# The heading of a car in its lane is within a few degrees of the lane; edges across the road are not.
 MAX_YAW_RAD = float(np.radians(10.0))
-# Pairs of lines that are handed on.
+# Most pairs of lines that are returned.
 _MOST_PATTERNS = 3
 
 
 def roads_of_single_lines(
     matches: list[Match], rig: StereoRig, config: CalibratorConfig
 ) -> Iterator[Extrinsics]:
-    """Yield the road each line would lie on if there were no roll, most voted line first.
+    """Yield the pose over the road of each line, without roll; the line with most votes first.
 
     Args:
         matches: Lines that both cameras see.
         rig: Intrinsics and baseline.
-        config: Its search box bounds the pose.
+        config: Settings; poses outside of the search box are left out.
     """
     box = config.search
     for match in sorted(matches, key=lambda m: -m.votes):
@@ -67,29 +68,29 @@ def roads_of_single_lines(
         disparity = left.column_at(v) - right.column_at(v)
         ray = np.column_stack([np.ones(2), -(v - rig.cy) / rig.fy])
         p0, p2 = np.linalg.solve(ray, disparity)
-        road = pose_from_plane(DisparityPlane(np.array([p0, 0.0, p2]), PlaneCamera.MIDDLE), rig)
-        inside = box.height_min_m <= road.height_m <= box.height_max_m
-        if p2 < 0.0 and inside and abs(road.pitch_rad) <= box.pitch_max_rad:
-            yield road
+        road_pose = pose_from_plane(DisparityPlane(np.array([p0, 0.0, p2]), PlaneCamera.MIDDLE), rig)
+        inside = box.height_min_m <= road_pose.height_m <= box.height_max_m
+        if p2 < 0.0 and inside and abs(road_pose.pitch_rad) <= box.pitch_max_rad:
+            yield road_pose
 
 
 def find_road(
     images: tuple[Image, Image],
-    known: Extrinsics | None,
+    known_pose: Extrinsics | None,
     matches: list[Match],
     rig: StereoRig,
     config: CalibratorConfig,
 ) -> TextureFit | None:
-    """Return the road that the asphalt shows, wherever its lines may be; None without enough texture.
+    """Align the texture of the road surface, without knowing its lines; None where it is too weak.
 
     Args:
         images: Left and right image.
-        known: Where it is, if that is known.
-        matches: Lines that both cameras see; without a known road the clearest of them say where to start.
+        known_pose: Pose over the road, if it is known.
+        matches: Lines that both cameras see; without a known pose, those with most votes give the starts.
         rig: Intrinsics and baseline.
-        config: Its search box bounds the pose.
+        config: Settings; starts outside of the search box are left out.
     """
-    starts = [known] if known else islice(roads_of_single_lines(matches, rig, config), _MOST_STARTS)
+    starts = [known_pose] if known_pose else islice(roads_of_single_lines(matches, rig, config), _MOST_STARTS)
     for start in starts:
         fit = align_texture(images, rig, start)
         if not isinstance(fit, NotFitted) and fit.enough_texture and fit.even_enough:
@@ -98,41 +99,41 @@ def find_road(
 
 
 def lines_on_road(
-    road: Extrinsics,
+    road_pose: Extrinsics,
     candidates: list[Candidates],
     points: Points,
     images: tuple[Image, Image],
     rig: StereoRig,
     config: CalibratorConfig,
 ) -> list[LanePattern]:
-    """Return pairs of lines, one on either side, that lie in a road and meet in one point of its horizon.
+    """Return pairs of lines, one on either side, that lie in a road and meet at its horizon.
 
     Args:
-        road: Height, pitch and roll of the asphalt.
-        candidates: Of the left camera, as often as lines were looked for.
+        road_pose: Pose over the road surface.
+        candidates: Lines of the left camera, from each search.
         points: Stripe points of both images.
         images: Left and right image.
         rig: Intrinsics and baseline.
         config: Settings of the extraction.
     """
-    plane = plane_from_pose(road, rig)
+    plane = plane_from_pose(road_pose, rig)
     sides: Matches = ([], [])
     for found in candidates:
         for side, lines in zip(sides, found, strict=True):
             for candidate in lines:
                 match = _seen_by_both(candidate, plane, points, images, rig, config)
                 if match is not None and not any(
-                    match.left.line.is_stripe(other.left.line) for other in side
+                    match.left.line.is_same_stripe(other.left.line) for other in side
                 ):
                     side.append(match)
     pairs = [MatchedLines.of_matches(first, second) for first, second in product(*sides)]
     reach_px = MAX_GAP_RAD * rig.fy
-    pairs = [pair for pair in pairs if abs(_gap(pair, plane, rig)) <= reach_px]
+    pairs = [pair for pair in pairs if abs(_horizon_gap_px(pair, plane, rig)) <= reach_px]
     pairs.sort(key=lambda pair: -pair.score)
     return [sample_pattern(pair, rig, config) for pair in pairs[:_MOST_PATTERNS]]
 
 
-def _gap(pair: MatchedLines, plane: DisparityPlane, rig: StereoRig) -> float:
+def _horizon_gap_px(pair: MatchedLines, plane: DisparityPlane, rig: StereoRig) -> float:
     """Return the rows from the horizon of a road down to the point where two lines meet."""
     u, v = pair.vanishing_point
     ahead, aside, down = plane.coefficients
@@ -148,7 +149,11 @@ def _seen_by_both(
     rig: StereoRig,
     config: CalibratorConfig,
 ) -> Match | None:
-    """Measure a line of the left camera below the horizon, and where the right camera should have it."""
+    """Measure a line of the left image below the horizon, and in the right image where the plane predicts it.
+
+    Returns:
+        The line in both images; None where it is too short, not in the plane, or differs between the images.
+    """
     line = candidate.line
     horizon = _horizon(line, plane, rig)
     bottom = rig.height - 1.0
@@ -160,24 +165,24 @@ def _seen_by_both(
     right = refit_line(points[1].gradient, expected, points[1].noise_grey, first_row)
     if right is None or right.n_rows < config.extraction.min_line_rows:
         return None
-    if abs(place_of_line(left, right, plane, rig)[0]) > MAX_LINE_HEIGHT_M:
+    if abs(height_and_offset_m(left, right, plane, rig)[0]) > MAX_LINE_HEIGHT_M:
         return None
     if not may_lie_on_road(left, right, rig, config):
         return None
-    alike = similarity(images, left, right)
-    if not looks_alike(alike):
+    correlation = similarity(images, left, right)
+    if not looks_alike(correlation):
         return None
-    return Match(Candidate(left, candidate.votes), Candidate(right, candidate.votes), alike)
+    return Match(Candidate(left, candidate.votes), Candidate(right, candidate.votes), correlation)
 
 
 def _horizon(line: ImageLine, plane: DisparityPlane, rig: StereoRig) -> float:
-    """Return the row where a line of the left image leaves a road: where its disparity is none."""
+    """Return the row where a line of the left image meets the horizon: where its disparity is zero."""
     intercept, slope = _disparity_along(line, plane, rig)
     return float(np.clip(-intercept / slope, 0.0, rig.height - 2.0)) if slope > 0.0 else 0.0
 
 
 def _disparity_along(line: ImageLine, plane: DisparityPlane, rig: StereoRig) -> tuple[float, float]:
-    """Return a and b of the disparity a + b v of a road along a line of the left image."""
+    """Return a and b of the disparity a + b v [px] of a road along a line of the left image."""
     v = np.array([0.0, rig.height - 1.0])
     d = plane.of_camera(PlaneCamera.LEFT, rig).disparities(pixel_rays(rig, line.column_at(v), v))
     slope = float(d[1] - d[0]) / float(v[1])
@@ -185,36 +190,39 @@ def _disparity_along(line: ImageLine, plane: DisparityPlane, rig: StereoRig) -> 
 
 
 def _in_right_camera(line: ImageLine, plane: DisparityPlane, rig: StereoRig) -> ImageLine:
+    """Return the position that a plane predicts in the right image for a line of the left one."""
     intercept, slope = _disparity_along(line, plane, rig)
     return replace(line, u_mid=line.u_mid - intercept - slope * line.v_mid, slope=line.slope - slope)
 
 
 def line_on_road(
-    road: Extrinsics,
+    road_pose: Extrinsics,
     matches: list[Match],
     points: Points,
     images: tuple[Image, Image],
     rig: StereoRig,
     config: CalibratorConfig,
 ) -> tuple[Match, float] | None:
-    """Return the clearest line both cameras have found that lies in a road, and the yaw of the camera to it.
+    """Return a line that both cameras see and that lies in a road, and the camera's yaw against it [rad].
+
+    Of several lines, it is the one with most votes.
 
     Args:
-        road: Height, pitch and roll of the asphalt.
-        matches: Lines both cameras see.
+        road_pose: Pose over the road surface.
+        matches: Lines that both cameras see.
         points: Stripe points of both images.
         images: Left and right image.
         rig: Intrinsics and baseline.
         config: Settings of the extraction.
     """
-    plane = plane_from_pose(road, rig)
+    plane = plane_from_pose(road_pose, rig)
     for match in sorted(matches, key=lambda m: -m.votes):
         on_road = _seen_by_both(match.left, plane, points, images, rig, config)
         if on_road is None:
             continue
         right = match.right.line
         v = np.array([right.rows.mean(), right.rows.max()])
-        # The right camera has found this line by itself, too, and not another one nearby.
+        # The line must be the one that was found in the right image without the plane, and not one nearby.
         if np.any(np.abs(right.column_at(v) - on_road.right.line.column_at(v)) > right.width_px):
             continue
         yaw = _yaw(on_road.left.line, plane, rig)
@@ -224,6 +232,6 @@ def line_on_road(
 
 
 def _yaw(line: ImageLine, plane: DisparityPlane, rig: StereoRig) -> float:
-    """Return the heading of the camera against a line [rad], > 0: left of it."""
+    """Return the yaw of the camera against a line [rad], > 0: it points left of the line."""
     leaves = float(line.column_at(np.array(_horizon(line, plane, rig))))
     return float(np.arctan((leaves - rig.cx) / rig.fx))

@@ -17,9 +17,9 @@ from stereo_selfcal.core.evidence.profile import measure_profile
 from stereo_selfcal.core.evidence.stripe_border import measure_borders
 from stereo_selfcal.core.geometry.plane import plane_from_pose
 from stereo_selfcal.core.lanes.closed_form import solve_plane
-from stereo_selfcal.core.lanes.extra_lines import height_between
+from stereo_selfcal.core.lanes.extra_lines import inner_line_height
 from stereo_selfcal.core.lanes.hypotheses import find_hypotheses
-from stereo_selfcal.core.lanes.line_geometry import place_of_line
+from stereo_selfcal.core.lanes.line_geometry import height_and_offset_m
 from stereo_selfcal.core.lanes.stripe_points import find_stripe_points
 from stereo_selfcal.core.rejection import NotFitted
 from stereo_selfcal.synth.ingredients import Car, Paint, Shadow
@@ -161,7 +161,7 @@ def test_profile_of_a_flat_road_is_flat_also_behind_a_car():
 
 @pytest.mark.slow
 def test_a_kerb_shows_its_face_and_paint_nothing():
-    def rims(name):
+    def borders(name):
         world, images, result = bare(name)
         pattern = Calibrator(world.scene.rig, LINES_ALONE).extract(*images)
         start = result.stages["genetic"]
@@ -170,14 +170,14 @@ def test_a_kerb_shows_its_face_and_paint_nothing():
         )
 
     for name in ("plain", "double_line", "worn_paint", "grass", "kerb", "shadows_across"):
-        assert max(abs(rim.step) for rim in rims(name)) < 0.05, name
-    assert max(abs(rim.step) for rim in rims("kerb_for_line")) > 0.1
+        assert max(abs(border.step) for border in borders(name)) < 0.05, name
+    assert max(abs(border.step) for border in borders("kerb_for_line")) > 0.1
 
 
 def test_a_kerb_under_a_high_camera_shows_a_narrow_face():
     """From high above and near by, it is narrower than the strip that is looked at beside a stripe."""
 
-    def rims(name):
+    def borders(name):
         world = named_world(name)
         pose = replace(world.scene.pose, height_m=2.2)
         world, images, result = bare(name, pose=pose, lateral_offset_m=-0.4)
@@ -185,7 +185,10 @@ def test_a_kerb_under_a_high_camera_shows_a_narrow_face():
         fit = refine(images, pattern, world.scene.rig, result.stages["genetic"])
         return measure_borders(images, pattern, fit, world.scene.rig)
 
-    faces = {name: [rim.face for rim in rims(name)] for name in ("plain", "worn_paint", "kerb_for_line")}
+    faces = {
+        name: [border.narrow_step for border in borders(name)]
+        for name in ("plain", "worn_paint", "kerb_for_line")
+    }
     assert np.nanmax(np.abs(faces["plain"])) < 0.03
     assert np.nanmax(np.abs(faces["worn_paint"])) < 0.06
     assert np.nanmax(np.abs(faces["kerb_for_line"])) > 0.15
@@ -210,12 +213,12 @@ def test_a_line_between_two_others_tells_a_crown(fall):
     def width_m(pattern):
         plane = plane_from_pose(solve_plane(pattern, rig).extrinsics, rig)
         pairs = zip(pattern.left, pattern.right, strict=True)
-        return np.ptp([place_of_line(*pair, plane, rig)[1] for pair in pairs])
+        return np.ptp([height_and_offset_m(*pair, plane, rig)[1] for pair in pairs])
 
     outer = max(found.patterns, key=width_m)
     assert width_m(outer) == pytest.approx(3.5, abs=0.2)
     plane = plane_from_pose(solve_plane(outer, rig).extrinsics, rig)
-    between = height_between(outer, plane, found.matches, points, rig, config)
+    between = inner_line_height(outer, plane, found.matches, points, rig, config)
     height_m, std_m = between.value_m, between.std_m
     # Both outer lines lie as much lower as the road falls to them, the crown is rounded off.
     assert height_m == pytest.approx(1.75 * fall, abs=0.012)
@@ -282,8 +285,8 @@ def test_the_soft_edge_of_a_shadow_across_a_line_is_no_face(side):
     assert "a kerb beside a line cannot be ruled out; the uncertainty allows for it" in result.notes
     pattern = Calibrator(world.scene.rig, LINES_ALONE).extract(*images)
     fit = refine(images, pattern, world.scene.rig, result.stages["genetic"])
-    rim = measure_borders(images, pattern, fit, world.scene.rig)[0 if side > 0 else 1]
-    assert rim.step == 0.0 and rim.doubtful
+    border = measure_borders(images, pattern, fit, world.scene.rig)[0 if side > 0 else 1]
+    assert border.step == 0.0 and border.doubtful
     # A face in the shade is as dark, but the stripe above it is as bright in both halves.
     kerb = replace(named_world("kerb_for_line").scene.kerbs[0], face_grey=60.0)
     _, _, refused = bare("kerb_for_line", kerbs=(kerb,))

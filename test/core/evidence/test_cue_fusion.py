@@ -1,4 +1,4 @@
-"""Lines and asphalt together: heights of lines over a road, the road's shape as uncertainty, the mean."""
+"""Lines and texture together: heights of lines over a road, the road's shape as uncertainty, the mean."""
 
 import math
 from dataclasses import replace
@@ -29,7 +29,7 @@ from stereo_selfcal.core.evidence.nuisances import (
     stage_disagreement_covariance,
     unseen_slope_covariance,
 )
-from stereo_selfcal.core.evidence.profile import Profile, profile_of_asphalt
+from stereo_selfcal.core.evidence.profile import Profile, profile_from_texture
 from stereo_selfcal.core.geometry.homography import apply_homography, road_from_image
 from stereo_selfcal.core.geometry.plane import DisparityPlane, PlaneCamera, plane_from_pose, pose_from_plane
 from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm, total_covariance
@@ -169,7 +169,7 @@ def test_rectification_is_a_fraction_of_a_pixel_everywhere():
 
 
 def test_a_road_that_may_be_a_plane_makes_the_lines_no_worse():
-    """A hundred times: what the asphalt does not surely show is not taken for the road's shape."""
+    """In a hundred runs, unevenness that the texture does not surely show adds no term."""
     rough = replace(PLANE, roughness=1e-6)
     for evidence, uneven in ((math.log(99.0), False), (math.log(101.0), True)):
         covariance = road_shape(PATTERN, PAPER_RIG, POSE, replace(rough, evidence=evidence))
@@ -233,7 +233,7 @@ def test_heights_over_the_asphalt_scatter_by_their_standard_deviations():
 
 
 def beneath(roughness):
-    """Return asphalt under the car, a metre to either side, level and known to a millimetre."""
+    """Return the road surface under the car, a metre to either side, level and known to a millimetre."""
     fit = asphalt(0.0, 0.0)
     own = np.where(np.abs(fit.cells_xy_m[:, 1]) < 1.5, fit.cells_height_m, np.nan)
     shape = replace(fit.shape, roughness=roughness, profile=0.0)
@@ -354,7 +354,7 @@ def test_a_road_not_seen_ahead_is_as_uncertain_as_it_may_go_on():
 
 
 def cells(to_m, kink=0.0):
-    """Return asphalt seen from 3 m on, a cell known to 5 mm at 10 m, with another slope from 8 m on."""
+    """Return a road surface seen from 3 m on, to 5 mm a cell at 10 m, with another slope from 8 m on."""
     x = np.geomspace(3.0, to_m, 40)
     heights = kink * np.maximum(x - 8.0, 0.0)
     fit = asphalt(0.0, 0.0)
@@ -365,8 +365,8 @@ def cells(to_m, kink=0.0):
 
 
 def test_asphalt_says_how_far_it_is_seen():
-    """Asphalt seen to 9 m gave a result 54 mm and 0.3 deg off with 8 mm, on a slope from 9.5 m on."""
-    near, far, bent = (profile_of_asphalt(each) for each in (cells(8.0), cells(25.0), cells(25.0, 0.02)))
+    """A surface seen to 9 m gave a result 54 mm and 0.3 deg off, with a std of 8 mm, slope from 9.5 m on."""
+    near, far, bent = (profile_from_texture(each) for each in (cells(8.0), cells(25.0), cells(25.0, 0.02)))
     assert not near.bent and not near.sees_ahead
     assert not far.bent and far.sees_ahead
     assert bent.bent
@@ -376,8 +376,8 @@ def test_asphalt_says_how_far_it_is_seen():
     assert np.sqrt(alone[0, 0]) > 0.015
     assert slope_ahead_unknown(near) and slope_ahead_unknown(bent, None) and not slope_ahead_unknown(None)
     assert not slope_ahead_unknown(near, far)
-    # What the stripes show of the road ahead, the asphalt need not.
+    # Where the stripes show the road ahead, the texture need not.
     assert not unseen_slope_covariance(far, near).any()
     np.testing.assert_array_equal(unseen_slope_covariance(None, near), alone)
     nothing = replace(cells(8.0), cells_height_m=np.full(40, np.nan))
-    assert not profile_of_asphalt(nothing).sees_ahead
+    assert not profile_from_texture(nothing).sees_ahead

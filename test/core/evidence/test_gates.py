@@ -67,11 +67,11 @@ GOOD = Evidence(
     lane_heights=over(0.0, 0.0, std_m=0.005),
     vertical=VerticalOffset(0.1, 0.02, 0.0, 0.0, 40),
     borders=(
-        StripeBorder(0.01, 0.002, lower=EdgeStep(0.002, 0.003)),
-        StripeBorder(-0.02, 0.002, lower=EdgeStep(0.004, 0.02)),
+        StripeBorder(0.01, 0.002, edge_step=EdgeStep(0.002, 0.003)),
+        StripeBorder(-0.02, 0.002, edge_step=EdgeStep(0.004, 0.02)),
     ),
     stripes_fitted=True,
-    height_between=HeightOverLane(0.005, 0.002),
+    inner_line_height=HeightOverLane(0.005, 0.002),
     std=np.array([0.003, 1e-4, 1e-3]),
 )
 MM, DEG = 1e3, math.degrees(1.0)
@@ -133,10 +133,10 @@ BAD = {
     "texture_sufficient": {"texture_sufficiency": 0.5},
     "rectified": {"vertical": VerticalOffset(0.7, 0.02, 0.0, 0.0, 40)},
     "not_turned": {"vertical": VerticalOffset(0.0, 0.02, 0.01, 1e-4, 40)},
-    "coplanar": {"height_between": HeightOverLane(0.1, 0.001)},
+    "coplanar": {"inner_line_height": HeightOverLane(0.1, 0.001)},
     "two_edges": {"stripes_fitted": False},
     "painted": {"borders": (StripeBorder(0.2, 0.001),)},
-    "level_stripes": {"borders": (StripeBorder(0.0, 0.002, lower=EdgeStep(0.1, 0.001)),)},
+    "level_stripes": {"borders": (StripeBorder(0.0, 0.002, edge_step=EdgeStep(0.1, 0.001)),)},
     "certain": {"std": np.array([0.2, 1e-4, 1e-3])},
     "lines_on_lane_surface": {"lane_heights": over(0.1, 0.0, std_m=0.005)},
     "surface_agrees": {"texture": replace(ASPHALT, extrinsics=replace(POSE, height_m=1.6))},
@@ -166,7 +166,7 @@ def test_gates_without_evidence_are_not_read_and_those_of_before_not_again():
     )
     early = replace(early, vertical=None, below=None, texture_sufficiency=None, lane_heights=())
     first, _ = evaluate_gates(
-        replace(early, borders=(), stripes_fitted=None, height_between=None, std=None, wide_profile=None)
+        replace(early, borders=(), stripes_fitted=None, inner_line_height=None, std=None, wide_profile=None)
     )
     assert [reading.name for reading in first] == ["plausible", "fitness"]
     # The fitness is bad by now, and was good when it was read.
@@ -405,14 +405,14 @@ def test_near_and_far_parts_of_the_road_are_one_plane(change, what, value, thres
 def test_between_a_stripe_and_its_lane_there_is_nothing():
     known = EdgeStep(0.0, 0.02)
     assert_refuses(
-        refusal(borders=(StripeBorder(0.0, 0.001), StripeBorder(-0.07, 0.001, lower=known))),
+        refusal(borders=(StripeBorder(0.0, 0.001), StripeBorder(-0.07, 0.001, edge_step=known))),
         RejectReason.LINE_NOT_PAINTED,
         0.07,
         0.06,
         "kerb",
     )
-    assert refusal(borders=(StripeBorder(0.0, 0.001), StripeBorder(0.055, 0.001, lower=known))) is None
-    assert refusal(borders=(StripeBorder(0.07, 0.018, lower=known),)) is None
+    assert refusal(borders=(StripeBorder(0.0, 0.001), StripeBorder(0.055, 0.001, edge_step=known))) is None
+    assert refusal(borders=(StripeBorder(0.07, 0.018, edge_step=known),)) is None
     rejection = refusal(borders=(StripeBorder(0.0, 0.001, 0.07, 0.001),))
     assert_refuses(rejection, RejectReason.LINE_NOT_PAINTED, 0.07, 0.06, "within a stripe")
     assert refusal(borders=(StripeBorder(0.0, 0.001, 0.07, 0.018),)) is None
@@ -437,18 +437,27 @@ def test_a_narrow_face_beside_a_stripe_has_a_limit_of_its_own():
 
 def test_a_shadow_may_end_within_a_stripe_that_is_level():
     """One edge may be lower than the other by half the lowest kerb, less two deviations to be sure."""
-    shaded = StripeBorder(0.0, 0.002, tone=0.3, tone_std=0.002)
-    assert refusal(borders=(replace(shaded, lower=EdgeStep(0.019, 0.005)),)) is None
+    shaded = StripeBorder(0.0, 0.002, half_difference=0.3, half_difference_std=0.002)
+    assert refusal(borders=(replace(shaded, edge_step=EdgeStep(0.019, 0.005)),)) is None
     for unsure in (EdgeStep(0.021, 0.005), EdgeStep(0.0, 0.016), EdgeStep()):
-        rejection = refusal(borders=(replace(shaded, lower=unsure),))
+        rejection = refusal(borders=(replace(shaded, edge_step=unsure),))
         assert_refuses(rejection, RejectReason.LINE_NOT_PAINTED, 0.3, 0.06, "within a stripe")
 
 
 def test_no_shadow_ends_where_the_asphalt_is_alike_on_both_sides():
-    def of_level(own_tone, std=0.002):
+    def of_level(unshaded_difference, std=0.002):
         level = EdgeStep(0.0, 0.002)
         return refusal(
-            borders=(StripeBorder(0.0, 0.002, tone=0.5, tone_std=std, own_tone=own_tone, lower=level),)
+            borders=(
+                StripeBorder(
+                    0.0,
+                    0.002,
+                    half_difference=0.5,
+                    half_difference_std=std,
+                    unshaded_difference=unshaded_difference,
+                    edge_step=level,
+                ),
+            )
         )
 
     assert_refuses(of_level(-0.21), RejectReason.LINE_NOT_PAINTED, 0.21, 0.2, "within a stripe")
@@ -460,7 +469,7 @@ def test_no_shadow_ends_where_the_asphalt_is_alike_on_both_sides():
 @pytest.mark.parametrize(("std_m", "limit_m"), [(0.001, 0.03), (0.01, 0.04)])
 def test_both_edges_of_a_stripe_lie_in_the_road(sign, std_m, limit_m):
     good, bad = (
-        StripeBorder(0.0, 0.002, lower=EdgeStep(sign * part * limit_m, std_m)) for part in (0.99, 1.01)
+        StripeBorder(0.0, 0.002, edge_step=EdgeStep(sign * part * limit_m, std_m)) for part in (0.99, 1.01)
     )
     assert refusal(borders=(good,)) is None
     rejection = refusal(borders=(StripeBorder(0.0, 0.002), bad))
@@ -473,10 +482,10 @@ def test_lines_alone_show_both_edges():
 
 @pytest.mark.parametrize("height_m", [0.031, -0.031])
 def test_lines_between_the_boundaries_lie_in_their_plane(height_m):
-    rejection = refusal(height_between=HeightOverLane(height_m, 0.001))
+    rejection = refusal(inner_line_height=HeightOverLane(height_m, 0.001))
     assert_refuses(rejection, RejectReason.LINES_NOT_COPLANAR, 31.0, 30.0, "mm")
-    assert refusal(height_between=HeightOverLane(0.95 * height_m, 0.001)) is None
-    assert refusal(height_between=HeightOverLane(height_m, 0.008)) is None
+    assert refusal(inner_line_height=HeightOverLane(0.95 * height_m, 0.001)) is None
+    assert refusal(inner_line_height=HeightOverLane(height_m, 0.008)) is None
 
 
 @pytest.mark.parametrize(

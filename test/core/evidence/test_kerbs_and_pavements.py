@@ -22,7 +22,7 @@ NOT_FITTED = NotFitted("cells", 0, Bound.LEAST, 6)
 
 
 def kerb_before_pavement(texture_amplitude, texture_seed):
-    """Return scene and images: faint asphalt in dappled light, a kerb to the right, texture beyond both."""
+    """Return scene and images: a faint texture in dappled light, a kerb to the right, more texture beyond."""
     world = named_world("kerb_for_line")
     scene = world.scene
     kerb = replace(
@@ -67,7 +67,7 @@ def error(result, scene):
 @pytest.mark.parametrize("texture_seed", range(4))
 @pytest.mark.parametrize("texture_amplitude", [1.0, 2.5])
 def test_a_kerb_is_not_confirmed_by_the_pavement_behind_it(texture_amplitude, texture_seed):
-    """Seed 3 was accepted 33 mm and 1.4 deg off, as long as all of the asphalt was asked at once."""
+    """Seed 3 was accepted 33 mm and 1.4 deg off, when the whole road surface was aligned at once."""
     scene, images = kerb_before_pavement(texture_amplitude, texture_seed)
     result = Calibrator(scene.rig).add(*images)
     assert result.reason is RejectReason.LINE_NOT_PAINTED or np.all(error(result, scene) < WRONG)
@@ -91,7 +91,7 @@ def test_asphalt_between_the_lines_says_that_one_is_a_kerb():
 
 
 def test_between_the_lines_there_has_to_be_texture(monkeypatch):
-    """All of the asphalt would do: without what lies between the lines, these stand alone, and say so."""
+    """Without the texture between the lines, the estimate rests on the lines alone, and a note says so."""
     scene, images = textured()
     assert "textured" in Calibrator(scene.rig).add(*images).stages
     align = cross_checks.align_texture
@@ -127,9 +127,9 @@ def test_asphalt_alone_is_believed_where_that_under_the_car_agrees(monkeypatch, 
 
 
 def test_asphalt_alone_does_not_overrule_lines_that_show_a_slope_ahead():
-    """Of a road that rises from 7 m on, both lines tell more than asphalt that fades in the distance.
+    """The road rises from 7 m on: both lines show more of it than a texture that fades in the distance.
 
-    That the asphalt has not seen so far keeps it from a word of its own as well; without both it is accepted.
+    The surface alone is also refused because it is not seen that far; without both checks it is accepted.
     """
     shape = RoadShape(grade_change=0.0157, grade_begins_m=7.0, grade_length_m=11.0)
     scene, images = textured("paper", shape=shape)
@@ -182,9 +182,9 @@ def test_the_face_of_a_kerb_is_no_level_part_of_a_stripe(name):
 @pytest.mark.parametrize("rig", ["kitti", "hd", "paper"])
 @pytest.mark.parametrize("brighter", [-4.0, 0.0, 4.0])
 def test_a_face_too_faint_to_refuse_is_a_doubt(rig, brighter):
-    """A kerb 8 cm high, of which the face is 3 % of the contrast brighter or darker than smooth asphalt.
+    """A kerb 8 cm high, of which the face is 3 % of the contrast brighter or darker than the road surface.
 
-    Of the same grey as the asphalt it cannot be seen, and is accepted: the limit of what lines alone can say.
+    A face of the same grey cannot be seen and is accepted: this is the limit of what lines alone can show.
     """
     world = named_world("kerb_for_line")
     kerb = replace(world.scene.kerbs[0], face_grey=world.scene.asphalt_grey + brighter)
@@ -212,7 +212,7 @@ def calibrated(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["rail_beside_double_line", "rail_for_missing_line"])
 def test_a_rail_is_no_line(name):
-    """One's halves passed for a shadow in a level stripe, the other's lower half for asphalt: 5 deg off."""
+    """The halves of one were taken for a shadow, the lower half of the other for the road: 5 deg off."""
     world, right = calibrated(name)
     assert world.scene.rails and not world.scene.shadows and right
 
@@ -244,7 +244,7 @@ def test_what_hides_the_face_of_a_kerb_is_a_doubt(name):
     ],
 )
 def test_a_slope_that_begins_right_ahead_is_known_or_doubted(name):
-    """Stripes soon off by more than a pixel or a window, asphalt that bends: 33 to 85 mm off."""
+    """Stripes are soon off by more than a pixel or a window, and the road bends: 33 to 85 mm off."""
     world, right = calibrated(name)
     assert abs(world.scene.shape.grade_change) > 0.018 and right
 

@@ -147,12 +147,12 @@ def test_lines_that_spoil_the_fit_are_left_out(monkeypatch):
     monkeypatch.setattr(strategy, "find_extra_lines", raised)
     result = Calibrator(scene.rig).add(*images)
     assert result.accepted
-    assert result.pattern.further == ()
+    assert result.pattern.extra_lines == ()
 
 
 def test_calibrator_takes_them_in_and_tells_the_others():
     scene, images = with_lines(1, 0.35)
     result = Calibrator(scene.rig).add(*images)
     assert result.accepted
-    assert len(result.pattern.further) == 1
+    assert len(result.pattern.extra_lines) == 1
     assert not result.unused_lines

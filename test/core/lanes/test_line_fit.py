@@ -19,7 +19,7 @@ LEAST_NOISE = 0.5
 
 
 def smooth_scene(seed):
-    """Return a scene whose asphalt has no texture: an edge then has one place, with nothing to move it."""
+    """Return a scene whose road surface has no texture, so that nothing displaces an edge."""
     return random_scene(np.random.default_rng(seed), texture_amplitude=0.0)
 
 

@@ -1,4 +1,4 @@
-"""Lines looked for on a road that the asphalt shows."""
+"""Lines found with the plane of the road surface's texture."""
 
 import math
 from dataclasses import replace
@@ -37,7 +37,7 @@ def matches():
 
 
 def test_one_line_and_no_roll_are_near_the_road():
-    """Near enough for the asphalt to be aligned: a line 2 m aside is off by 2 m times the roll."""
+    """Accurate enough to align the texture: a line 2 m aside is off by 2 m times the roll."""
     scene = seen()[0]
     starts = list(roads_of_single_lines(matches(), scene.rig, CONFIG))
     assert len(starts) == len(matches())
