@@ -148,3 +148,37 @@ def test_what_comes_back_is_motion_also_after_the_mount_was_moved(seed):
         poses[stamps >= at_s] += step
     (change,) = find_changes(stamps, poses, covariances * 1e-2).changes
     assert change.at_s == pytest.approx(900.0, abs=5.0)
+
+
+@pytest.mark.parametrize("factor", [-20.0, 20.0])
+def test_a_wild_frame_beside_a_move_does_not_shift_it(factor):
+    """Beyond the size of the move it says no more than on which side it is."""
+    stamps, poses, covariances = make_drive(seed=6, steps=((1500.0, 2 * BUMP),), outliers=0.0)
+    (expected,) = find_changes(stamps, poses, covariances).changes
+    assert expected.at_s == pytest.approx(1600.0, abs=5.0)
+    for at in (expected.index - 8, expected.index + 8):
+        wild = poses.copy()
+        wild[at] += factor * BUMP
+        (change,) = find_changes(stamps, wild, covariances).changes
+        assert change.index == expected.index
+
+
+def test_a_small_move_is_placed_less_surely():
+    """By the square of its size; beside half the time between two frames."""
+    within = {}
+    for size in (1, 2):
+        (change,) = changes_of(seed=7, steps=((1500.0, size * BUMP),)).changes
+        within[size] = change.within_s - 1.0  # a frame every two seconds
+        assert abs(change.at_s - 1600.0) < change.within_s
+    assert within[1] / within[2] == pytest.approx(4.0, rel=0.35)
+    assert within[2] > 0.5
+
+
+def test_outliers_are_left_out_of_mean_and_spread():
+    stamps, poses, covariances = make_drive(outliers=0.0)
+    (clean,) = find_changes(stamps, poses, covariances).segments
+    wild = poses.copy()
+    wild[100::50] += [0.3, 0.1, 0.1]
+    (segment,) = find_changes(stamps, wild, covariances).segments
+    np.testing.assert_allclose(segment.mean, clean.mean, atol=0.1 * clean.spread.min())
+    np.testing.assert_allclose(segment.spread, clean.spread, rtol=0.05)

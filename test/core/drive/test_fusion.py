@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from stereo_selfcal.core.drive.fusion import fuse
+from stereo_selfcal import CalibrationResult, Extrinsics
+from stereo_selfcal.core.drive.fusion import fuse, fuse_frames
+from stereo_selfcal.synth.scenes import PAPER_RIG
 
 STD = np.array([2e-3, 1e-4, 1e-3])
 TRUTH = np.array([1.4, 0.05, 0.01])
@@ -103,3 +105,18 @@ def test_frames_that_are_all_outliers_in_another_value_are_all_used():
     assert used.all()
     np.testing.assert_allclose(mean, estimates.mean(axis=0))
     assert np.all(np.sqrt(np.diag(covariance)) > 10 * STD / np.sqrt(6))
+
+
+def test_what_frames_of_a_drive_have_in_common_does_not_average_out():
+    """A tenth of the variance of one: texture and ragged paint are the same in all."""
+    covariance = np.diag(STD**2)
+    pose = Extrinsics.from_array(TRUTH)
+    frames = [
+        CalibrationResult("", extrinsics=pose, covariance=covariance, stamp_s=float(i), n_frames=1)
+        for i in range(400)
+    ]
+    fused = fuse_frames(frames, PAPER_RIG)
+    np.testing.assert_allclose(fused.covariance, covariance * (0.1 + 1.0 / 400), rtol=1e-9, atol=1e-15)
+    # What the motion of the car repeats is inflated; what is shared is so once.
+    inflated = fuse_frames(frames, PAPER_RIG, np.zeros((3, 3)), inflation=8.0)
+    np.testing.assert_allclose(inflated.covariance, covariance * (0.1 + 8.0 / 400), rtol=1e-9, atol=1e-15)

@@ -129,6 +129,35 @@ def test_a_drift_that_stays_is_never_taken_back(watch):
     assert drive.into(watch, 1000, until=lambda verdict: not verdict.doubted) is None
 
 
+def raised(watch):
+    """Raise an alarm of pitch; return the drift that was found and its standard deviation in a frame."""
+    drive = Drive()
+    drive.into(watch, 200)
+    drive.pose = TRUTH + BUMPS["pitch"]
+    assert drive.into(watch, 40, until=doubted)
+    change = watch._doubt.change
+    assert change.axis == 1
+    return drive, change
+
+
+def test_less_than_half_of_a_drift_that_was_found_too_large_is_still_one(watch):
+    """0.45 of it is nearer to 0.7 of it than to none."""
+    drive, change = raised(watch)
+    for _ in range(60):
+        drive.stamp_s += STEP_S
+        assert watch.add(frame(change.before + 0.45 * change.drift, drive.stamp_s)).doubted
+
+
+def test_a_move_to_the_other_side_is_no_proof_of_a_drift(watch):
+    drive, change = raised(watch)
+    verdicts = []
+    while watch.verdict.doubted:
+        drive.stamp_s += STEP_S
+        verdicts.append(watch.add(frame(change.before - 3.0 * change.drift, drive.stamp_s)))
+        assert len(verdicts) < 40
+    assert not any(verdict.proven for verdict in verdicts)
+
+
 @pytest.mark.parametrize("outliers", [0.0, 0.1])
 def test_size_of_a_drift_is_judged_by_its_bounds(watch, outliers):
     drive = Drive(outliers=outliers)
