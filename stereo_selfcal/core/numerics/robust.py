@@ -33,7 +33,7 @@ class Reweighting:
         least_weight: Least weight of an outlier; it keeps the equations regular.
         of_squares: Whether residuals are given as squares, such as the deviances of several numbers together;
             limit and scale then refer to the squares.
-        settled: The fit ends early where the common scale changes by at most this fraction of it; None: never.
+        settled: The fit ends early where the common scale changes by at most this fraction; None: never.
     """
 
     rounds: int
