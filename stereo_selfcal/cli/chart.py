@@ -57,8 +57,8 @@ class Panel:
     """One diagram.
 
     Attributes:
-        title: What is drawn, with its unit.
-        x_label: What it is drawn over, with its unit.
+        title: Drawn quantity, with its unit.
+        x_label: Quantity of the abscissa, with its unit.
         x: Abscissae, positive, rising.
         curves: At most as many as there are colours.
         point: (x, y) to be marked with a ring, None for no mark.

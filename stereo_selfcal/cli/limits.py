@@ -205,7 +205,7 @@ def draw_limits(setup: Setup) -> ChartImage:
     )
 
     def shown(baseline_m: float) -> Array:
-        """Return the values drawn, one per title, with the noise that was asked for."""
+        """Return the drawn values, one per title, for the noise of the options."""
         rig = replace(setup.rig, baseline_m=baseline_m)
         changed = replace(setup, rig=rig)
         covariance = changed.covariance()

@@ -52,12 +52,12 @@ _STD_RANGES = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SavedResult:
-    """What a result file holds.
+    """Content of a result file.
 
     Attributes:
         extrinsics: The calibration.
         std: Standard deviations of the same quantities.
-        rig: The rig it holds for.
+        rig: The rig for which the calibration is valid.
         provenance: stamp [s], source, frames, seed, version, schema, and whatever else is there.
         covariance: (3, 3) of (height_m, pitch_rad, roll_rad); of the standard deviations alone where
             the file has no other.
