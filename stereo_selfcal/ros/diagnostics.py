@@ -207,7 +207,7 @@ def _verdict(report: CalibrationReport) -> tuple[bytes, str]:
         if refused:
             return (
                 WARN,
-                f"the last call was refused: {report.last_answer}; what was found before stays in force",
+                f"the last call was refused: {report.last_answer}; the calibration from before stays active",
             )
         if report.active.save_failed:
             return WARN, f"{text}; {report.active.saved}"
