@@ -127,10 +127,10 @@ class BagOutcome:
             value = values.get(name)
             if not (value is None or (isinstance(value, float) and math.isfinite(value))):
                 raise ConfigError(f"{name} is {value!r}: not a number")
-        rest = {name: value for name, value in values.items() if name not in (*POSE_NAMES, *STD_NAMES)}
+        others = {name: value for name, value in values.items() if name not in (*POSE_NAMES, *STD_NAMES)}
         try:
-            rest["status"] = Status(values["status"])
-            return cls(**rest, extrinsics=_pose(values, POSE_NAMES), std=_pose(values, STD_NAMES))
+            others["status"] = Status(values["status"])
+            return cls(**others, extrinsics=_pose(values, POSE_NAMES), std=_pose(values, STD_NAMES))
         except (TypeError, KeyError, ValueError) as error:
             raise ConfigError(f"not a row of a fleet ({error})") from error
 

@@ -46,8 +46,8 @@ def strip(edge_m: float, side: int, width_m: float = ENDLESS_M) -> tuple[float, 
 
 def _with_own(scene: WorldScene, side: int, paint: Paint | None) -> WorldScene:
     index = _own(scene, side)
-    rest = (*scene.paints[:index], *scene.paints[index + 1 :])
-    return replace(scene, paints=rest if paint is None else (*rest, paint))
+    others = (*scene.paints[:index], *scene.paints[index + 1 :])
+    return replace(scene, paints=others if paint is None else (*others, paint))
 
 
 def _without(scene: WorldScene, side: int) -> WorldScene:

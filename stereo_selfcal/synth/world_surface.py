@@ -110,8 +110,8 @@ def _painted_length(s: Single, line: LaneLine) -> Single:
     assert line.dash_m is not None and line.gap_m is not None
     period = np.float32(line.dash_m + line.gap_m)
     periods = np.floor((s - np.float32(line.phase_m)) / period)
-    rest = s - np.float32(line.phase_m) - periods * period
-    length: Single = periods * np.float32(line.dash_m) + np.minimum(rest, np.float32(line.dash_m))
+    in_period = s - np.float32(line.phase_m) - periods * period
+    length: Single = periods * np.float32(line.dash_m) + np.minimum(in_period, np.float32(line.dash_m))
     return length
 
 
