@@ -77,13 +77,13 @@ class Recorder:
         """Return the whole fitness of (P, 3) candidates."""
         return self._note(population, self.fitness(population))
 
-    def seen_by(self, camera: int, population: Array) -> Array:
+    def fitness_in_camera(self, camera: int, population: Array) -> Array:
         """Return the fitness by one camera's parallelism, never above the whole one."""
-        return self._note(population, self.fitness.seen_by(camera, population))
+        return self._note(population, self.fitness.fitness_in_camera(camera, population))
 
-    def seen_by_each(self, populations: Array) -> Array:
+    def fitness_in_each_camera(self, populations: Array) -> Array:
         """Return the fitness of one population a camera by that camera's parallelism."""
-        values = self.fitness.seen_by_each(populations)
+        values = self.fitness.fitness_in_each_camera(populations)
         self._note(populations.reshape(-1, populations.shape[-1]), values.ravel())
         return values
 
@@ -122,7 +122,7 @@ def search_box() -> tuple[Array, Array]:
 def ours(fitness: Recorder, lower: Array, upper: Array, seed: int) -> None:
     """Run the calibrator's search: one population for each camera's parallelism, side by side."""
     rng = np.random.default_rng(seed)
-    maximise_each(fitness.seen_by_each, lower, upper, CalibratorConfig().genetic, rng, len(SIDES))
+    maximise_each(fitness.fitness_in_each_camera, lower, upper, CalibratorConfig().genetic, rng, len(SIDES))
 
 
 def scipy_de(fitness: Recorder, lower: Array, upper: Array, seed: int) -> None:
@@ -133,7 +133,7 @@ def scipy_de(fitness: Recorder, lower: Array, upper: Array, seed: int) -> None:
 def scipy_de_by_camera(fitness: Recorder, lower: Array, upper: Array, seed: int) -> None:
     """Run scipy's differential evolution once for each camera's parallelism, as ours does."""
     for camera in range(len(SIDES)):
-        _scipy_run(partial(fitness.seen_by, camera), lower, upper, seed)
+        _scipy_run(partial(fitness.fitness_in_camera, camera), lower, upper, seed)
 
 
 def _scipy_run(fitness: Callable[[Array], Array], lower: Array, upper: Array, seed: int) -> None:

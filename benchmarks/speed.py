@@ -142,7 +142,7 @@ def _fitness(calibrator: Calibrator, left: Frame, right: Frame) -> PatternFitnes
 def _search(fitness: PatternFitness, config: CalibratorConfig) -> tuple[int, int]:
     """Search as the calibrator does; return evaluations and generations of both runs."""
     rng = np.random.default_rng(config.seed)
-    runs = maximise_each(fitness.seen_by_each, *search_box(), config.genetic, rng, len(SIDES))
+    runs = maximise_each(fitness.fitness_in_each_camera, *search_box(), config.genetic, rng, len(SIDES))
     return sum(run.evaluations for run in runs), max(run.generations for run in runs)
 
 

@@ -33,7 +33,7 @@ __all__ = [
     "calibrate",
 ]
 
-# Imported when they are asked for: our own programs have to set up BLAS before numpy is imported.
+# These are imported on first use, because our own programs have to set up BLAS before numpy is imported.
 _MODULES = {
     "CalibrationResult": "results",
     "Calibrator": "calibrator",

@@ -1,7 +1,7 @@
 """One thread for linear algebra: the matrices of a frame are small.
 
 OpenBLAS starts a thread per core, and those wait for each other by spinning. To decompose matrices of
-64 x 64 so takes three times the processor time of one thread, and more on cores that others use too.
+64 x 64 this way takes three times the processor time of one thread, and more on busy cores.
 """
 
 import os

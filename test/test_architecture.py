@@ -174,6 +174,34 @@ def test_renderer_shares_no_geometry_with_the_estimator():
         assert not strangers, f"{path.relative_to(ROOT)} imports {sorted(strangers)}"
 
 
+def test_no_two_classes_have_one_name():
+    """Private classes count as well: who reads `_Segment` must not have to ask which one."""
+    definitions: dict[str, list[str]] = {}
+    for path in sources(PACKAGE):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                definitions.setdefault(node.name.lstrip("_"), []).append(
+                    f"{path.relative_to(ROOT)}:{node.lineno}"
+                )
+    shared = {name: where for name, where in definitions.items() if len(where) > 1}
+    assert len(definitions) > 100
+    assert not shared, "rename the less public one"
+
+
+def test_type_aliases_of_one_name_mean_one_type():
+    """The renderer may not import core's aliases; what it calls by their names is the same."""
+    meanings: dict[str, set[str]] = {}
+    for path in sources(PACKAGE):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.Assign) and isinstance(node.value, ast.Subscript):
+                names = [target.id for target in node.targets if isinstance(target, ast.Name)]
+                for name in names:
+                    if name.lstrip("_")[0].isupper() and not name.isupper():
+                        meanings.setdefault(name.lstrip("_"), set()).add(ast.unparse(node.value))
+    assert {"Array", "Image", "Side"} <= set(meanings)
+    assert not {name: found for name, found in meanings.items() if len(found) > 1}
+
+
 @pytest.mark.parametrize("path", sources(PACKAGE), ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_only_the_ros_folder_imports_ros(path: Path):
     if path.parent != PACKAGE / "ros":

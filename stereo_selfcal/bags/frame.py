@@ -1,4 +1,4 @@
-"""A pair of images of a recording, and what becomes of one that cannot be converted."""
+"""A pair of images of a recording, and the fault of a pair that cannot be converted."""
 
 from __future__ import annotations
 

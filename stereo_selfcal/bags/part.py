@@ -1,4 +1,4 @@
-"""One bag of a recording, opened by rosbags; whatever is wrong with it is said in one line."""
+"""One bag of a recording, opened by rosbags. Each error message is one line."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 _STORAGE_SUFFIXES = (".mcap", ".db3")
 _SUFFIXES = (*_STORAGE_SUFFIXES, ".bag")
 
-# What is read, and what it consists of; none of them has changed since there is ROS 2.
+# Types of the messages that are read, and of their parts. None has changed since the first ROS 2.
 _MESSAGE_TYPES = (IMAGE, COMPRESSED_IMAGE, CAMERA_INFO)
 _PART_TYPES = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time", "sensor_msgs/msg/RegionOfInterest")
 
 _COMPRESSED_SUFFIX = ".zstd"
 
-# What rosbags says, and what helps.
+# Messages of rosbags, and the remedy for each.
 _REPAIR = "if it was cut off, 'ros2 bag reindex', 'mcap recover' or 'rosbag reindex' may save it"
 _REMEDIES = {
     "Profile is not ros2": "an MCAP file of another system: record it with ROS 2, or convert it",
@@ -59,9 +59,9 @@ class Part:
 
     Attributes:
         path: A rosbag2 folder, a single .mcap or .db3 file, or a ROS 1 .bag.
-        connections: What it recorded: topics, types and numbers of messages.
-        start_ns: When its first message was recorded [ns].
-        end_ns: When its last one was [ns].
+        connections: Recorded topics, with types and numbers of messages.
+        start_ns: Time at which its first message was recorded [ns].
+        end_ns: Time at which its last message was recorded [ns].
 
     Raises:
         BagError: It cannot be read.
@@ -109,7 +109,7 @@ class Part:
             yield Message(item[1], item[0].topic, content)
 
     def _check_definitions(self) -> None:
-        """Refuse a recording with other definitions of the types we read: by them, nonsense is read."""
+        """Refuse a recording with other definitions of the types that are read: it would be misread."""
         ours = get_typestore(Stores.ROS2_JAZZY).fielddefs
         theirs = self._reader.typestore.fielddefs
         for msgtype in (*_MESSAGE_TYPES, *_PART_TYPES):
@@ -123,7 +123,7 @@ class Part:
 
     @contextmanager
     def _damage_reported(self) -> Iterator[None]:
-        """Translate whatever rosbags raises on a damaged file into one line."""
+        """Translate the exceptions of rosbags for a damaged file into one line."""
         try:
             yield
         except Exception as error:  # struct.error, apsw.Error, ZstdError, AssertionError, ... by the damage

@@ -27,8 +27,8 @@ T = TypeVar("T")
 # recorder writes topics in bursts. It bounds the memory.
 _QUEUE_SIZE = 30
 
-# What is read around a stretch of a recording, so that its images find the partners they find when all is
-# read: as long as a full queue takes at 10 Hz, and more.
+# Margin around a stretch of a recording. With it, the images find the same partners as in the whole
+# recording. A full queue at 10 Hz is shorter.
 _MARGIN_NS = 4_000_000_000
 
 
@@ -40,7 +40,7 @@ class StereoBag:
     Attributes:
         paths: The bags of the recording.
         topics: The image topics of the two cameras.
-        remarks: What became of images that are in no frame, in sentences; known when all have been read.
+        remarks: Sentences about the images that are in no frame; complete when all images have been read.
     """
 
     def __init__(
@@ -295,7 +295,7 @@ def _grey(topic: Topic, message: Any) -> Image:
 
 
 def _distinct(paths: Iterable[Path]) -> Iterator[Path]:
-    """Yield the paths, none of which may lead to the place of another."""
+    """Yield the paths, all of which must lead to different files."""
     seen = set()
     for path in paths:
         place = os.path.realpath(path)

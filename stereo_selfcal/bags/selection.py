@@ -1,4 +1,4 @@
-"""Which frames of a recording are used: a stretch of time, every n-th, so many at most."""
+"""Selection of the frames of a recording: a stretch of time, every n-th frame, a most number of frames."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Selection:
 
     @property
     def whole(self) -> bool:
-        """Whether no stretch of time is left out."""
+        """Whether the selection covers the whole recording."""
         return self.start_ns <= 0 and self.end_ns is None
 
     def choose(self, items: Iterable[T], since_start_ns: Callable[[T], int]) -> Iterator[T]:

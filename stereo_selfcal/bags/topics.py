@@ -1,4 +1,4 @@
-"""Which topics of a recording are the two cameras: found by type and name, never guessed between equals."""
+"""The topics of the two cameras, found by type and name; no guess is made between equal candidates."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _SIDE = re.compile(r"(?<![a-z])(left|right)(?![a-z])", re.IGNORECASE)
 _NUMBERED = re.compile(r"(?<![a-z])((?:cam|camera|infra|image)_?)(\d+)(?=[/_]|$)", re.IGNORECASE)
 # Image topics that show no scene in grey values.
 _NO_CAMERA_IMAGE = re.compile(r"(?<![a-z])(depth|disparity|compressedDepth)(?![a-z])", re.IGNORECASE)
-# What image_proc appends to one camera's image; without these words the names are equal.
+# Words that image_proc appends to one camera's image; without them the names are equal.
 _QUALIFIER = re.compile(
     r"_?(?<![a-z])(rectified|rect|raw|mono|gray|grey|color|colour)(?![a-z])", re.IGNORECASE
 )

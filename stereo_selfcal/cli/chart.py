@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 Colour = tuple[int, int, int]
-Picture = npt.NDArray[np.uint8]
+ChartImage = npt.NDArray[np.uint8]
 
 # BGR, from Okabe and Ito ("Color Universal Design", 2008): told apart with any kind of colour vision.
 BLUE: Colour = (178, 114, 0)
@@ -57,8 +57,8 @@ class Panel:
     """One diagram.
 
     Attributes:
-        title: What is drawn, with its unit.
-        x_label: What it is drawn over, with its unit.
+        title: Drawn quantity, with its unit.
+        x_label: Quantity of the abscissa, with its unit.
         x: Abscissae, positive, rising.
         curves: At most as many as there are colours.
         point: (x, y) to be marked with a ring, None for no mark.
@@ -71,7 +71,7 @@ class Panel:
     point: tuple[float, float] | None = None
 
 
-def draw_charts(header: str, rows: Sequence[Sequence[Panel]]) -> Picture:
+def draw_charts(header: str, rows: Sequence[Sequence[Panel]]) -> ChartImage:
     """Draw panels in rows below a header.
 
     Args:
@@ -91,7 +91,7 @@ def draw_charts(header: str, rows: Sequence[Sequence[Panel]]) -> Picture:
     return picture
 
 
-def _draw(picture: Picture, panel: Panel, corner: tuple[int, int]) -> None:
+def _draw(picture: ChartImage, panel: Panel, corner: tuple[int, int]) -> None:
     """Draw one panel with its upper left corner at ``corner`` [px]."""
     left, right = corner[0] + MARGINS_PX[0], corner[0] + PANEL_PX[0] - MARGINS_PX[1]
     top, bottom = corner[1] + MARGINS_PX[2], corner[1] + PANEL_PX[1] - MARGINS_PX[3]
@@ -158,14 +158,14 @@ def _fraction(value: float, bounds: tuple[float, float]) -> float:
 
 
 def _line(
-    picture: Picture, points: Sequence[tuple[float, float]], colour: Colour, thickness: int = 1
+    picture: ChartImage, points: Sequence[tuple[float, float]], colour: Colour, thickness: int = 1
 ) -> None:
     fixed = np.round(np.array(points) * (1 << _SHIFT)).astype(np.int32)
     cv2.polylines(picture, [fixed.reshape(-1, 1, 2)], False, colour, thickness, cv2.LINE_AA, _SHIFT)
 
 
 def _write(
-    picture: Picture,
+    picture: ChartImage,
     text: str,
     position: tuple[float, float],
     scale: float = TEXT_SCALE,

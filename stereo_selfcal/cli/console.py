@@ -1,4 +1,4 @@
-"""What the command line tools share: exit statuses, one-line errors, a progress bar."""
+"""Code that the command line tools share: exit statuses, one-line errors, a progress bar."""
 
 from __future__ import annotations
 

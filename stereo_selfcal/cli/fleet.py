@@ -83,7 +83,7 @@ def _fleet(argv: list[str]) -> int:
 
 
 class _Outcomes:
-    """What is known of each recording, in memory and in the output folder."""
+    """The outcome of each recording, in memory and in the output folder."""
 
     def __init__(self, bags: Sequence[Bag], store: Store, table: Path | None) -> None:
         self._store = store
@@ -93,7 +93,7 @@ class _Outcomes:
         self._resumed = 0
 
     def resume(self) -> list[Bag]:
-        """Take over what a former run has done; return the rest."""
+        """Take over the outcomes of a former run; return the recordings without one."""
         self._look()
         waiting = [bag for bag in self._bags if self._rows[bag.path].status is Status.NOT_DONE]
         self._resumed = len(self._bags) - len(waiting)
@@ -152,7 +152,7 @@ class _Outcomes:
 def _run(
     waiting: Sequence[Bag], settings: FleetSettings, outcomes: _Outcomes, arguments: argparse.Namespace
 ) -> None:
-    """Calibrate what is left, with a progress bar."""
+    """Calibrate the waiting recordings, with a progress bar."""
     from ..fleet.scheduling import Done, FleetRun  # noqa: PLC0415  (needs Dask)
 
     for name in _CHATTY:

@@ -22,7 +22,7 @@ from ..files.atomic_file import write_atomically
 from ..files.rig_file import read_rig_file
 from ..synth.scenes import PAPER_RIG
 from ..synth.world import LANE_WIDTH_M, LINE_WIDTH_M, MAX_TILT_RAD, PSF_SIGMA_PX
-from .chart import Curve, Panel, Picture, draw_charts
+from .chart import ChartImage, Curve, Panel, draw_charts
 from .console import EXIT_OK, Parser, UsageError, check_writable, run
 
 _DESCRIPTION = """\
@@ -190,7 +190,7 @@ def as_json(setup: Setup, covariance: Array) -> str:
     return json.dumps(content, allow_nan=False) + "\n"
 
 
-def draw_limits(setup: Setup) -> Picture:
+def draw_limits(setup: Setup) -> ChartImage:
     """Draw the components of the pose and the location error over the baseline (above) and the noise (below).
 
     Returns:
@@ -205,7 +205,7 @@ def draw_limits(setup: Setup) -> Picture:
     )
 
     def shown(baseline_m: float) -> Array:
-        """Return the values drawn, one per title, with the noise that was asked for."""
+        """Return the drawn values, one per title, for the noise of the options."""
         rig = replace(setup.rig, baseline_m=baseline_m)
         changed = replace(setup, rig=rig)
         covariance = changed.covariance()

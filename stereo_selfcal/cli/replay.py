@@ -46,13 +46,13 @@ from .console import (
 from .replay_options import replay_parser
 from .report import as_dict, as_json, table_header, table_row, table_summary
 
-# What --all has one of for every pair.
+# Outputs of which --all writes one for every pair.
 _FILES = ("output", "picture", "csv", "report")
 
 
 @dataclass(frozen=True, slots=True)
 class _Settings:
-    """What the options ask for, read and checked."""
+    """The checked values of the options."""
 
     config: CalibratorConfig
     rig: StereoRig | None

@@ -1,4 +1,4 @@
-"""What replay says: the table for people and the JSON object for programs."""
+"""The output of replay: a table for people and a JSON object for programs."""
 
 from __future__ import annotations
 

@@ -32,9 +32,9 @@ _NUMBERS = (
     ("--noise", "noise_fraction", 1.0, "standard deviation of the noise as a fraction of 255, 0 ... 1"),
     ("--rate-hz", "rate_hz", 1.0, "frames per second (default 10)"),
     ("--bump-at-s", "bump_at_s", 1.0, "the mount is knocked this long after the first frame [s]"),
-    ("--bump-height-m", "bump_height_m", 1.0, "by how much it is higher from then on [m]"),
-    ("--bump-pitch-deg", "bump_pitch_rad", _DEG, "by how much it is pitched further [deg]"),
-    ("--bump-roll-deg", "bump_roll_rad", _DEG, "by how much it is rolled further [deg]"),
+    ("--bump-height-m", "bump_height_m", 1.0, "change of its height by the knock [m]"),
+    ("--bump-pitch-deg", "bump_pitch_rad", _DEG, "change of its pitch by the knock [deg]"),
+    ("--bump-roll-deg", "bump_roll_rad", _DEG, "change of its roll by the knock [deg]"),
 )
 
 

@@ -32,7 +32,7 @@ class OutputError(SelfcalError):
     """A result cannot be written: no such folder, no permission, no space, ..."""
 
 
-def shown(value: Any) -> str:
-    """Return a value for a message: what comes from outside may have any length, a log line may not."""
+def shortened(value: Any) -> str:
+    """Return a value for a message, cut to a fixed length: values from outside may be arbitrarily long."""
     text = repr(value)
     return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."

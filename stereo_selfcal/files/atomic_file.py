@@ -34,7 +34,7 @@ def write_atomically(path: Path | str, content: bytes) -> None:
         content: The new content.
 
     Raises:
-        OutputError: It cannot be written; the old file is untouched and nothing is left beside it.
+        OutputError: The file cannot be written. The old file is unchanged, and no temporary file remains.
     """
     try:
         target = Path(os.path.realpath(path))

@@ -1,4 +1,4 @@
-"""What a parameter file of the node may hold besides the settings of the calibrator. It needs no ROS.
+"""Parameters of the node, besides the settings of the calibrator. This module needs no ROS.
 
 This table is the only list of the node's parameters. The node and the launch file declare them from it, and
 :mod:`.parameter_file` tells by it a parameter of the node from a setting of the calibrator.
@@ -19,7 +19,7 @@ RESULT_PREFIX = "extrinsics."
 FOREIGN_PREFIXES = (RESULT_PREFIX, "provenance.", "qos_overrides.", "diagnostic_updater.")
 FOREIGN_NAMES = ("use_sim_time", "start_type_description_service")
 
-# What a rectified camera of the next decades can have; only to catch a typing error.
+# Limits that no rectified camera of the next decades exceeds; they detect typing errors.
 _GREATEST_PIXELS = 100_000
 _GREATEST_BASELINE_M = 100.0
 _GREATEST_QUEUE = 1000

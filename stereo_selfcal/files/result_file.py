@@ -1,6 +1,6 @@
 """The result file: a ROS 2 parameter file, which is written whole or not at all.
 
-What it holds is a :class:`.saved_result.SavedResult`.
+Its content is a :class:`.saved_result.SavedResult`.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ _Dumper.add_representer(
 
 @dataclass(frozen=True, slots=True)
 class Restored:
-    """What was found at the start.
+    """The result file at the start of the node.
 
     Attributes:
         saved: The calibration, None when there is none that can be used.

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
-from ..core.errors import ConfigError, RigError, shown
+from ..core.errors import ConfigError, RigError, shortened
 from ..core.geometry.pose import POSE_COMPONENTS, POSE_NAMES, STD_NAMES, Extrinsics
 from ..core.results import CalibrationResult
 from ..core.types import Array
@@ -52,12 +52,12 @@ _STD_RANGES = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SavedResult:
-    """What a result file holds.
+    """Content of a result file.
 
     Attributes:
         extrinsics: The calibration.
         std: Standard deviations of the same quantities.
-        rig: The rig it holds for.
+        rig: The rig for which the calibration is valid.
         provenance: stamp [s], source, frames, seed, version, schema, and whatever else is there.
         covariance: (3, 3) of (height_m, pitch_rad, roll_rad); of the standard deviations alone where
             the file has no other.
@@ -165,7 +165,7 @@ def _sections(parameters: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, 
     schema = _whole(provenance, "schema", 1, _GREATEST_WHOLE)
     if schema > SCHEMA:
         version = provenance.get("version")
-        by = f" ({shown(version)})" if isinstance(version, str) else ""
+        by = f" ({shortened(version)})" if isinstance(version, str) else ""
         raise ConfigError(
             f"written by a newer version{by} of {NODE_NAME}: its schema is {schema}, this version reads "
             f"at most {SCHEMA}; update {NODE_NAME}, or {_REMEDY}"
@@ -248,4 +248,4 @@ def _whole(section: Mapping[str, Any], name: str, low: int, high: int) -> int:
 
 
 def _wrong(name: str, value: Any, what: str) -> ConfigError:
-    return ConfigError(f"{name} is {shown(value)}: {what}; {_REMEDY}")
+    return ConfigError(f"{name} is {shortened(value)}: {what}; {_REMEDY}")

@@ -1,4 +1,4 @@
-"""Which recordings are meant: those named, and all below a folder that is none itself."""
+"""Finds recordings by their paths. A folder that is no recording stands for all recordings below it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def find_bags(paths: Sequence[Path]) -> list[Path]:
 
 
 def _below(path: Path) -> Iterator[Path]:
-    """Yield the recordings at a path: itself, or what is below it."""
+    """Yield the recordings at a path: the path itself, or the recordings below it."""
     if not path.is_dir():
         if path.suffix in _BAG_SUFFIXES:
             yield path

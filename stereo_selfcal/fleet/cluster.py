@@ -1,4 +1,4 @@
-"""Where the work is done: processes of this machine, or any Dask cluster there is."""
+"""The Dask cluster that does the work: processes of this machine, or an existing cluster."""
 
 from __future__ import annotations
 

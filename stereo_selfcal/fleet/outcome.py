@@ -14,7 +14,7 @@ from ..offline import Replay
 
 
 class Status(Enum):
-    """What became of a recording; ``str(status)`` is a stable word."""
+    """Outcome of a recording in one word; ``str(status)`` is stable."""
 
     CALIBRATED = "calibrated"
     REFUSED = "refused"
@@ -101,11 +101,11 @@ class BagOutcome:
 
     @property
     def finished(self) -> bool:
-        """Whether there is no need to do it again; a failure may have passed by the next run."""
+        """Whether the outcome is final. A failure is not, because its cause may be gone in the next run."""
         return self.status in (Status.CALIBRATED, Status.REFUSED, Status.DAMAGED)
 
     def named(self, bag: str, report: str) -> BagOutcome:
-        """Return it under the name the recording has this time, with its report."""
+        """Return the outcome with the recording's present name and report."""
         return replace(self, bag=bag, report=report)
 
     def to_mapping(self) -> dict[str, Any]:
@@ -127,10 +127,10 @@ class BagOutcome:
             value = values.get(name)
             if not (value is None or (isinstance(value, float) and math.isfinite(value))):
                 raise ConfigError(f"{name} is {value!r}: not a number")
-        rest = {name: value for name, value in values.items() if name not in (*POSE_NAMES, *STD_NAMES)}
+        others = {name: value for name, value in values.items() if name not in (*POSE_NAMES, *STD_NAMES)}
         try:
-            rest["status"] = Status(values["status"])
-            return cls(**rest, extrinsics=_pose(values, POSE_NAMES), std=_pose(values, STD_NAMES))
+            others["status"] = Status(values["status"])
+            return cls(**others, extrinsics=_pose(values, POSE_NAMES), std=_pose(values, STD_NAMES))
         except (TypeError, KeyError, ValueError) as error:
             raise ConfigError(f"not a row of a fleet ({error})") from error
 

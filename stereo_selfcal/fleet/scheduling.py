@@ -1,4 +1,4 @@
-"""The tasks of a fleet on a Dask cluster: what is asked for, what comes back, what is tried again."""
+"""The tasks of a fleet on a Dask cluster: their submission, their results, and their repetition."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from .work import (
     one_line,
 )
 
-# Makes the report of a calibrated recording, on a worker: (path, settings, what was calibrated) -> HTML.
+# Makes the report of a calibrated recording, on a worker: (path, settings, calibrated recording) -> HTML.
 ReportMaker = Callable[[str, FleetSettings, Calibrated], bytes | Failure]
 
-# What belongs to a recording that is begun goes before what is not: reports come in all the time, and few
+# Priority of the tasks of a recording that is begun. With it, reports arrive continuously, and few
 # recordings are half done when a run is interrupted.
 _BEGUN = 10
 _POLL_S = 0.02
@@ -56,7 +56,7 @@ class Done:
 
 @dataclass(slots=True, eq=False)
 class _Task:
-    """A task in the cluster, and what it is for."""
+    """A task in the cluster, and its purpose."""
 
     bag: Bag
     kind: str  # calibrate, stretch, report: the names in Dask's dashboard
@@ -155,7 +155,7 @@ class FleetRun:
         self._completed.add(future)
 
     def _drain(self) -> None:
-        """Take results until no task is left."""
+        """Take results until all tasks are done."""
         while self._tasks:
             while not self._completed.has_ready():
                 self._on_wait()
@@ -243,7 +243,7 @@ class FleetRun:
         self._on_done(Done(bag, outcome, calibrated, report, problem))
 
     def _cancel(self) -> None:
-        """Take back what is not done."""
+        """Cancel the tasks that are not done."""
         futures = [future for _, future in self._tasks.values()]
         self._tasks.clear()
         if futures and self._client.status == "running":

@@ -44,7 +44,7 @@ def write_table(path: Path, outcomes: Sequence[BagOutcome]) -> None:
 
 
 def csv_of(outcomes: Sequence[BagOutcome]) -> str:
-    """Return the table as comma-separated values with a header; what is not known is empty."""
+    """Return the table as comma-separated values with a header; unknown values are empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)

@@ -1,4 +1,4 @@
-"""What a worker does: calibrate one recording, or a stretch of a long one, and hand back all that is kept."""
+"""The work of a worker: it calibrates a recording, or a stretch of a long one, and returns the outcome."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class Stretch:
         rig: The rig of the recording.
         topics: Topics of the left and of the right images.
         n_images: Left and right images of the whole recording.
-        remarks: What is strange about its cameras.
+        remarks: Sentences about anomalies of its cameras.
     """
 
     frames: list[tuple[FrameHead, CalibrationResult]]
@@ -130,7 +130,7 @@ class Calibrated:
 
 
 def versions() -> dict[str, str]:
-    """Return what the numbers of a result depend on besides the settings."""
+    """Return the versions that the numbers of a result depend on, besides the settings."""
     return {"stereo_selfcal": __version__, "numpy": np.__version__, "opencv": cv2.__version__}
 
 
@@ -227,9 +227,9 @@ def make_report(path: str, settings: FleetSettings, calibrated: Calibrated) -> b
     """Return the report of a calibrated recording as HTML.
 
     Args:
-        path: The recording: the frames that are shown are read again.
-        settings: How it was calibrated.
-        calibrated: What came out.
+        path: The recording. The frames of the report's pictures are read again.
+        settings: Settings of the calibration.
+        calibrated: The calibrated recording.
     """
     from ..report.page import render_report  # noqa: PLC0415  (Jinja2 is for who wants reports)
 
@@ -247,5 +247,5 @@ def one_line(error: BaseException) -> str:
 
 
 def _be_a_worker() -> None:
-    """Set what holds for the process: the cores are busy with other workers."""
+    """Limit this process to one thread, because other workers use the other cores."""
     cv2.setNumThreads(1)

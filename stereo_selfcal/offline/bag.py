@@ -59,12 +59,12 @@ class BagSource(FrameSource):
 
     @property
     def length_s(self) -> float:
-        """How long the recording is, from its first message to its last [s]."""
+        """Duration of the recording, from its first message to its last [s]."""
         return (self._bag.end_ns - self._bag.start_ns) * 1e-9
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What is strange about the CameraInfo, and what became of images that are in no frame."""
+        """Sentences about unusual values of the CameraInfo, and about images that are in no frame."""
         return (*(doubt.message for doubt in self._rectifier.doubts), *self._bag.remarks)
 
     def frames(self) -> Iterator[StereoFrame]:

@@ -15,7 +15,7 @@ from ..core.types import Image
 from .recording import FrameSource
 
 DEFAULT_FOLDERS = ("left", "right")
-# What OpenCV decodes and cameras are recorded in.
+# Formats in which cameras are recorded, and which OpenCV decodes.
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff")
 
 _NS_PER_S = 1_000_000_000
@@ -77,7 +77,7 @@ class FolderSource(FrameSource):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What became of images that are in no frame."""
+        """Sentences about the images that are in no frame."""
         alone = [count - len(self._pairs) for count in self.n_images]
         if not any(alone):
             return ()

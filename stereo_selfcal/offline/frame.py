@@ -1,4 +1,4 @@
-"""One frame of a recording: what of it outlives its images, and its calibration."""
+"""One frame of a recording: its data without the images, and its calibration."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class FrameHead:
 
     @classmethod
     def of(cls, frame: StereoFrame) -> FrameHead:
-        """Return what is left of a frame."""
+        """Return the data of a frame without its images."""
         return cls(frame.stamp_s, frame.recorded_ns, frame.name)
 
 

@@ -1,4 +1,4 @@
-"""Opening what somebody named: bags, or a folder of image pairs."""
+"""Opens a recording by its path: bags, or a folder of image pairs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames calibrated by several processes, with the results in order: as by one, only sooner."""
+"""Calibration of frames by several processes. The results have the order and the values of one process."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ def _end_with_parent() -> None:
 
 
 def _get_ready() -> None:
-    """Do nothing: a process is started when there is something to do."""
+    """Do nothing; submitting this starts a process."""
 
 
 def _calibrate(frame: StereoFrame) -> CalibrationResult:

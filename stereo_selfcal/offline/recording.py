@@ -1,4 +1,4 @@
-"""What a recording is to the calibration: a stereo rig and its frames, one after the other."""
+"""Interface of a recording: a stereo rig and its frames, one after the other."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from ..core.camera.rig import StereoRig
 class FrameSource(ABC):
     """The frames of one stereo camera; use it in a ``with`` statement.
 
-    Frames are read when they are asked for, so memory does not grow with the recording.
+    Each frame is read when the caller takes it, so memory does not grow with the recording.
 
     Attributes:
-        name: What the recording is called, without the folders above it.
+        name: Name of the recording, without the folders above it.
         left_name: Topic or folder of the left images.
-        right_name: The same of the right ones.
+        right_name: Topic or folder of the right images.
         n_images: Number of left and of right images in the whole recording.
-        start_ns: When the recording starts [ns]; a selection counts from here.
+        start_ns: Time at which the recording starts [ns]; a selection counts from it.
         rig: Intrinsics and baseline of the rectified pair.
         selection: Which frames are used.
-        notes: What one should know of the frames, a sentence each.
+        notes: Notes on the frames, one sentence each.
     """
 
     name: str
@@ -37,12 +37,12 @@ class FrameSource(ABC):
 
     @property
     def count(self) -> int | None:
-        """How many frames there are at most, None where that is not known before they are read."""
+        """Most number of frames; None where it is not known before they are read."""
         return self.selection.count(min(self.n_images))
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What is strange about the recording, in sentences; all of it when all frames have been read."""
+        """Sentences about anomalies of the recording; complete when all frames have been read."""
         return ()
 
     @abstractmethod

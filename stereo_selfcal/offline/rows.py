@@ -1,4 +1,4 @@
-"""What is kept of a frame without its images."""
+"""The stored outcome of a frame, without its images."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ class FrameRow:
     def from_result(
         cls, result: CalibrationResult, stamp_s: float, recorded_ns: int = 0, name: str = ""
     ) -> FrameRow:
-        """Keep of a result what reports need."""
+        """Return the parts of a result that reports need."""
         accepted = result.accepted
         return cls(
             stamp_s,

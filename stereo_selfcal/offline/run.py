@@ -1,4 +1,4 @@
-"""One recording from the first frame to the estimate: the path of replay, report and fleet alike."""
+"""Calibration of one recording, from the first frame to the estimate. Replay, report and fleet use it."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class Replay:
 
     Attributes:
         rows: One row per frame, in order, at least one.
-        drive: Where the mount was, and when it was moved.
+        drive: Poses of the mount, and its moves.
         rig: The rig of the recording.
         config: Settings it was calibrated with.
-        damage: What ended the recording early, in one line; None when all of it was read. The rows and
+        damage: Reason why the recording ended early, in one line; None when all of it was read. The rows and
             the estimate are those of the frames before.
-        remarks: What is strange about the recording, in sentences.
+        remarks: Sentences about anomalies of the recording.
     """
 
     rows: tuple[FrameRow, ...]

@@ -1,4 +1,4 @@
-"""The road from above, as both cameras see it: where they disagree, it has coloured fringes."""
+"""The road from above, as both cameras see it. Where they disagree, coloured fringes appear."""
 
 from __future__ import annotations
 

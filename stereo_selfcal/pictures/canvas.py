@@ -1,4 +1,4 @@
-"""What pictures are drawn on: lines, dots and text of a size that suits any camera; imports no ROS.
+"""The canvas of all pictures: lines, dots and text of a size that suits any camera. It imports no ROS.
 
 Colours are BGR. They are those of Okabe and Ito ("Color Universal Design", 2008), which people
 with any kind of colour vision can tell apart.
@@ -104,5 +104,5 @@ def dark_strip(width: int, height: float) -> Canvas:
 
 
 def to_ascii(text: str) -> str:
-    """Return what OpenCV's fonts can write: they know nothing but ASCII."""
+    """Return a text in ASCII, because OpenCV's fonts have no other characters."""
     return text.encode("ascii", "replace").decode()

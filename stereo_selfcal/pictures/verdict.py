@@ -1,6 +1,6 @@
-"""What a picture says in words: the verdict, the numbers, and what each gate has measured.
+"""The texts of a picture: the verdict, the numbers, and the measured value of each gate.
 
-The colours are told apart by people with any kind of colour vision; the verdict is also a word.
+People with any kind of colour vision can distinguish the colours; the verdict is also given as a word.
 """
 
 from __future__ import annotations

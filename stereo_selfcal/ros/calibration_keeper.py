@@ -6,7 +6,7 @@ import threading
 from dataclasses import dataclass, replace
 
 from ..core.camera.rig import StereoRig
-from ..core.drive.states import Event, Machine, State, event_of
+from ..core.drive.states import Event, State, StateMachine, event_of
 from ..core.drive.watch import Watch
 from ..core.results import CalibrationResult
 
@@ -42,7 +42,7 @@ class CalibrationKeeper:
 
     def __init__(self, watch: Watch | None = None) -> None:
         self._lock = threading.Lock()
-        self._machine = Machine()
+        self._machine = StateMachine()
         self._watch = watch or Watch()
         self._active: ActiveCalibration | None = None
         self._watched_rig: StereoRig | None = None

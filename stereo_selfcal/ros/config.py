@@ -122,7 +122,7 @@ def _exports(text: str, output_path: str) -> tuple[str, ...]:
 
 
 def _check_tf_frames(road_frame: str, camera_frame: str) -> None:
-    """Refuse frames that tf2 would refuse, or that would make a loop of the tree."""
+    """Refuse frame names that tf2 would refuse, or that would form a loop in the tree."""
     if road_frame == camera_frame:
         raise ConfigError(
             f"road_frame and camera_frame are both {road_frame!r}: with publish_tf they must differ"

@@ -47,12 +47,12 @@ _HIGHEST_DOMAIN = 101
 
 
 class DemoError(SelfcalError):
-    """The demo cannot go on; the message says at which step."""
+    """The demo cannot continue; the message names the step."""
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What the service answered."""
+    """Answer of the service."""
 
     success: bool
     message: str

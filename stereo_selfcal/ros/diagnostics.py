@@ -41,13 +41,13 @@ class CalibrationReport:
 
     Attributes:
         state: Word of the state: uncalibrated, calibrating, calibrated, suspect, invalid.
-        reason: Why it is in this state, one sentence.
+        reason: Reason of the state, one sentence.
         active: The active calibration, None if there is none.
-        age_s: Its age [s].
-        last_answer: What the last call answered.
+        age_s: Age of the active calibration [s].
+        last_answer: Answer to the last call.
         last_success: Whether the last call found a result, None before the first call.
         frames: Frames so far.
-        watch: What the watch has found, one sentence.
+        watch: Finding of the watch, one sentence.
     """
 
     state: str
@@ -207,7 +207,7 @@ def _verdict(report: CalibrationReport) -> tuple[bytes, str]:
         if refused:
             return (
                 WARN,
-                f"the last call was refused: {report.last_answer}; what was found before stays in force",
+                f"the last call was refused: {report.last_answer}; the calibration from before stays active",
             )
         if report.active.save_failed:
             return WARN, f"{text}; {report.active.saved}"

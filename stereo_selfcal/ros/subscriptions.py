@@ -46,7 +46,7 @@ class Stream:
     received: Callable[[Any], None]
 
 
-class _Gate(MutuallyExclusiveCallbackGroup):  # type: ignore[misc]  # rclpy has no types
+class _GatedGroup(MutuallyExclusiveCallbackGroup):  # type: ignore[misc]  # rclpy has no types
     """Runs callbacks one at a time, and none while the gate is closed.
 
     The executor takes no message from DDS then. DDS keeps the newest few messages, which costs a tenth of
@@ -149,8 +149,8 @@ class CameraSubscriptions:
         """
         # One group for both cameras: stamps must reach the pairer in order of arrival. New groups each time:
         # a group of rclpy never forgets a subscription it once had.
-        image_gate = _Gate(lambda: self._images_wanted() or not self._dds_keeps_few_images())
-        info_gate = _Gate(self._infos_wanted)
+        image_gate = _GatedGroup(lambda: self._images_wanted() or not self._dds_keeps_few_images())
+        info_gate = _GatedGroup(self._infos_wanted)
         for stream in self._images:
             self._switch_one(stream, images, image_gate)
         for stream, needed in zip(self._infos, infos, strict=True):
@@ -172,13 +172,13 @@ class CameraSubscriptions:
         profiles = [self._profiles[s.topic] for s in self._images if s.topic in self._profiles]
         return all(p.history == QoSHistoryPolicy.KEEP_LAST and p.depth <= _QUEUE for p in profiles)
 
-    def _switch_one(self, stream: Stream, needed: bool, group: _Gate) -> None:
+    def _switch_one(self, stream: Stream, needed: bool, group: _GatedGroup) -> None:
         if needed and stream.topic not in self._subscribed:
             self._subscribed[stream.topic] = self._subscribe(stream, group)
         elif not needed and stream.topic in self._subscribed:
             self._node.destroy_subscription(self._subscribed.pop(stream.topic))
 
-    def _subscribe(self, stream: Stream, group: _Gate) -> Subscription:
+    def _subscribe(self, stream: Stream, group: _GatedGroup) -> Subscription:
         overriding = None
         if stream.topic not in self._profiles:
             # One profile each: rclpy writes the overrides of a topic into the profile it is given.

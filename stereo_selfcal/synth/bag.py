@@ -44,7 +44,7 @@ _types = get_typestore(Stores.ROS2_JAZZY)
 
 
 class BagWriteError(SelfcalError):
-    """A bag cannot be put where it was wanted; nothing has been changed there."""
+    """A bag cannot be written to its folder. The existing files there are unchanged."""
 
 
 def write_bag(
@@ -57,7 +57,7 @@ def write_bag(
 
     Args:
         path: Folder to make.
-        scene: What to render.
+        scene: The scene to render.
         storage: Storage of the messages; mcap is compressed, sqlite3 is not.
         on_frame: Called with the number of frames after each of them.
 
@@ -75,7 +75,7 @@ def write_named_bags(folder: Path, scenes: Iterable[NamedScene] = NAMED_SCENES) 
     """Write one bag per scene into ``folder``, in place of the bag of that name; yield each path.
 
     Raises:
-        BagWriteError: What has the name of a scene is no synthetic bag.
+        BagWriteError: A file or folder with the name of a scene exists, and is no synthetic bag.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for scene in scenes:
@@ -87,7 +87,7 @@ def write_named_bags(folder: Path, scenes: Iterable[NamedScene] = NAMED_SCENES) 
 
 
 def _replace(path: Path, scene: NamedScene, storage: Storage, on_frame: Callable[[int], None]) -> None:
-    """Write the bag beside its place and move it there."""
+    """Write the bag to a temporary folder beside its final one, and move it there."""
     if not path.parent.is_dir():
         raise BagWriteError(f"{path}: there is no folder {path.parent} to write into")
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=".synth-") as temporary:

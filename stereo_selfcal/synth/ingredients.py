@@ -1,4 +1,4 @@
-"""What a synthetic world is made of beyond paint on a plane: worn lines, kerbs, cars, shadows, faults.
+"""Parts of a synthetic world besides paint on a plane: worn lines, kerbs, cars, shadows, faults.
 
 Lateral positions are in road coordinates, left positive [m]; greys are those of the world, before a
 camera's gain.
@@ -79,7 +79,7 @@ class Shadow:
             "along": the same in lateral positions; "dappled": patches everywhere.
         begin_m: Where it begins [m].
         end_m: Where it ends [m].
-        light: Share of the light that is left in it (0 ... 1).
+        light: Share of the light that reaches the shadow (0 ... 1).
         soft_m: Width of its edges [m].
         skew: How far its edges move along the road per metre to the left (across only).
     """
@@ -232,7 +232,7 @@ class WorldScene:
         rails: Guard rails.
         cars: Cars.
         walls: Foliage.
-        asphalt_grey: Mean grey level of the asphalt.
+        asphalt_grey: Mean grey level of the road surface.
         texture_amplitude: Standard deviation of its texture seen from near [grey levels].
         texture_seed: Seed of every texture.
         sky_grey: Grey level of the sky at the horizon.

@@ -46,8 +46,8 @@ def strip(edge_m: float, side: int, width_m: float = ENDLESS_M) -> tuple[float, 
 
 def _with_own(scene: WorldScene, side: int, paint: Paint | None) -> WorldScene:
     index = _own(scene, side)
-    rest = (*scene.paints[:index], *scene.paints[index + 1 :])
-    return replace(scene, paints=rest if paint is None else (*rest, paint))
+    others = (*scene.paints[:index], *scene.paints[index + 1 :])
+    return replace(scene, paints=others if paint is None else (*others, paint))
 
 
 def _without(scene: WorldScene, side: int) -> WorldScene:
@@ -72,13 +72,13 @@ def double_line(scene: WorldScene, rng: Rng) -> WorldScene | None:
 
 
 def worn_paint(scene: WorldScene, rng: Rng) -> WorldScene:
-    """15 to 40 % of all paint gone in patches, the rest paler."""
+    """15 to 40 % of all paint is missing in patches, and the remaining paint is paler."""
     share, pale = float(rng.uniform(0.15, 0.4)), float(rng.uniform(150, 200))
     return replace(scene, paints=tuple(Paint(replace(p.line, grey=pale), share) for p in scene.paints))
 
 
 def ruined_paint(scene: WorldScene, rng: Rng) -> WorldScene:
-    """60 to 85 % of one of the own lane's lines gone, the rest hardly brighter than asphalt."""
+    """60 to 85 % of a line of the own lane is missing; its remainder is little brighter than the road."""
     side = side_of_choice(rng)
     line = scene.paints[_own(scene, side)].line
     grey = scene.asphalt_grey + float(rng.uniform(20, 45))
@@ -105,12 +105,12 @@ def tram_rails(scene: WorldScene, rng: Rng) -> WorldScene:
 
 
 def missing_line(scene: WorldScene, rng: Rng) -> WorldScene:
-    """All lines on one side of the rig missing."""
+    """All lines on one side of the rig are missing."""
     return _without(scene, side_of_choice(rng))
 
 
 def no_paint(scene: WorldScene, rng: Rng) -> WorldScene:
-    """Asphalt between two grass verges, without paint."""
+    """A road surface without paint between two grass verges."""
     del rng
     right, left = scene.lane_m
     verges = (Band(*strip(left + 0.1, 1)), Band(*strip(right - 0.1, -1)))

@@ -1,4 +1,4 @@
-"""Ingredients of light and cameras: shadows, glare, exposure, focus, a pair that is not as it should be."""
+"""Ingredients of light and cameras: shadows, glare, exposure, focus, a misaligned pair."""
 
 from __future__ import annotations
 
@@ -69,13 +69,13 @@ def _photometry(scene: WorldScene, left: dict[str, float], right: dict[str, floa
 
 
 def exposures_differ(scene: WorldScene, rng: Rng) -> WorldScene:
-    """One camera 15 to 40 % darker, another black level."""
+    """One camera is 15 to 40 % darker and has another black level."""
     gain, offset = float(rng.uniform(0.6, 0.85)), float(rng.uniform(0, 12))
     return _photometry(scene, {}, {"gain": gain, "offset": offset})
 
 
 def over_exposed(scene: WorldScene, rng: Rng) -> WorldScene:
-    """Asphalt and paint both white."""
+    """The road surface and the paint are both white."""
     gain = float(rng.uniform(4.0, 6.0))
     return _photometry(scene, {"gain": gain}, {"gain": gain})
 
@@ -93,7 +93,7 @@ def blurred(scene: WorldScene, rng: Rng) -> WorldScene:
 
 
 def soft_focus(scene: WorldScene, rng: Rng) -> WorldScene:
-    """Hardly out of focus: 0.8 to 1.5 px, not the same in both."""
+    """Slightly out of focus: 0.8 to 1.5 px, different in both cameras."""
     left, right = rng.uniform(0.8, 1.5, size=2)
     return _photometry(scene, {"psf_sigma_px": float(left)}, {"psf_sigma_px": float(right)})
 

@@ -35,7 +35,7 @@ SUB_ROWS = 4
 # a whole lane is far below a hundredth of a pixel wide.
 MIN_FALL = 1e-4
 
-# Cells of the texture's octaves [m]: from coarse aggregate to patches of old asphalt.
+# Cells of the texture's octaves [m]: from coarse aggregate to patches of old road surface.
 TEXTURE_CELLS_M = (0.02, 0.045, 0.1, 0.22, 0.47, 1.0)
 TEXTURE_TILE_CELLS = 256
 
@@ -226,7 +226,7 @@ def render(scene: Scene, rng: np.random.Generator) -> tuple[Frame, Frame]:
     """Render a stereo frame with noise, as the cameras deliver it.
 
     Args:
-        scene: What to render.
+        scene: The scene to render.
         rng: Source of the noise; the left image draws first.
 
     Returns:
@@ -241,7 +241,7 @@ def render_camera(scene: Scene, side: Side) -> Picture:
     """Render one camera without noise and before quantisation.
 
     Args:
-        scene: What to render.
+        scene: The scene to render.
         side: Which camera.
 
     Returns:

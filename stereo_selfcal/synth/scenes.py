@@ -23,7 +23,7 @@ from .world import LaneLine, Photometry, Road, Scene, Verge, two_lines
 # Rig of the paper, Table I: 640 x 480, 516.6 px, 148.1 mm; principal point in the middle.
 PAPER_RIG = StereoRig(640, 480, 516.6, 516.6, 319.5, 239.5, 0.1481)
 
-# What a scene is expected to give: this, or the word of a RejectReason.
+# Expected outcome of a scene: this word, or the word of a RejectReason.
 CALIBRATED = "calibrated"
 LINES_NOT_STRAIGHT = "lines_not_straight"
 NO_LINES_FOUND = "no_lines_found"
@@ -128,7 +128,7 @@ class NamedScene:
         return RenderedPair(FIRST_STAMP_S + index / self.rate_hz, *render(self.scene_at(index), rng))
 
     def frames(self) -> Iterator[RenderedPair]:
-        """Yield the frames in the order of time, each rendered when it is asked for."""
+        """Yield the frames in the order of time; each is rendered when the caller takes it."""
         for index in range(self.n_frames):
             yield self.frame(index)
 
@@ -274,9 +274,9 @@ def custom_scene(
         name: Name of the scene.
         rate_hz: Frames per second.
         bump_at_s: When the mount is knocked, from the first frame on [s]; None: it is not.
-        bump_height_m: By how much it is higher from then on [m].
-        bump_pitch_rad: By how much it is pitched further [rad].
-        bump_roll_rad: By how much it is rolled further [rad].
+        bump_height_m: Change of the height by the knock [m].
+        bump_pitch_rad: Change of the pitch by the knock [rad].
+        bump_roll_rad: Change of the roll by the knock [rad].
 
     Raises:
         ConfigError: A value is outside of what can be rendered.
@@ -329,7 +329,7 @@ def random_scene(
         rng: Source of the pose and of the texture; six draws, whatever the other arguments are.
         noise_fraction: Standard deviation of the noise of both cameras, as a fraction of 255.
         rig: The rectified pair.
-        texture_amplitude: Standard deviation of the asphalt texture seen from near [grey levels].
+        texture_amplitude: Standard deviation of the road's texture at a short distance [grey levels].
 
     Returns:
         A scene with height 1.1 ... 1.7 m, pitch 1 ... 6 deg, roll within 2 deg, yaw within

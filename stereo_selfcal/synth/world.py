@@ -1,4 +1,4 @@
-"""What a synthetic scene is made of: paint, road, sky, cameras and the pose to be found.
+"""Parts of a synthetic scene: paint, road, sky, cameras and the true pose.
 
 Road coordinates: ``s`` runs along the road's reference line, ``d`` to the left of it [m]. The
 lane frame (x along the reference line, y left, z up) touches that line beside the rig;
@@ -80,7 +80,7 @@ class LaneLine:
 
 @dataclass(frozen=True, slots=True)
 class Verge:
-    """Ground beside the asphalt, without end: grass, earth.
+    """Unbounded ground beside the road surface, such as grass or earth.
 
     Attributes:
         left_m: Lateral position where it begins on the left [m].
@@ -111,10 +111,10 @@ class Road:
         lines: Painted stripes; they may not overlap.
         curvature_per_m: Curvature of the reference line [1/m], > 0 bends left. The lines are
             arcs concentric with it.
-        asphalt_grey: Mean grey level of the asphalt.
-        texture_amplitude: Standard deviation of the asphalt texture seen from near [grey levels].
+        asphalt_grey: Mean grey level of the road surface.
+        texture_amplitude: Standard deviation of the road's texture at a short distance [grey levels].
         texture_seed: Seed of the texture: same seed, same road.
-        verge: Ground beside the asphalt; None for asphalt everywhere.
+        verge: Ground beside the road surface; None where the road surface has no border.
 
     Raises:
         ConfigError: Stripes overlap or lie on the verge, the bend is tighter than a line is far from
@@ -191,7 +191,7 @@ class Scene:
         lane_yaw_rad: Heading of the rig against the reference line [rad], > 0: it points left.
         lateral_offset_m: Position of the rig beside the reference line, left positive [m].
         travelled_m: Position of the rig along the reference line [m].
-        road: Paint and asphalt.
+        road: Paint and road surface.
         sky_grey: Grey level of the sky at the horizon.
         sky_gradient: Change of the sky's grey level per unit of slope above the horizon.
         left: Photometry of the left camera.

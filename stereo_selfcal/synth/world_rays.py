@@ -1,4 +1,4 @@
-"""Where the rays of a camera meet a road that is no plane."""
+"""Intersections of the rays of a camera with an uneven road."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class WorldRays:
         return s, d, meets
 
     def _solve(self, depth: Array, dx: Array, dy: Array, dz: Array, above_m: float) -> tuple[Array, Array]:
-        """Return the depths where rays meet the road, and the heights left over it [m]."""
+        """Return the depths at which rays meet the road, and their remaining heights over it [m]."""
         if self.shape.grade_change > 0:
             depth = np.full_like(depth, FARTHEST_M)
         over_m, per_depth = self._clearance(depth, dx, dy, dz, above_m)

@@ -1,4 +1,4 @@
-"""The ingredients of worlds, and what a calibrator should make of each."""
+"""The ingredients of worlds, and the expected verdict for each."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Ingredient:
             "refuse": none is expected, a wrong one is the fault to be avoided.
         change: Puts it into a scene.
         weight: How often it is drawn, against the others of its kind.
-        part: What it sets as a whole ("course", "grade", ...); of two that set the same, one is in a world.
+        part: Property that it sets as a whole ("course", "grade", ...); a world has one ingredient for each.
     """
 
     name: str
@@ -32,7 +32,7 @@ class Ingredient:
     part: str = ""
 
 
-# What is set as a whole by more than one recipe.
+# Properties that more than one recipe sets as a whole.
 _PARTS = {"crown": "crown", "crown_in_lane": "crown", "opposite_lane_only": "crown"}
 _EXPOSURE = ("exposures_differ", "over_exposed", "under_exposed")
 _PARTS |= dict.fromkeys(_EXPOSURE, "exposure") | dict.fromkeys(("soft_focus", "blurred"), "focus")

@@ -38,7 +38,7 @@ def render_scene(scene: WorldScene, rng: np.random.Generator) -> tuple[Frame, Fr
     """Render a stereo frame with noise, as the cameras deliver it.
 
     Args:
-        scene: What to render.
+        scene: The scene to render.
         rng: Source of the noise; the left camera draws first.
 
     Returns:
@@ -124,7 +124,7 @@ def _with_kerb(
 
 
 def _draw_rail(part: Picture, rays: WorldRays, first: int, layer: Layer, rail: GuardRail) -> None:
-    """Draw a guard rail over the ground: what lies between the surfaces of its edges."""
+    """Draw a guard rail over the ground, between the surfaces of its edges."""
     left_side = rail.d_m > rays.centre_m[1]
     middle_m = (rail.bottom_m + rail.top_m) / 2
     shares = []

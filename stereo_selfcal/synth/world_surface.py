@@ -1,4 +1,4 @@
-"""Grey level of the ground of a world: asphalt, strips, worn paint, arrows, shadows, textures."""
+"""Grey level of the ground of a world: road surface, strips, worn paint, arrows, shadows, textures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WEAR_SOFT = 0.35
 DAPPLE_SOFT = 0.8
 DAPPLED_SHARE = 0.5  # as much shade as sun
 
-# Seeds of the patterns are apart from those of the asphalt.
+# The seeds of the patterns differ from those of the road surface.
 WEAR_SEED, DAPPLE_SEED, WALL_SEED = 1_000_003, 2_000_003, 3_000_017
 
 
@@ -110,13 +110,13 @@ def _painted_length(s: Single, line: LaneLine) -> Single:
     assert line.dash_m is not None and line.gap_m is not None
     period = np.float32(line.dash_m + line.gap_m)
     periods = np.floor((s - np.float32(line.phase_m)) / period)
-    rest = s - np.float32(line.phase_m) - periods * period
-    length: Single = periods * np.float32(line.dash_m) + np.minimum(rest, np.float32(line.dash_m))
+    in_period = s - np.float32(line.phase_m) - periods * period
+    length: Single = periods * np.float32(line.dash_m) + np.minimum(in_period, np.float32(line.dash_m))
     return length
 
 
 def _left_of_paint(wear: Single, paint: Paint, size: Single) -> Single:
-    """Return how much paint is left in every pixel."""
+    """Return the share of the paint that remains in every pixel."""
     threshold = NormalDist().inv_cdf(min(max(1 - paint.worn, 1e-3), 1 - 1e-3))
     left = np.clip((threshold - wear) / WEAR_SOFT + 0.5, 0.0, 1.0)
     # Patches smaller than a pixel are seen as their mean.

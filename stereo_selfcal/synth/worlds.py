@@ -1,8 +1,9 @@
 """Random worlds like real roads, good and bad mixed, each with its truth and the expected verdict.
 
-With a probability of :data:`GOOD_SHARE` nothing in a world speaks against a calibration: one is expected,
-unless noise drowns the paint or too little of it is in view. With :data:`BAD_SHARE` something does: there a
-wrong calibration is the fault to be avoided. In the rest a calibration is welcome if it is right.
+With a probability of :data:`GOOD_SHARE` nothing in a world prevents a calibration. One is expected then,
+unless the noise hides the paint or too little paint is in view. With :data:`BAD_SHARE` something prevents it,
+and a wrong calibration is the fault to be avoided. In all other worlds a calibration is welcome if it is
+right.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ LANE_WIDTH_M = (2.7, 3.75)
 LINE_WIDTH_M = (0.10, 0.30)
 NOISE_MAX = 0.10
 TEXTURE_MAX = 6.0
-BARE_SHARE = 0.15  # of the worlds: asphalt without any texture
+BARE_SHARE = 0.15  # share of the worlds whose road surface has no texture
 
 # Length of dash and gap [m] by national standard; None is a solid line.
 DASHES: dict[str, tuple[float, float] | None] = {
@@ -74,7 +75,7 @@ class World:
     """A stereo frame to be rendered and judged.
 
     Attributes:
-        scene: What is seen.
+        scene: The scene.
         truth: The pose a calibration should find; see :meth:`WorldScene.truth` for roads with height.
         ingredients: Names of what is in it beyond painted lines on a plane.
         expected: "accept", "either" or "refuse", the worst of its ingredients.
@@ -103,7 +104,7 @@ def render_named_world(name: str) -> tuple[World, Frame, Frame]:
 
 
 def random_world(rng: np.random.Generator) -> World:
-    """Draw a world: rig, pose, lane, lines, light, and what else is there."""
+    """Draw a world: rig, pose, lane, lines, light and further objects."""
     names = list(RIGS)
     rig_name = names[int(rng.choice(len(names), p=[RIGS[name][1] for name in names]))]
     scene = _random_base(rng, RIGS[rig_name][0])
@@ -113,7 +114,7 @@ def random_world(rng: np.random.Generator) -> World:
         chosen += _draw(rng, BAD, 1)
     elif draw > GOOD_SHARE:
         chosen += _draw(rng, UNSURE, 1)
-    # What makes the road comes first: a kerb must know whether the road bends.
+    # Ingredients that shape the road come first, because a kerb depends on whether the road bends.
     chosen.sort(key=lambda item: item.name not in ("bend", "slight_bend"))
     return _world(scene, chosen, rng, rig_name)
 
@@ -147,7 +148,7 @@ def named_world(name: str) -> World:
 def _world(
     scene: WorldScene, ingredients: list[Ingredient], rng: np.random.Generator, rig_name: str
 ) -> World:
-    """Put ingredients into a scene, those that fit."""
+    """Put those ingredients into a scene that fit."""
     present: list[Ingredient] = []
     last = {item.part: item for item in ingredients}
     for item in ingredients:

@@ -1,1 +1,1 @@
-"""What any estimator could reach."""
+"""Bounds on the accuracy of any estimator."""

@@ -1,19 +1,18 @@
-"""The best any estimator can do: the Cramér-Rao bound of height, pitch and roll from one stereo frame.
+"""The Cramér-Rao bound of height, pitch and roll from one stereo frame: the best possible accuracy.
 
-A solid stripe on asphalt is an image ``asphalt + (paint - asphalt) * share`` with independent
-Gaussian noise of equal strength in every pixel. The information matrix of its parameters is
-``sum over pixels (dI / dp) (dI / dp)^T / noise^2`` (Kay, Fundamentals of Statistical Signal
-Processing, vol. I, section 3.9); the inverse is the smallest covariance of an unbiased estimator.
-Parameters are height, pitch, roll and, as nuisances, the lane's yaw, position and width of every line
-and one grey level each for paint and asphalt. Only pixels of the stripes and their edges count: no
-texture, no verge, no sky.
+A solid stripe has the image ``road + (paint - road) * share``, with independent Gaussian noise of equal
+strength in every pixel. The information matrix of its parameters is
+``sum over pixels (dI / dp) (dI / dp)^T / noise^2`` (Kay, Fundamentals of Statistical Signal Processing, vol.
+I, section 3.9). Its inverse is the smallest covariance of an unbiased estimator. The parameters are height,
+pitch and roll. The nuisances are the lane's yaw, the position and width of every line, and one grey level
+each for the paint and the road surface. Only pixels of the stripes and their edges count; texture, verge and
+sky do not.
 
-A line on the road is straight in the image, so the share of a pixel that lies on one side of an edge has
-a closed form: the pixel is a box, the lens an optional Gaussian, and no other edge profile stands in for
-them (:func:`edge_response`). The slant counts: the edge of a line at 1.75 m seen from 1.4 m moves 1.25
-columns per row and is felt by 2.25 columns of a row, which costs 30 % of accuracy against an upright
-edge. A stripe is the difference of its two edges, so one thinner than a pixel, far away, is as faint as
-it is in a picture.
+A line on the road is straight in the image, so the share of a pixel on one side of an edge has a closed form
+(:func:`edge_response`). The pixel is a box and the lens an optional Gaussian, without further approximation.
+The slant matters. From a height of 1.4 m, the edge of a line at 1.75 m moves 1.25 columns per row and spreads
+over 2.25 columns of a row. This costs 30 % of the accuracy of an upright edge. A stripe is the difference of
+its two edges, so a distant stripe that is thinner than a pixel is as faint as in a real image.
 """
 
 from __future__ import annotations
@@ -33,30 +32,31 @@ from ..geometry.pose import Extrinsics
 from ..numerics.derivatives import central_difference, linearise, point_by_point
 from ..types import Array
 
-# Rows nearer than this to where a line meets the horizon are left out. 4 rows below it, 180 m ahead of the
-# paper's rig, a line 12 cm wide is a third of a pixel wide; between margins of 0.5 and 8 rows the bound of
+# Rows nearer than this to the vanishing point of the lines are left out. 4 rows below it, 180 m ahead of the
+# paper's rig, a line 12 cm wide is a third of a pixel wide. Between margins of 0.5 and 8 rows, the bound of
 # height and roll changes by 0.03 %, that of pitch by 1 %.
 HORIZON_MARGIN_PX = 4.0
 
-# Paint on asphalt, and noise of 5 % of 255: the chart is for these.
+# Contrast of paint on the road, and noise of 5 % of 255. The published chart uses these values.
 DEFAULT_CONTRAST = 123.0
 DEFAULT_NOISE_GREY = 0.05 * 255
 
-# An edge more upright than this (columns per row) is taken as this slanted: it adds 1e-5 px^2 to the variance
-# of the response, 1/12 px^2 and more, and keeps the quotients of differences exact to 1e-9.
+# Least slant of an edge [columns per row]; a more upright edge is treated as this slanted. This adds 1e-5
+# px^2 to the variance of the response, which is at least 1/12 px^2. It keeps the difference quotients exact
+# to 1e-9.
 MIN_SLANT = 0.01
-# The same for the lens: a blur that adds 1e-8 px^2 to the variance of the response.
+# Least blur of the lens, for the same reason; it adds 1e-8 px^2 to the variance of the response.
 MIN_PSF_SIGMA_PX = 1e-4
 # The density of a Gaussian is below 1e-6 of its peak farther away than this, in standard deviations.
 REACH_SIGMA = 5.5
 
-# Steps of the central differences of edge columns [m or rad]: straight lines move by 1e-3 px and less, so the
-# differences are exact to about 1e-6 relative, for second order and rounding alike.
+# Step of the central differences of edge columns [m or rad]. It moves the lines by at most 1e-3 px. The
+# relative error is about 1e-6, by the second order and by rounding alike.
 STEP = 1e-6
 
-_erf = np.frompyfunc(math.erf, 1, 1)  # numpy has none
+_erf = np.frompyfunc(math.erf, 1, 1)  # numpy has no error function
 
-# Condition of the normalised information matrix beyond which double precision has no digit left.
+# Most condition number of the normalised information matrix; beyond it, double precision has no valid digit.
 MAX_CONDITION = 1e14
 
 _UNDETERMINED = (
@@ -69,13 +69,13 @@ N_POSE = 3  # height, pitch, roll come first among the parameters
 
 @dataclass(frozen=True, slots=True)
 class StripeScene:
-    """The stripes in view and how the cameras see them.
+    """The stripes in view, their contrast, and the noise and blur of the cameras.
 
     Attributes:
-        lane_yaw_rad: Yaw of the rig against the lines [rad], > 0: it points left of them.
+        lane_yaw_rad: Yaw of the rig against the lines [rad], > 0: the rig points left of them.
         line_positions_m: Lateral position of the middle of each line [m], left positive, from the rig.
         line_width_m: Width of the lines [m].
-        contrast: Paint minus asphalt [grey levels].
+        contrast: Grey level of the paint minus that of the road surface.
         noise_grey: Standard deviation of the pixel noise [grey levels].
         psf_sigma_px: Standard deviation of the Gaussian blur of the lens [px].
 
@@ -96,7 +96,7 @@ class StripeScene:
         for name in ("line_width_m", "contrast", "noise_grey"):
             _require(getattr(self, name) > 0, name, getattr(self, name), "greater than zero")
         _require(self.psf_sigma_px >= 0, "psf_sigma_px", self.psf_sigma_px, "0 or more")
-        # Lines are told apart by their edges; one line alone leaves height, pitch and roll undetermined.
+        # Lines must not overlap. One line alone leaves height, pitch and roll undetermined.
         ordered = sorted(self.line_positions_m)
         apart = len(ordered) >= 2 and all(b - a > self.line_width_m for a, b in pairwise(ordered))
         if not (apart and all(math.isfinite(y) for y in ordered)):
@@ -125,7 +125,7 @@ def limits(
         lane_yaw_rad: Yaw of the rig against the lines [rad].
         line_positions_m: Lateral position of the middle of each line [m], left positive, from the rig.
         line_width_m: Width of the lines [m].
-        contrast: Paint minus asphalt [grey levels].
+        contrast: Grey level of the paint minus that of the road surface.
         noise_grey: Standard deviation of the pixel noise [grey levels].
         psf_sigma_px: Standard deviation of the Gaussian blur of the lens [px].
 
@@ -151,7 +151,7 @@ def limits(
     strengths = np.diag(information)
     if not (np.isfinite(information).all() and (strengths > 0).all()):
         raise ConfigError(_UNDETERMINED)
-    # Metres, radians and grey levels: inverted with a unit diagonal.
+    # The units are metres, radians and grey levels, so the matrix is normalised to a unit diagonal first.
     scale = 1 / np.sqrt(strengths)
     normal = information * np.outer(scale, scale)
     if not np.linalg.cond(normal) < MAX_CONDITION:
@@ -162,9 +162,10 @@ def limits(
 
 
 def location_std(covariance: Array, rig: StereoRig, extrinsics: Extrinsics, distance_m: float) -> float:
-    """Return how far off a road point straight ahead is placed because of the extrinsics alone.
+    """Return the location error of a road point straight ahead that the extrinsics alone cause.
 
-    The point keeps its pixel of the left camera; where that pixel meets the road follows the extrinsics.
+    The point keeps its pixel in the left camera. Its location is where the ray of that pixel meets the road,
+    which depends on the extrinsics.
 
     Args:
         covariance: (3, 3) covariance of (height_m, pitch_rad, roll_rad).
@@ -173,16 +174,16 @@ def location_std(covariance: Array, rig: StereoRig, extrinsics: Extrinsics, dist
         distance_m: Distance of the point ahead of the rig [m].
 
     Returns:
-        Root mean square distance between where the point is and where it is placed [m]:
-        the root of the trace of its (2, 2) covariance.
+        Root mean square distance between the true and the computed location [m]: the root of the trace of the
+        (2, 2) covariance of the location.
     """
     pixel = apply_homography(image_from_road(rig, extrinsics, "left"), (distance_m, 0.0))
 
-    def place(pose: Array) -> Array:
+    def locate(pose: Array) -> Array:
         return apply_homography(road_from_image(rig, Extrinsics.from_array(pose), "left"), pixel)
 
-    jac_place_pose = central_difference(point_by_point(place), extrinsics.as_array(), STEP).T
-    return math.sqrt(float(np.trace(jac_place_pose @ covariance @ jac_place_pose.T)))
+    jac_location_pose = central_difference(point_by_point(locate), extrinsics.as_array(), STEP).T
+    return math.sqrt(float(np.trace(jac_location_pose @ covariance @ jac_location_pose.T)))
 
 
 def fisher_information(rig: StereoRig, extrinsics: Extrinsics, scene: StripeScene) -> Array:
@@ -190,7 +191,7 @@ def fisher_information(rig: StereoRig, extrinsics: Extrinsics, scene: StripeScen
 
     Returns:
         (6 + 2 n, 6 + 2 n) matrix for n lines: height [m], pitch, roll, lane yaw [rad], n positions [m], n
-        widths [m], grey levels of paint and asphalt.
+        widths [m], grey levels of the paint and the road surface.
     """
     lines = np.array([*scene.line_positions_m, *[scene.line_width_m] * len(scene.line_positions_m)])
     parameters = np.array([*extrinsics.as_array(), scene.lane_yaw_rad, *lines])
@@ -206,7 +207,7 @@ def fisher_information(rig: StereoRig, extrinsics: Extrinsics, scene: StripeScen
 
 
 def edge_response(distance_px: Array, slant: float, psf_sigma_px: float) -> tuple[Array, Array]:
-    """Return how a pixel responds to a slanted edge, exactly.
+    """Return the exact response of a pixel to a slanted edge.
 
     Along a row, the step response of a square pixel to an edge that moves ``slant`` columns per row is
     the distribution of the sum of a uniform variable of width 1 (across the pixel), one of width
@@ -219,13 +220,14 @@ def edge_response(distance_px: Array, slant: float, psf_sigma_px: float) -> tupl
         psf_sigma_px: Standard deviation of the blur of the lens [px].
 
     Returns:
-        The share of the pixel that lies to the right of the edge (0 ... 1), and its derivative by the
-        distance (the density, [1/px]); both of the shape of ``distance_px``.
+        The share of the pixel to the right of the edge (0 ... 1), and its derivative by the distance (the
+        density, [1/px]); both have the shape of ``distance_px``.
     """
     m = max(abs(slant), MIN_SLANT)
     psf = max(psf_sigma_px, MIN_PSF_SIGMA_PX)
     s = psf * math.sqrt(1 + m * m)
-    # Corners of the trapezium that two uniform variables add up to; cdf and its first two integrals there.
+    # The distribution's first two integrals at the corners of the trapezium, which is the sum of two uniform
+    # variables.
     offsets = np.array([(1 + m) / 2, (1 - m) / 2, -(1 - m) / 2, -(1 + m) / 2])
     x = distance_px[..., None] + offsets
     z = np.clip(x / s, -REACH_SIGMA * 2, REACH_SIGMA * 2)
@@ -263,11 +265,11 @@ def _stripe_derivative(rig: StereoRig, scene: StripeScene, edges: Array, motion:
     Args:
         rig: The rectified pair.
         scene: How the camera sees the stripe.
-        edges: (2, 2) image lines of its left and right edge, as :func:`_edges` gives them.
-        motion: (n, 2, 2) their derivatives by the n parameters.
+        edges: (2, 2) image lines of its left and right edge, as :func:`_edges` returns them.
+        motion: (n, 2, 2) derivatives of these lines by the n parameters.
 
     Returns:
-        (n + 2, N) derivatives of N pixels by the n parameters, the grey levels of paint and of asphalt.
+        (n + 2, N) derivatives of N pixels by the n parameters and the grey levels of the paint and the road.
     """
     n = len(motion)
     vanishing_row = rig.cy - (edges[0, 0] - edges[1, 0]) / (edges[0, 1] - edges[1, 1])
@@ -275,7 +277,7 @@ def _stripe_derivative(rig: StereoRig, scene: StripeScene, edges: Array, motion:
     rows = np.arange(first_row, rig.height) - rig.cy
     left, right = edges[:, :1] + edges[:, 1:] * rows
     slant = float(np.abs(edges[:, 1]).max())
-    # As far as an edge is felt, and a pixel of bare asphalt.
+    # The reach of an edge's response, and one pixel of road surface without paint.
     reach_px = (1 + slant) / 2 + REACH_SIGMA * scene.psf_sigma_px * math.hypot(1, slant) + 1
     begin = np.maximum(np.ceil(left - reach_px), 0)
     end = np.minimum(np.floor(right + reach_px), rig.width - 1)

@@ -1,7 +1,7 @@
-"""CameraInfo: what it says about a camera, and which of its values cannot be right.
+"""CameraInfo: the parameters of a camera, and which of its values cannot be right.
 
-A fault is raised (:class:`CameraInfoError`): with it nothing can be calibrated, or only wrongly. A value that
-is unusual but possible is reported by :mod:`.camera_info_checks`.
+A fault that would prevent a calibration, or make it wrong, raises a :class:`CameraInfoError`. A value that is
+unusual but possible is reported by :mod:`.camera_info_checks`.
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import RigError, shown
+from ..errors import RigError, shortened
 
-# Two rectified cameras share one projection matrix but for the baseline term. Calibration
-# tools print P with about six digits, so a difference of a hundredth of a pixel is a real one.
+# Two rectified cameras share one projection matrix, except for the baseline term. Calibration tools print P
+# with about six digits, so a difference of a hundredth of a pixel is no rounding.
 _RECTIFIED_TOLERANCE_PX = 0.01
 
-# No vehicle has a baseline outside these: P[3] in pixel millimetres gives 30 m and more, P[3] = -baseline
-# without fx less than 4 mm (2 m over 500 px). The height is then wrong by the same factor, and nothing in the
-# images shows it.
+# No vehicle has a baseline outside this range. P[3] in pixel millimetres gives 30 m and more. P[3] =
+# -baseline without fx gives less than 4 mm (2 m over 500 px). The height is then wrong by the same factor,
+# and the images do not show it.
 _POSSIBLE_BASELINE_M = (0.005, 10.0)
 
-# R is written with six digits or more: a rotation is one to about 1e-6.
+# R is written with six digits or more, so a rotation is orthogonal to about 1e-6.
 _ROTATION_TOLERANCE = 1e-3
 
 NO_DISTORTION = ""
 PLUMB_BOB, RATIONAL, EQUIDISTANT = "plumb_bob", "rational_polynomial", "equidistant"
-# How many coefficients each model may have; OpenCV writes more for the rational one than ROS defines.
+# Possible numbers of coefficients of each model. For the rational one, OpenCV writes more than ROS defines.
 _COEFFICIENTS = {PLUMB_BOB: (0, 4, 5), RATIONAL: (0, 5, 8, 12, 14), EQUIDISTANT: (4,), NO_DISTORTION: (0,)}
 
 
@@ -63,7 +63,7 @@ class CameraInfoError(RigError):
     """A CameraInfo that cannot be right.
 
     Attributes:
-        reason: Which of its faults it is.
+        reason: Kind of the fault.
     """
 
     def __init__(self, reason: InfoReason, message: str) -> None:
@@ -73,17 +73,17 @@ class CameraInfoError(RigError):
 
 @dataclass(frozen=True, slots=True)
 class CameraModel:
-    """What a CameraInfo says of the images that come with it: region of interest and binning are applied.
+    """Parameters of a camera from its CameraInfo, for its images: region of interest and binning are applied.
 
     Attributes:
         width: Image width [px].
         height: Image height [px].
         k: (9,) intrinsics of the raw image, row by row [px].
         p: (12,) projection of the rectified image, row by row [px, px m].
-        r: (9,) rectified from raw camera, row by row; () when there is none.
+        r: (9,) rotation from the raw to the rectified camera, row by row; () where there is none.
         d: Distortion coefficients.
         model: Name of the distortion model as it was given.
-        cropped: Whether the images are a region of the sensor.
+        cropped: Whether the images show only a region of the sensor.
         side: "left" or "right", for messages.
     """
 
@@ -136,19 +136,19 @@ class CameraModel:
         )
 
     def check_raw(self) -> None:
-        """Refuse what raw images cannot be undistorted and rectified with.
+        """Check the parameters that raw images are undistorted and rectified with.
 
         Raises:
             CameraInfoError: The distortion model is unknown, D or R is malformed or not finite, or R is no
-                rotation. An R of zeros is refused too: it may stand for aligned cameras or for a pair
-                nobody has calibrated, and only the first could be worked with.
+                rotation. An R of zeros is refused too. It may stand for aligned cameras, which could be used,
+                or for a pair that was never calibrated, which could not.
         """
         if self.model not in _COEFFICIENTS:
             known = ", ".join(sorted(name for name in _COEFFICIENTS if name))
             raise CameraInfoError(
                 InfoReason.UNKNOWN_MODEL,
-                f"{self.side} CameraInfo has the distortion model {shown(self.model)}, known are {known}: "
-                "calibrate with one of them, or rectify the images before and set rectified: true",
+                f"{self.side} CameraInfo has the distortion model {shortened(self.model)}, known are "
+                f"{known}: calibrate with one of them, or rectify the images before and set rectified: true",
             )
         if len(self.d) not in _COEFFICIENTS[self.model]:
             counts = " or ".join(str(n) for n in _COEFFICIENTS[self.model])
@@ -167,7 +167,7 @@ class CameraModel:
                 "the pair as a stereo pair, or write the identity if the cameras are aligned",
             )
         rotation = np.array(self.r).reshape(3, 3)
-        with np.errstate(over="ignore", invalid="ignore"):  # numbers no camera has give infinity or NaN
+        with np.errstate(over="ignore", invalid="ignore"):  # impossible values may give infinity or NaN
             error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
         if not error <= _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
             raise CameraInfoError(
@@ -179,11 +179,11 @@ class CameraModel:
 
 @dataclass(frozen=True, slots=True)
 class PairGeometry:
-    """What the projection matrices of two cameras say together.
+    """Geometry of a camera pair, from the projection matrices of both cameras.
 
     Attributes:
         baseline_m: Distance of the cameras [m].
-        shift_px: Columns by which the right image has to be moved right to have the left one's cx [px].
+        shift_px: Shift of the right image to the right that gives it the cx of the left image [px].
     """
 
     baseline_m: float
@@ -194,7 +194,7 @@ def pair_geometry(left: CameraModel, right: CameraModel) -> PairGeometry:
     """Compare the projection matrices of both cameras.
 
     Raises:
-        CameraInfoError: The sizes differ, the matrices differ in more than cx, or the baseline cannot be.
+        CameraInfoError: The sizes differ, the matrices differ in more than cx, or the baseline is impossible.
     """
     size = (left.width, left.height)
     if size != (right.width, right.height):
@@ -228,7 +228,7 @@ def pair_geometry(left: CameraModel, right: CameraModel) -> PairGeometry:
             "give the rig by parameters",
         )
     shift_px = left.p[2] - right.p[2]
-    if abs(shift_px) > left.width:  # no column of one image would be left in the other
+    if abs(shift_px) > left.width:  # the shifted image would have no column in common with the other
         raise projections_differ(left, right, "cx", 2, left.width)
     return PairGeometry(baseline_m, shift_px if abs(shift_px) > _RECTIFIED_TOLERANCE_PX else 0.0)
 
@@ -236,14 +236,14 @@ def pair_geometry(left: CameraModel, right: CameraModel) -> PairGeometry:
 def projections_differ(
     left: CameraModel, right: CameraModel, name: str, i: int, most_px: float = _RECTIFIED_TOLERANCE_PX
 ) -> CameraInfoError:
-    """Return the refusal of two projection matrices that differ in one element.
+    """Return the error of two projection matrices that differ in one element.
 
     Args:
         left: The left camera.
         right: The right camera.
         name: Name of the element.
-        i: Its place in P, row by row.
-        most_px: Greatest difference that is allowed [px].
+        i: Index of the element in P, row by row.
+        most_px: Most difference that is allowed [px].
     """
     return CameraInfoError(
         InfoReason.PROJECTIONS_DIFFER,
@@ -254,7 +254,7 @@ def projections_differ(
 
 @dataclass(frozen=True, slots=True)
 class _Region:
-    """The part of the sensor an image shows, and how it is binned."""
+    """The region of the sensor that an image shows, and its binning."""
 
     left: int
     top: int
@@ -278,7 +278,7 @@ class _Region:
             )
         if whole:
             columns, rows = width, height
-        # Zero stands for one.
+        # A binning of zero means one.
         binning = (max(int(getattr(info, "binning_x", 0)), 1), max(int(getattr(info, "binning_y", 0)), 1))
         cropped = (columns, rows) != (width, height)
         return cls(left, top, (columns // binning[0], rows // binning[1]), binning, cropped)
@@ -290,7 +290,7 @@ class _Region:
         n = len(matrix) // 3
         values = np.array(matrix).reshape(3, n)
         for i, offset in enumerate((self.left, self.top)):
-            # A binned pixel covers n of the sensor's, so its centre lies between theirs.
+            # A binned pixel covers n sensor pixels, so its centre is the mean of their centres.
             values[i, 2] = (values[i, 2] - offset + 0.5) / self.binning[i] - 0.5
             for j in {0, 1, n - 1} - {2}:
                 values[i, j] /= self.binning[i]
@@ -298,7 +298,7 @@ class _Region:
 
 
 def _values(info: Any, name: str) -> list[float] | None:
-    """Return an array of a CameraInfo, from either spelling."""
+    """Return an array of a CameraInfo, from the spelling of ROS 2 or ROS 1."""
     values = getattr(info, name, None)
     if values is None:
         values = getattr(info, name.upper(), None)

@@ -1,4 +1,4 @@
-"""What is unusual about a CameraInfo that can be worked with: somebody should check it."""
+"""Unusual values of a usable CameraInfo, which somebody should check."""
 
 from __future__ import annotations
 
@@ -8,22 +8,28 @@ import numpy as np
 
 from .camera_info import EQUIDISTANT, CameraModel, InfoReason
 
-# Baselines of cars' stereo cameras; those of a lorry or of a toy may lie outside.
+# Baselines of the stereo cameras of cars. The baseline of a lorry or of a toy may be outside this range.
 _USUAL_BASELINE_M = (0.03, 2.0)
 
-# How far rectification may zoom: the cameras of KITTI 0.73, of EuRoC 0.95. A factor of two is that of a
-# CameraInfo whose K was scaled to another resolution while its P was not. Wide lenses are zoomed more.
+# Most zoom of a rectification. It is 0.73 for the cameras of KITTI and 0.95 for those of EuRoC. A factor of
+# two occurs where the K of a CameraInfo was scaled to another resolution and its P was not. The images of
+# wide lenses are zoomed more.
 _MOST_ZOOM = 2.0
 _MOST_ZOOM_FISHEYE = 4.0
-# A principal point this near to the border of the image, as a fraction of its side, belongs to another
-# resolution, or to a crop.
+# Least distance of the principal point from the border, as a fraction of the image's side. A nearer one
+# belongs to another resolution, or to a crop.
 _BORDER = 0.15
 _SAME_PX = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is unusual about a CameraInfo: its kind, and a sentence with the remedy."""
+    """One unusual value of a CameraInfo.
+
+    Attributes:
+        reason: Kind of the finding.
+        message: Sentence with the value, the usual range and the remedy.
+    """
 
     reason: InfoReason
     message: str
@@ -32,16 +38,18 @@ class Finding:
         return f"{self.reason}: {self.message}"
 
 
-def doubts_about(left: CameraModel, right: CameraModel, baseline_m: float, rectified: bool) -> list[Finding]:
-    """Return what is unusual about two cameras that can be worked with.
+def find_unusual_values(
+    left: CameraModel, right: CameraModel, baseline_m: float, rectified: bool
+) -> list[Finding]:
+    """Return the unusual values of two usable cameras.
 
-    A D that is not zero is usual: the CameraInfo of a rectified image is that of the raw camera.
+    A D that is not zero is no finding, because the CameraInfo of a rectified image is that of the raw camera.
 
     Args:
         left: The left camera.
         right: The right camera.
-        baseline_m: Their baseline [m].
-        rectified: Whether the images are meant to be rectified.
+        baseline_m: Distance of the cameras [m].
+        rectified: Whether the images are supposed to be rectified.
     """
     found = []
     least_m, most_m = _USUAL_BASELINE_M
@@ -52,16 +60,19 @@ def doubts_about(left: CameraModel, right: CameraModel, baseline_m: float, recti
         )
         found.append(Finding(InfoReason.BASELINE_UNUSUAL, text))
     for camera in (left, right):
-        found += _doubts_about_one(camera, rectified)
+        found += _unusual_values_of(camera, rectified)
     return found
 
 
 def check_image_size(model: CameraModel, size: tuple[int, int]) -> Finding | None:
-    """Compare the size of an image with what its CameraInfo says.
+    """Compare the size of an image with the size in its CameraInfo.
 
     Args:
         model: The camera.
-        size: Width and height of an image of it [px].
+        size: Width and height of an image of this camera [px].
+
+    Returns:
+        The finding, None where the sizes agree.
     """
     if size == (model.width, model.height):
         return None
@@ -72,7 +83,7 @@ def check_image_size(model: CameraModel, size: tuple[int, int]) -> Finding | Non
     )
 
 
-def _doubts_about_one(camera: CameraModel, rectified: bool) -> list[Finding]:
+def _unusual_values_of(camera: CameraModel, rectified: bool) -> list[Finding]:
     found = []
     side, k, p = camera.side, camera.k, camera.p
     most = _MOST_ZOOM_FISHEYE if camera.model == EQUIDISTANT else _MOST_ZOOM

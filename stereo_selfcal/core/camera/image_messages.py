@@ -1,4 +1,4 @@
-"""Grey images from the bytes of image messages; node and replay convert here, hence alike."""
+"""Grey images from the bytes of image messages. Node and replay use the same conversion."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..errors import ImageError, shown
+from ..errors import ImageError, shortened
 from ..types import Image
 
-_GREY = "mono8", "8UC1"  # 8UC1 is what cv_bridge calls a grey array when nobody names the encoding
+_GREY = "mono8", "8UC1"  # cv_bridge uses 8UC1 for a grey array without a named encoding
 _COLOUR = {
     "bgr8": (3, cv2.COLOR_BGR2GRAY),
     "rgb8": (3, cv2.COLOR_RGB2GRAY),
     "bgra8": (4, cv2.COLOR_BGRA2GRAY),
     "rgba8": (4, cv2.COLOR_RGBA2GRAY),
 }
-# ROS names the mosaic by the first two pixels of the first two rows, OpenCV by the second and
-# third pixel of the second and third row: what is RGGB here is BG there (and not RG).
+# ROS names the mosaic by the first two pixels of the first two rows. OpenCV names it by the second and third
+# pixel of the second and third row. So RGGB of ROS is BG of OpenCV, not RG.
 _BAYER = {
     "bayer_rggb8": cv2.COLOR_BayerBG2GRAY,
     "bayer_bggr8": cv2.COLOR_BayerRG2GRAY,
     "bayer_gbrg8": cv2.COLOR_BayerGR2GRAY,
     "bayer_grbg8": cv2.COLOR_BayerGB2GRAY,
 }
-_BAYER_LEAST_SIDE_PX = 3  # the interpolation looks one pixel to every side
+_BAYER_LEAST_SIDE_PX = 3  # the interpolation reads one pixel on every side
 
 SUPPORTED_ENCODINGS = (*_GREY, "mono16", *_COLOUR, *_BAYER)
 
@@ -64,7 +64,7 @@ def to_grey(data: Any, width: int, height: int, step: int, encoding: str, is_big
 
     Returns:
         (height, width) uint8, C-contiguous; a read-only view of ``data`` for mono8 without padding.
-        mono16 loses its low byte (v >> 8): as cv_bridge has it, white is 65535.
+        The low byte of mono16 is dropped (v >> 8). As in cv_bridge, white is 65535.
 
     Raises:
         ImageError: The encoding is not supported, or sizes and bytes do not agree.
@@ -99,22 +99,23 @@ def decode_compressed(data: Any, image_format: str) -> Image:
     """Decode the fields of sensor_msgs/CompressedImage to a grey image.
 
     Args:
-        data: Bytes of the compressed file (JPEG, PNG, ... whatever OpenCV reads).
-        image_format: Field ``format`` of the message, for error texts and to refuse what would be
-            misread: "jpeg", "rgb8; jpeg compressed bgr8", ...
+        data: Bytes of the compressed file: JPEG, PNG or another format that OpenCV reads.
+        image_format: Field ``format`` of the message, such as "jpeg" or "rgb8; jpeg compressed bgr8". It is
+            used in error messages, and to refuse a format that would be misread.
 
     Returns:
         (H, W) uint8, C-contiguous.
 
     Raises:
-        ImageError: There is no image in the bytes, or it is a Bayer mosaic.
+        ImageError: The bytes contain no image, or the image is a Bayer mosaic.
     """
     if image_format.rpartition("compressed")[2].strip().startswith("bayer_"):
         raise ImageError(
-            f"compressed image in format {shown(image_format)} is a Bayer mosaic: publish it as a raw image"
+            f"compressed image in format {shortened(image_format)} is a Bayer mosaic: "
+            "publish it as a raw image"
         )
     buffer = np.frombuffer(data, dtype=np.uint8)
-    # Geometry comes from the sensor's rows and columns, never from an orientation tag.
+    # The geometry refers to the rows and columns of the sensor, so an orientation tag is ignored.
     flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
     try:
         image = cv2.imdecode(buffer, flags) if buffer.size else None
@@ -122,14 +123,18 @@ def decode_compressed(data: Any, image_format: str) -> Image:
         image = None
     if image is None:
         raise ImageError(
-            f"compressed image in format {shown(image_format)} with {buffer.size} bytes cannot be decoded: "
-            "JPEG and PNG are supported"
+            f"compressed image in format {shortened(image_format)} with {buffer.size} bytes cannot be "
+            "decoded: JPEG and PNG are supported"
         )
     return np.ascontiguousarray(image, dtype=np.uint8)
 
 
 def _pixel_bytes(encoding: str) -> int:
-    """Return the bytes of one pixel, or refuse the encoding by name."""
+    """Return the number of bytes of one pixel.
+
+    Raises:
+        ImageError: The encoding is not supported.
+    """
     if encoding in _GREY or encoding in _BAYER:
         return 1
     if encoding == "mono16":
@@ -137,7 +142,8 @@ def _pixel_bytes(encoding: str) -> int:
     if encoding in _COLOUR:
         return _COLOUR[encoding][0]
     raise ImageError(
-        f"image encoding {shown(encoding)} is not supported: publish one of {', '.join(SUPPORTED_ENCODINGS)}"
+        f"image encoding {shortened(encoding)} is not supported: "
+        f"publish one of {', '.join(SUPPORTED_ENCODINGS)}"
     )
 
 

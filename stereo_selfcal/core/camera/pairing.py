@@ -1,9 +1,9 @@
 """Pairing of the left and right images by their time stamps.
 
-Pairing depends on stamps and arrival order alone, never on a clock, so that the live node and the
-replay of a bag form the same pairs. Unlike message_filters it emits nothing from inside a lock,
-counts what it drops, tolerates a difference *equal* to the tolerance, waits for the nearest partner
-instead of taking the first, and survives a bag that starts over.
+Pairing depends on stamps and the order of arrival alone, never on a clock. So the live node and the replay of
+a bag form the same pairs. It differs from message_filters in five points. It emits nothing from inside a
+lock. It counts the images that it drops. It accepts a difference *equal* to the tolerance. It waits for the
+nearest partner instead of taking the first. It continues after a bag that starts over.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ T = TypeVar("T")
 
 _NS_PER_S = 1_000_000_000
 
-# A stamp this much older than the newest of its side is a clock that was set back (a bag that
-# loops, a simulation that restarts): three periods of a 30 Hz camera. Smaller steps back are
-# messages that overtook each other; they need no reset, as the queues evict by order of arrival.
+# A stamp that is older than the newest of its side by more than this shows a clock that was set back: a bag
+# loops, or a simulation restarts. The limit is three periods of a 30 Hz camera. A smaller step back occurs
+# when messages overtake each other. It needs no reset, because the queues evict by order of arrival.
 BACKWARD_JUMP_NS = 100_000_000
 
-# What a suggested tolerance allows beyond the least difference seen: stamps jitter by so much.
+# A suggested tolerance over the least difference that was seen; stamps jitter by so much.
 _SUGGESTED_MARGIN = 1.2
 _SUGGESTED_STEP_S = 0.001
 
 
 def suggest_tolerance_s(nearest_s: float, rate_hz: float) -> float | None:
-    """Return a tolerance with which the images of two cameras would pair, None when none makes sense.
+    """Return a tolerance with which the images of two cameras would pair, None when there is none.
 
-    It lies between the least difference of their stamps and half a frame: beyond that, an image would be
-    nearer to the one before or after its partner.
+    The tolerance is between the least difference of their stamps and half a frame. With more than half a
+    frame, an image would be nearer to the one before or after its partner.
 
     Args:
         nearest_s: Least difference of a left and a right stamp that was seen [s].
@@ -47,22 +47,22 @@ def suggest_tolerance_s(nearest_s: float, rate_hz: float) -> float | None:
     if nearest_s > half_frame_s:
         return None
     step_s = math.ceil(_SUGGESTED_MARGIN * nearest_s / _SUGGESTED_STEP_S) * _SUGGESTED_STEP_S
-    # Below a millisecond, or near half a frame, there is no whole one between the two.
+    # Near half a frame, there may be no whole millisecond between the two; then microseconds are used.
     return round(step_s, 3) if step_s <= half_frame_s else math.ceil(round(nearest_s * 1e6, 3)) / 1e6
 
 
 def stamp_to_s(stamp_ns: int) -> float:
     """Return a stamp [ns] in seconds.
 
-    The one conversion of node and replay: equal stamps give equal floats. It is
-    ``sec + nanosec * 1e-9`` of the message's own fields.
+    Node and replay both use this conversion, so that equal stamps give equal floats. It is
+    ``sec + nanosec * 1e-9`` of the fields of the message.
     """
     sec, nanosec = divmod(stamp_ns, _NS_PER_S)
     return sec + nanosec * 1e-9
 
 
 def message_stamp_ns(message: Any) -> int:
-    """Return the header stamp [ns] of a ROS message, of rclpy or rosbags alike."""
+    """Return the header stamp [ns] of a ROS message, either of rclpy or of rosbags."""
     stamp = message.header.stamp
     return int(stamp.sec) * _NS_PER_S + int(stamp.nanosec)
 
@@ -91,7 +91,7 @@ class StampedPair(Generic[T]):
 
 @dataclass(frozen=True, slots=True)
 class PairCounts:
-    """What a pairer has seen so far; two of them and the time between give the rates.
+    """Counts of a pairer so far; the difference of two over the time between them gives the rates.
 
     Attributes:
         left: Left images that arrived.
@@ -131,7 +131,7 @@ class _Side(Generic[T]):
         self.dropped = 0
 
     def insert(self, stamp_ns: int, payload: T) -> None:
-        """Store an image; it takes the place of an earlier one with the same stamp."""
+        """Store an image; it replaces an earlier one with the same stamp."""
         self.keep([entry for entry in self.entries if entry.stamp_ns != stamp_ns])
         self.entries.append(_Entry(stamp_ns, self.arrived, payload))
         self.entries.sort(key=lambda entry: entry.stamp_ns)
@@ -139,54 +139,54 @@ class _Side(Generic[T]):
         self.newest_ns = stamp_ns if self.newest_ns is None else max(self.newest_ns, stamp_ns)
 
     def keep(self, entries: list[_Entry[T]]) -> None:
-        """Keep ``entries``, drop and count the others."""
+        """Keep ``entries``; drop and count the others."""
         self.dropped += len(self.entries) - len(entries)
         self.entries = entries
 
     def evict(self, queue_size: int) -> None:
-        """Drop the images that arrived first until at most ``queue_size`` are left.
+        """Drop the images that arrived first until at most ``queue_size`` remain.
 
-        By arrival, not by stamp: after a step back in time the leftovers with great stamps must
-        go, or they would push out every new image.
+        The order is that of arrival, not of stamps. After a step back in time, the old images have the
+        greatest stamps; by stamp, they would displace every new image.
         """
         if len(self.entries) > queue_size:
             oldest_kept = sorted(entry.arrival for entry in self.entries)[-queue_size]
             self.keep([entry for entry in self.entries if entry.arrival >= oldest_kept])
 
     def forget_after(self, stamp_ns: int) -> None:
-        """Drop what is newer than ``stamp_ns``: it comes from before the clock was set back."""
+        """Drop the images newer than ``stamp_ns``: they arrived before the clock was set back."""
         self.keep([entry for entry in self.entries if entry.stamp_ns <= stamp_ns])
         self.newest_ns = self.entries[-1].stamp_ns if self.entries else None
 
     def take(self, entry: _Entry[T]) -> None:
-        """Remove a paired image; the older ones can no longer be paired in order and are dropped."""
+        """Remove a paired image, and drop the older ones, which can no longer be paired in order."""
         position = self.entries.index(entry)
         self.keep(self.entries[position:])
         self.entries = self.entries[1:]
 
     def nearest(self, stamp_ns: int) -> _Entry[T] | None:
-        """Return the image nearest to ``stamp_ns``; of two equally near the older."""
+        """Return the image nearest to ``stamp_ns``; of two equally near ones, the older one."""
         return min(self.entries, key=lambda entry: abs(entry.stamp_ns - stamp_ns), default=None)
 
     def has_passed(self, stamp_ns: int) -> bool:
-        """Whether no image nearer to ``stamp_ns`` than those here can still come."""
+        """Whether no image can still arrive that is nearer to ``stamp_ns`` than the waiting ones."""
         return self.newest_ns is not None and self.newest_ns >= stamp_ns
 
 
 class StampPairer(Generic[T]):
-    """Forms pairs of left and right images, exactly or within a tolerance.
+    """Forms pairs of left and right images, with equal stamps or within a tolerance.
 
-    A pair is formed of two images that are each other's nearest, at most the tolerance apart
-    (inclusive), as soon as no nearer one can come: equal stamps at once, others when both sides
-    have reached the later stamp or the queue is full. Pairs come in the order of their stamps. At
-    the end of the input :meth:`flush` forms those that still wait for a nearer partner.
+    Two images form a pair when they are each other's nearest, and at most the tolerance apart (inclusive).
+    The pair is formed as soon as no nearer image can arrive: equal stamps at once, others when both sides
+    have reached the later stamp or the queue is full. Pairs are returned in the order of their stamps. At the
+    end of the input, :meth:`flush` forms the pairs that still wait for a nearer partner.
 
-    Not safe for concurrent use: callers lock.
+    The class is not safe for concurrent use; the caller locks.
 
     Args:
         approximate: Whether stamps may differ; False pairs equal stamps only.
-        tolerance_s: Greatest difference of the stamps of an approximate pair [s].
-        queue_size: Images of each side kept while they wait for a partner.
+        tolerance_s: Most difference of the stamps of an approximate pair [s].
+        queue_size: Most images of each side that wait for a partner.
 
     Raises:
         ConfigError: The tolerance is negative or not finite, or the queue size below one.
@@ -218,7 +218,7 @@ class StampPairer(Generic[T]):
 
         Args:
             stamp_ns: Stamp of the image [ns].
-            payload: The image, handed back in the pair.
+            payload: The image; the pair contains it.
         """
         return self._add(self._left, self._right, stamp_ns, payload)
 
@@ -227,11 +227,11 @@ class StampPairer(Generic[T]):
         return self._add(self._right, self._left, stamp_ns, payload)
 
     def flush(self) -> list[StampedPair[T]]:
-        """Return the pairs that wait for a nearer partner: none will come any more."""
+        """Return the pairs that wait for a nearer partner, because no more images will arrive."""
         return self._match(final=True)
 
     def forget_waiting(self) -> None:
-        """Forget the images that wait for a partner, uncounted: nobody takes it any more."""
+        """Remove the images that wait for a partner without counting them as dropped."""
         for side in (self._left, self._right):
             side.entries = []
 
@@ -249,7 +249,7 @@ class StampPairer(Generic[T]):
 
     @property
     def nearest_s(self) -> float | None:
-        """Least difference [s] of a left and a right stamp since :meth:`forget_nearest`, if any."""
+        """Least difference of a left and a right stamp since :meth:`forget_nearest` [s]; None without one."""
         return None if self._nearest_ns is None else self._nearest_ns / _NS_PER_S
 
     def forget_nearest(self) -> None:
@@ -261,7 +261,7 @@ class StampPairer(Generic[T]):
         if side.newest_ns is not None and stamp_ns < side.newest_ns - BACKWARD_JUMP_NS:
             pairs = self.flush()
             self._resets += 1
-            # The other side may have jumped first: its images of the new pass stay.
+            # The other side may have jumped first; its images from after the jump are kept.
             for each in (side, other):
                 each.forget_after(stamp_ns + BACKWARD_JUMP_NS)
         partner = other.nearest(stamp_ns)
@@ -271,13 +271,13 @@ class StampPairer(Generic[T]):
         side.insert(stamp_ns, payload)
         pairs += self._match()
         if len(side.entries) > self._queue_size:
-            # Better a pair that might have found a nearer partner than none.
+            # A full queue forms its pairs at once, although a nearer partner might still arrive.
             pairs += self._match(final=True)
         side.evict(self._queue_size)
         return pairs
 
     def _match(self, final: bool = False) -> list[StampedPair[T]]:
-        """Form every pair that is certain, or every pair there is when ``final``."""
+        """Form every pair that is certain, or every possible pair when ``final``."""
         pairs: list[StampedPair[T]] = []
         for left in tuple(self._left.entries):
             right = self._right.nearest(left.stamp_ns)

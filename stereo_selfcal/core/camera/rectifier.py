@@ -1,7 +1,8 @@
-"""From the images of a stereo camera, raw or rectified, to those of one rig: node and replay alike.
+"""Rectification of the images of a stereo camera for one rig. Node and replay use the same code.
 
-Raw images are undistorted and rectified with K, D, R and P of their CameraInfo. Rectified ones stay as
-they are, bit by bit, unless the right camera has another cx than the left: then the right image is shifted.
+Raw images are undistorted and rectified with K, D, R and P of their CameraInfo. Rectified images are not
+changed, unless the cx of the right camera differs from that of the left one. In that case the right image is
+shifted.
 """
 
 from __future__ import annotations
@@ -16,27 +17,27 @@ import numpy.typing as npt
 
 from ..types import Image
 from .camera_info import EQUIDISTANT, CameraModel, pair_geometry
-from .camera_info_checks import Finding, check_image_size, doubts_about
+from .camera_info_checks import Finding, check_image_size, find_unusual_values
 from .rig import StereoRig
 
 Maps = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
 
-# Both cameras of a node and of a replay, before and after a change of their CameraInfo.
+# The maps of both cameras, before and after a change of their CameraInfo.
 _CACHED_MAPS = 4
-# Interpolation between two pixels errs least in their middle; this is exact for parabolas (Keys 1981).
+# Parameter of cubic interpolation by convolution; with this value it is exact for parabolas (Keys 1981).
 _KEYS_A = -0.5
 
 
 @dataclass(frozen=True, slots=True)
 class StereoRectifier:
-    """What has to be done with the images of two cameras before they are calibrated, and the rig then.
+    """Converts the images of two cameras into those of a rectified rig.
 
     Attributes:
         rig: The rig of the images that :meth:`apply` returns.
-        doubts: What is strange about the CameraInfo of the cameras.
+        doubts: Unusual values in the CameraInfo of the cameras.
         cameras: Left and right camera, None where the rig was given by parameters.
-        raw: Whether the images are undistorted and rectified.
-        shift_px: Columns the right image is moved right by, where it is not.
+        raw: Whether the images are raw, so that they have to be undistorted and rectified.
+        shift_px: Shift of the right image to the right, for rectified images [px].
     """
 
     rig: StereoRig
@@ -55,9 +56,10 @@ class StereoRectifier:
             rectified: Whether the images are rectified; False: they are raw.
 
         Raises:
-            CameraInfoError: A CameraInfo cannot be right; see :meth:`StereoRig.from_camera_info`, but
-                cx may differ. For raw images also: the distortion model is unknown, or R is no rotation.
-            RigError: The rig cannot be right.
+            CameraInfoError: A CameraInfo cannot be right; see :meth:`StereoRig.from_camera_info`. Unlike
+                there, cx may differ. For raw images also: the distortion model is unknown, or R is no
+                rotation.
+            RigError: A value of the rig cannot be right.
         """
         cameras = CameraModel.read(left, "left"), CameraModel.read(right, "right")
         pair = pair_geometry(*cameras)
@@ -65,14 +67,14 @@ class StereoRectifier:
             for camera in cameras:
                 camera.check_raw()
         rig = StereoRig.of_camera(cameras[0], pair.baseline_m)
-        doubts = tuple(doubts_about(*cameras, pair.baseline_m, rectified))
+        doubts = tuple(find_unusual_values(*cameras, pair.baseline_m, rectified))
         return cls(rig, doubts, cameras, not rectified, pair.shift_px)
 
     def apply(self, left: Image, right: Image) -> tuple[Image, Image]:
-        """Return the images as the rig has them.
+        """Return the images of the rectified rig.
 
-        Images of another size than the CameraInfo's stay as they are: the calibrator refuses them, with
-        the reason.
+        Images whose size differs from that in the CameraInfo are returned unchanged; the calibrator refuses
+        them with the reason.
 
         Args:
             left: (H, W) uint8 image of the left camera.
@@ -82,7 +84,7 @@ class StereoRectifier:
         if left.shape != size or right.shape != size or self.cameras is None:
             return left, right
         if self.raw:
-            # The right image gets the left one's projection: another cx of it is mended on the way.
+            # The right image gets the projection of the left one, which also corrects a different cx.
             p = self.cameras[0].p
             left, right = (
                 _remap(image, rectification_maps(camera, p))
@@ -92,7 +94,7 @@ class StereoRectifier:
         return left, shifted(right, self.shift_px) if self.shift_px else right
 
     def size_faults(self, left: tuple[int, int] | None, right: tuple[int, int] | None) -> list[Finding]:
-        """Compare the sizes (width, height) of images, as far as they are known, with the CameraInfo."""
+        """Compare the sizes (width, height) of images with the CameraInfo; None where a size is not known."""
         if self.cameras is None:
             return []
         sizes = zip(self.cameras, (left, right), strict=True)
@@ -102,7 +104,7 @@ class StereoRectifier:
 
 @lru_cache(maxsize=_CACHED_MAPS)
 def rectification_maps(camera: CameraModel, p: tuple[float, ...]) -> Maps:
-    """Return for every pixel of the rectified image its column and its row in the raw one, (H, W) each [px].
+    """Return the column and the row in the raw image of every rectified pixel, (H, W) each [px].
 
     Args:
         camera: The camera.
@@ -120,11 +122,11 @@ def rectification_maps(camera: CameraModel, p: tuple[float, ...]) -> Maps:
 
 
 def shifted(image: Image, columns_px: float) -> Image:
-    """Return an image moved to the right, by parts of a pixel too; what comes in at the side repeats the rim.
+    """Return an image shifted to the right by whole or fractional pixels; the border column is repeated.
 
     Args:
         image: (H, W) uint8.
-        columns_px: By how much [px]; negative: to the left.
+        columns_px: Shift [px]; negative: to the left.
     """
     whole = int(np.floor(columns_px))
     weights = _keys_weights(columns_px - whole)
@@ -148,5 +150,6 @@ def _keys_weights(fraction: float) -> npt.NDArray[np.float64]:
 
 
 def _remap(image: Image, maps: Maps) -> Image:
-    # Linear, as image_proc has it: of OpenCV's it alone shifts nothing (cubic, 0.05 px; Lanczos, 0.03 px).
+    # Linear, as in image_proc: of OpenCV's interpolations it alone causes no shift (cubic: 0.05 px, Lanczos:
+    # 0.03 px).
     return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR), dtype=np.uint8)

@@ -44,7 +44,7 @@ class StereoRig:
     def __post_init__(self) -> None:
         for field in fields(self):
             given = getattr(self, field.name)
-            # numbers.Real takes NumPy's scalars as well.
+            # numbers.Real includes the scalars of NumPy.
             if isinstance(given, bool) or not isinstance(given, numbers.Real):
                 raise RigError(f"rig.{field.name} is {given!r}, a number is needed")
             value = float(given)
@@ -79,8 +79,9 @@ class StereoRig:
 
         Raises:
             CameraInfoError: A camera is uncalibrated (K[0] = 0), the sizes differ, the pair is
-                not rectified to one projection matrix, or the baseline is zero, negative or no vehicle's.
-                Where only cx differs, :class:`~stereo_selfcal.core.camera.rectifier.StereoRectifier` helps.
+                not rectified to one projection matrix, or the baseline is zero, negative or impossible for a
+                vehicle. Where only cx differs, use
+                :class:`~stereo_selfcal.core.camera.rectifier.StereoRectifier`.
         """
         cameras = CameraModel.read(left, "left"), CameraModel.read(right, "right")
         pair = pair_geometry(*cameras)
@@ -90,7 +91,7 @@ class StereoRig:
 
     @classmethod
     def of_camera(cls, camera: CameraModel, baseline_m: float) -> StereoRig:
-        """Build the rig of two cameras with the projection matrix of this one.
+        """Build the rig of two cameras that share the projection matrix of this one.
 
         Args:
             camera: The left camera.

@@ -1,1 +1,1 @@
-"""Frames over time: their mean, the motion of the car, moves of the mount."""
+"""Frames over time: their mean, the motion of the car, and moves of the mount."""

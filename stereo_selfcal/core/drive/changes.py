@@ -1,13 +1,14 @@
-"""When the mount was moved: level shifts in the estimates of a drive, told from a car on its suspension.
+"""When the mount was moved: level shifts in the estimates of a drive, separated from the car's own motion.
 
-A car pitches when it brakes, rolls when it turns, sinks under its load: its camera comes back. A mount that
-was knocked stays where it is. So estimates are averaged over blocks of ten seconds; what comes back
-within two minutes is motion; and a shift has to stand out of the motion that the same drive shows, by as
-much as one drive in a hundred does by chance.
+A car pitches when it brakes, rolls when it turns, and sinks under its load. After each such motion its camera
+returns. A mount that was knocked does not return. So the estimates are averaged over blocks of ten seconds,
+and a deviation that returns within two minutes is motion. A shift must be significant against the motion that
+the same drive shows. The threshold is exceeded by chance in one drive in a hundred.
 
-Shifts are looked for in seeded intervals, the clearest first (S. Kovacs et al., "Seeded binary segmentation",
-Biometrika 110, 2023): unlike plain binary segmentation, this finds a shift and its opposite. What does not
-stand out of the minutes around it is dropped, so that a slow drift is not cut into stairs.
+Shifts are searched in seeded intervals, the most significant first (S. Kovacs et al., "Seeded binary
+segmentation", Biometrika 110, 2023). Unlike plain binary segmentation, this finds a shift and its opposite. A
+shift that is not significant against the minutes around it is dropped, so that a slow drift is not divided
+into steps.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from ..tolerances import LEAST_SHIFT
 from ..types import Array
 from .motion import (
     BLOCK_S,
-    Motion,
+    CarMotion,
     TimeBlocks,
     blocks_of,
     measure_motion,
@@ -31,37 +32,38 @@ from .motion import (
     without_excursions,
 )
 
-# A level has to be seen for two minutes on either side, and one that is left and found again within them is
-# that of a car that braked twice, stood on a slope or towed.
+# Least duration of a level on either side of a shift: two minutes. A level that returns within them is that
+# of a car that braked twice, stood on a slope or towed.
 _STAYS_BLOCKS = 12
 _FEWEST_BLOCKS = 2 * _STAYS_BLOCKS
-# A shift counts against what lies around it: over hours fuel, load and warmth move a camera as well.
+# A shift is compared with the estimates within this time on either side. Over hours, fuel, load and warmth
+# move a camera as well.
 _AROUND_S = 300.0
-# Standard errors by which a shift has to stand out. Greatest statistic of all intervals, parameters and
-# splits: exceeded in at most 1 % of simulated drives of minutes to an hour without a shift, whether motion
-# lasts for half a second or for five.
+# Least statistic of a shift, in standard errors. The statistic is the greatest over all intervals, parameters
+# and splits. It exceeds the threshold in at most 1 % of simulated drives of minutes to an hour without a
+# shift, whether motion lasts for half a second or for five.
 _THRESHOLD = 5.5
 
-# Lengths of seeded intervals grow by this; they overlap by half.
+# Growth of the lengths of the seeded intervals, which overlap by half.
 _GROWTH = 2**0.5
-# Half the width, in sigma^2 / shift^2, of the 95 % interval of a change point: J. Bai, "Estimation of a
+# Half width of the 95 % interval of a change point, in units of sigma^2 / shift^2: J. Bai, "Estimation of a
 # change point in multiple regression models", Rev. Econ. Stat. 79, 1997.
 _BAI_95 = 11.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Segment:
-    """A part of a drive in which the mount stayed where it was.
+class MountSegment:
+    """A part of a drive in which the mount did not move.
 
     Attributes:
         first: Index of its first estimate.
-        end: Index after its last.
+        end: Index after its last estimate.
         start_s: Stamp of the first estimate [s].
-        end_s: Stamp of the last [s].
-        mean: (3,) mean of height_m, pitch_rad, roll_rad, outliers left out.
-        spread: (3,) their standard deviation over the time: the car's motion, and the noise of a frame.
-        standard_error: (3, 3) covariance of the mean as the motion makes it; None where the segment is too
-            short to show how long the motion lasts.
+        end_s: Stamp of the last estimate [s].
+        mean: (3,) mean of height_m, pitch_rad, roll_rad without outliers.
+        spread: (3,) standard deviation of the estimates over time: the car's motion and the noise of a frame.
+        standard_error: (3, 3) covariance of the mean that the motion causes; None where the segment is too
+            short to measure how long the motion lasts.
     """
 
     first: int
@@ -78,11 +80,11 @@ class LevelShift:
     """A move of the mount.
 
     Attributes:
-        index: Index of the first estimate after it.
-        at_s: When [s]: in the middle between the last estimate before and the first one after it.
-        within_s: Half the width of the interval that holds it with a probability of 95 % [s].
-        shift: (3,) by how much height_m, pitch_rad, roll_rad changed.
-        sigmas: (3,) the same over its standard error.
+        index: Index of the first estimate after the move.
+        at_s: Time of the move [s]: the middle between the last estimate before and the first one after it.
+        within_s: Half width of the interval that contains the move with a probability of 95 % [s].
+        shift: (3,) change of height_m, pitch_rad, roll_rad.
+        sigmas: (3,) the change over its standard error.
     """
 
     index: int
@@ -94,29 +96,29 @@ class LevelShift:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MountHistory:
-    """What became of the mount during a drive.
+    """Segments of a drive, and the moves of the mount between them.
 
     Attributes:
-        segments: Parts with the mount at rest, in order; at least one.
-        changes: Moves between them.
-        judged: Whether the drive is long enough for a move to be told from motion.
+        segments: Parts in which the mount did not move, in order; at least one.
+        changes: Moves between the segments.
+        judged: Whether the drive is long enough to distinguish a move from motion.
     """
 
-    segments: tuple[Segment, ...]
+    segments: tuple[MountSegment, ...]
     changes: tuple[LevelShift, ...]
     judged: bool
 
 
 def find_changes(stamps_s: npt.ArrayLike, poses: npt.ArrayLike, covariances: npt.ArrayLike) -> MountHistory:
-    """Find when the mount was moved, and where it was between.
+    """Find the moves of the mount, and its pose between them.
 
     Args:
         stamps_s: (N,) stamps of the accepted frames, rising [s]; at least one.
-        poses: (N, 3) height_m, pitch_rad, roll_rad of each.
-        covariances: (N, 3, 3) of them: the noise of a frame, below which no motion is known.
+        poses: (N, 3) height_m, pitch_rad, roll_rad of each frame.
+        covariances: (N, 3, 3) of the poses: the noise of a frame, which is the least of the measured motion.
 
     Returns:
-        One segment where nothing was moved, or the drive is too short to tell.
+        One segment where the mount was not moved, or where the drive is too short to find a move.
 
     Raises:
         ValueError: There is no estimate, or the arrays do not fit each other.
@@ -133,7 +135,7 @@ def find_changes(stamps_s: npt.ArrayLike, poses: npt.ArrayLike, covariances: npt
     if len(kept) < _FEWEST_BLOCKS:
         kept = blocks
     motion = measure_motion(kept, noise, len(stamps) / len(blocks))
-    splits = _verified(_refitted(_candidates(kept, motion), kept, motion), kept, motion)
+    splits = _verify_splits(_refit_splits(_candidates(kept, motion), kept, motion), kept, motion)
     cuts = [_locate(split, splits, kept, stamps, values, motion) for split in splits]
     bounds = [0, *cuts, len(stamps)]
     segments = tuple(_segment(stamps, values, a, b) for a, b in pairwise(bounds))
@@ -144,7 +146,7 @@ def find_changes(stamps_s: npt.ArrayLike, poses: npt.ArrayLike, covariances: npt
 
 
 def _seeded(n: int) -> list[tuple[int, int]]:
-    """Return intervals of n blocks: every length from the shortest to all, each shifted by half of itself."""
+    """Return intervals of n blocks: all lengths from the shortest to n, each shifted by half its length."""
     intervals = []
     length = float(2 * _STAYS_BLOCKS)
     while True:
@@ -157,8 +159,8 @@ def _seeded(n: int) -> list[tuple[int, int]]:
         length *= _GROWTH
 
 
-def _candidates(blocks: TimeBlocks, motion: Motion) -> list[int]:
-    """Return the splits (indices of blocks) at which a level shifts, in order."""
+def _candidates(blocks: TimeBlocks, motion: CarMotion) -> list[int]:
+    """Return the splits at which the level shifts significantly, as indices of blocks, in order."""
     total = np.vstack([np.zeros(3), np.cumsum(blocks.values, axis=0)])
     found: list[tuple[float, int, int, int]] = []
     for start, end in _seeded(len(blocks)):
@@ -178,7 +180,7 @@ def _candidates(blocks: TimeBlocks, motion: Motion) -> list[int]:
 
 
 def _around(split: int, splits: list[int], blocks: TimeBlocks) -> tuple[slice, slice]:
-    """Return the blocks before and after a split: up to the next splits, and no farther than counts."""
+    """Return the blocks before and after a split, up to the next splits, and at most ``_AROUND_S`` away."""
     reach = round(_AROUND_S / BLOCK_S)
     before = max([other for other in splits if other < split], default=0)
     after = min([other for other in splits if other > split], default=len(blocks))
@@ -186,7 +188,7 @@ def _around(split: int, splits: list[int], blocks: TimeBlocks) -> tuple[slice, s
 
 
 def _reach(split: int, splits: list[int], blocks: TimeBlocks) -> tuple[int, int]:
-    """Return the blocks a split may move to: half way to its neighbours, as those may move as well."""
+    """Return the range of blocks a split may move in: half way to its neighbours, which may move as well."""
     before, after = _around(split, splits, blocks)
     inset = _STAYS_BLOCKS // 2
     low = (before.start + split) // 2 + inset if before.start in splits else before.start
@@ -194,8 +196,8 @@ def _reach(split: int, splits: list[int], blocks: TimeBlocks) -> tuple[int, int]
     return min(low, split), max(high, split)
 
 
-def _refitted(splits: list[int], blocks: TimeBlocks, motion: Motion) -> list[int]:
-    """Move each split to where it is best by all that lies around it, not by its narrow interval alone."""
+def _refit_splits(splits: list[int], blocks: TimeBlocks, motion: CarMotion) -> list[int]:
+    """Move each split to its best position, judged by all blocks around it instead of its interval alone."""
     moved = []
     for split in splits:
         before, after = _around(split, splits, blocks)
@@ -213,15 +215,15 @@ def _refitted(splits: list[int], blocks: TimeBlocks, motion: Motion) -> list[int
     return moved
 
 
-def _shift(split: int, splits: list[int], blocks: TimeBlocks, motion: Motion) -> tuple[Array, Array]:
-    """Return the shift (3,) at a split and its statistic (3,), against what lies around it."""
+def _shift(split: int, splits: list[int], blocks: TimeBlocks, motion: CarMotion) -> tuple[Array, Array]:
+    """Return the shift (3,) at a split and its statistic (3,), from the blocks around it."""
     before, after = (blocks.values[part] for part in _around(split, splits, blocks))
     shift = np.median(after, axis=0) - np.median(before, axis=0)
     return shift, motion.statistic(shift, len(before), len(after))
 
 
-def _verified(splits: list[int], blocks: TimeBlocks, motion: Motion) -> list[int]:
-    """Drop, the weakest first, what does not stand out of its surroundings, and what comes back."""
+def _verify_splits(splits: list[int], blocks: TimeBlocks, motion: CarMotion) -> list[int]:
+    """Drop the splits that are not significant, the weakest first, and pairs of splits that return."""
     splits = list(splits)
     while splits:
         strength = []
@@ -239,8 +241,8 @@ def _verified(splits: list[int], blocks: TimeBlocks, motion: Motion) -> list[int
     return splits
 
 
-def _first_return(splits: list[int], blocks: TimeBlocks, motion: Motion) -> int | None:
-    """Return the first of two neighbouring splits between which the camera was away only briefly."""
+def _first_return(splits: list[int], blocks: TimeBlocks, motion: CarMotion) -> int | None:
+    """Return the index of the first two neighbouring splits between which the camera moved only briefly."""
     for i, (away, back) in enumerate(pairwise(splits)):
         if back - away > _STAYS_BLOCKS:
             continue
@@ -255,7 +257,7 @@ def _first_return(splits: list[int], blocks: TimeBlocks, motion: Motion) -> int 
 
 
 def _locate(
-    split: int, splits: list[int], blocks: TimeBlocks, stamps: Array, values: Array, motion: Motion
+    split: int, splits: list[int], blocks: TimeBlocks, stamps: Array, values: Array, motion: CarMotion
 ) -> int:
     """Return the index of the first frame after a shift, by least squares around it."""
     before, after = _around(split, splits, blocks)
@@ -265,14 +267,15 @@ def _locate(
     first, end = (int(i) for i in np.searchsorted(stamps, starts_s[[low, high]]))
     first, end = max(first, 1), min(end, len(stamps) - 1)
     costs = [np.sum(((values[first:end] - level) / motion.sigma) ** 2, axis=1) for level in levels]
-    # Beyond a shift's own size a frame is an outlier, and says no more than that it is on that side.
+    # A frame that is off by more than the shift is an outlier. Its contribution is limited to that of the
+    # shift.
     most = float(np.sum(((levels[1] - levels[0]) / motion.sigma) ** 2))
-    gain = np.clip(costs[1] - costs[0], -most, most)  # > 0: like before
+    gain = np.clip(costs[1] - costs[0], -most, most)  # > 0: nearer to the level before the shift
     return first + int(np.argmax(np.concatenate([[0.0], np.cumsum(gain)])))
 
 
 def _change(
-    cut: int, split: int, splits: list[int], blocks: TimeBlocks, stamps: Array, motion: Motion
+    cut: int, split: int, splits: list[int], blocks: TimeBlocks, stamps: Array, motion: CarMotion
 ) -> LevelShift:
     shift, statistic = _shift(split, splits, blocks, motion)
     gap_s = float(stamps[cut] - stamps[cut - 1])
@@ -281,14 +284,14 @@ def _change(
     return LevelShift(cut, float(stamps[cut] + stamps[cut - 1]) / 2.0, within_s, shift, statistic)
 
 
-def _segment(stamps: Array, values: Array, first: int, end: int) -> Segment:
+def _segment(stamps: Array, values: Array, first: int, end: int) -> MountSegment:
     part = values[first:end]
     deviation = np.abs(part - np.median(part, axis=0))
     scale = SIGMA_OVER_MAD * np.median(deviation, axis=0)
     good = np.all(deviation <= OUTLIER_SIGMAS * scale, axis=1)
     part = part[good] if good.any() else part
     spread = part.std(axis=0, ddof=1) if len(part) > 1 else np.zeros(3)
-    return Segment(
+    return MountSegment(
         first,
         end,
         float(stamps[first]),

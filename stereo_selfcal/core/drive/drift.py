@@ -1,8 +1,9 @@
-"""Has the mean of a series moved, and when? For frames whose errors are correlated over seconds.
+"""Test whether and when the mean of a series of frames has changed.
 
-Model, for each of height, pitch and roll: a frame shows the pose, plus what suspension and road do at that
-moment (of some variance, and alike within some seconds), plus noise of known variance.
-The statistic and its rate of false alarms are derived in docs/watch.md.
+The errors of the frames are correlated over seconds. The model is the same for height, pitch and roll: a
+frame shows the pose, plus the momentary motion of suspension and road, plus noise of known variance. The
+motion has a variance that is measured, and is correlated within some seconds. docs/watch.md derives the
+statistic and its rate of false alarms.
 """
 
 from __future__ import annotations
@@ -16,44 +17,48 @@ from ..numerics.statistics import OUTLIER_SIGMAS, SIGMA_OVER_MAD
 from ..tolerances import WANDER_STD
 from ..types import Array, Indices, Mask
 
-# What frames scatter by before a drive has shown it: height [m], pitch [rad], roll [rad]. Braking and driving
-# off pitch a car by 0.1 to 0.3 deg, its springs let it down by a centimetre, cambers roll it by 0.3 deg.
+# Prior of the scatter of frames: height [m], pitch [rad], roll [rad]. Braking and driving off pitch a car by
+# 0.1 to 0.3 deg, its springs move it by a centimetre, and cambers roll it by 0.3 deg.
 MOTION_STD: Array = np.array([0.01, math.radians(0.2), math.radians(0.3)])
-# So many frames of the drive count as much as that.
+# Weight of that prior, as a number of frames.
 _MOTION_FRAMES = 10.0
-# A road that is as even as a table shows no scatter; the camera still moves by a twentieth of the above.
+# Least scatter as a fraction of the prior: the camera moves a little even on a perfectly even road.
 _LEAST_MOTION = 0.05
 
-# How long motion goes on, before a drive has shown it: a braking lasts for seconds.
+# Prior of the correlation time of the motion: a braking lasts for seconds.
 _MEMORY_S = 3.0
-_MEMORY_FRAMES = 30.0
-# Frames farther apart than this are taken as independent: eight times the above, or a sixtieth of what was
-# seen, as the window of such an estimate must grow with the series (Newey and West, Econometrica 55, 1987).
+_MEMORY_FRAMES = 30.0  # weight of that prior, as a number of frames
+# Frames farther apart than the horizon are taken as independent. The horizon is eight times the correlation
+# time, or a sixtieth of the observed time. The window of such an estimate must grow with the series (Newey
+# and West, Econometrica 55, 1987).
 _SHORTEST_HORIZON_S = 24.0
 _LONGEST_HORIZON_S = 60.0
 _HORIZON_OF_SPAN = 1.0 / 60.0
 
-# A frame is compared with the median of so many on either side: a few wrong ones are no change, most are.
+# Number of frames on either side whose median a frame is compared with. A few deviating frames are outliers;
+# a majority of them is a change.
 _NEIGHBOURS = 5
 
-# The fewest frames and the shortest time that can be told from a long braking.
+# Fewest frames and shortest time of a change that can be distinguished from a long braking.
 LEAST_FRAMES = 5
 LEAST_SPAN_S = 20.0
 
-# Frames since a change, in steps of 5 %: it is found a little later at most.
+# Numbers of frames since a change that are tested. They grow in steps of 5 %, which delays the detection by
+# no more than that.
 _LENGTHS: Indices = np.unique(np.geomspace(1, 1e5, 237).astype(np.intp))
-_ROUNDS = 2  # scatter is measured about the means before and after the change, which depend on it
+# Rounds of measuring the scatter: it is measured about the means before and after the change.
+_ROUNDS = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Series:
-    """Frames in their order.
+class FrameSeries:
+    """Frames in the order of time.
 
     Attributes:
-        times_s: (N,) [s], rising.
+        times_s: (N,) times [s], rising.
         values: (N, 3) height_m, pitch_rad, roll_rad.
-        variances: (N, 3) of their noise.
-        used: (N,) whether it is no outlier.
+        variances: (N, 3) variances of their noise.
+        used: (N,) False for outliers.
     """
 
     times_s: Array
@@ -64,19 +69,19 @@ class Series:
     def __len__(self) -> int:
         return len(self.times_s)
 
-    def part(self, which: slice) -> Series:
+    def part(self, which: slice) -> FrameSeries:
         """Return some of the frames."""
-        return Series(self.times_s[which], self.values[which], self.variances[which], self.used[which])
+        return FrameSeries(self.times_s[which], self.values[which], self.variances[which], self.used[which])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """What is known of the mean before the first frame.
+    """The mean before the first frame, as far as it is known.
 
     Attributes:
-        mean: (3,).
-        variance: (3,), without motion.
-        moments: 1 if it is of one moment of a moving car, 0 if it is a mean over minutes.
+        mean: (3,) height_m, pitch_rad, roll_rad.
+        variance: (3,) variances of the mean, without motion.
+        moments: 1 if the mean is that of one moment of a moving car, 0 if it is a mean over minutes.
     """
 
     mean: Array
@@ -86,11 +91,11 @@ class Reference:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scatter:
-    """How frames scatter about their mean.
+    """Scatter of the frames about their mean.
 
     Attributes:
-        motion: (3,) variance of what suspension and road do.
-        inflation: (3,) by how much the variance of a mean is greater than if frames were independent.
+        motion: (3,) variance of the motion by suspension and road.
+        inflation: (3,) variance of a mean over its variance for independent frames.
         freedom: Degrees of freedom of that estimate.
     """
 
@@ -104,14 +109,14 @@ class DriftChange:
     """The most likely change.
 
     Attributes:
-        z: (3,) for height, pitch and roll: the change over its standard deviation, as a standard normal
-            variable; 0 where there are too few frames.
+        z: (3,) change of height, pitch and roll over its standard deviation, as a standard normal variable; 0
+            where there are too few frames.
         split: Index of the first frame after the change.
-        drift: (3,) mean after it minus mean before it.
-        std: (3,) standard deviation of that.
-        before: (3,) mean before it, reference included.
-        before_variance: (3,) of that.
-        scatter: How the frames scatter.
+        drift: (3,) mean after the change minus mean before it.
+        std: (3,) standard deviation of the drift.
+        before: (3,) mean before the change, reference included.
+        before_variance: (3,) variance of the mean before the change.
+        scatter: Scatter of the frames.
     """
 
     z: Array
@@ -124,7 +129,7 @@ class DriftChange:
 
     @property
     def axis(self) -> int:
-        """Index of the quantity that shows the change best."""
+        """Index of the quantity with the most significant change."""
         return int(np.argmax(np.abs(self.z)))
 
     @property
@@ -134,28 +139,29 @@ class DriftChange:
 
 
 def prior_scatter() -> Scatter:
-    """Return what is assumed before a frame has come."""
+    """Return the scatter that is assumed before the first frame."""
     return Scatter(MOTION_STD**2, np.ones(3), _MOTION_FRAMES)
 
 
-def mark_outliers(series: Series, known: int) -> Mask:
-    """Return (N,) which frames are no outliers: far from the median of their neighbours on either side.
+def mark_outliers(series: FrameSeries, known: int) -> Mask:
+    """Return which frames are used, (N,); an outlier is far from the median of its neighbours on either side.
 
     Args:
-        series: The frames; ``used`` holds for the first ones.
-        known: How many of them; their neighbours have not changed.
+        series: The frames; ``used`` is already decided for the first ones.
+        known: Number of these first frames; their neighbours have not changed.
     """
     n = len(series)
     used: Mask = series.used.copy()
     around = np.arange(known, n)[:, None] + np.arange(-_NEIGHBOURS, _NEIGHBOURS + 1)
     inside = (around >= 0) & (around < n)
-    # What does not exist is sorted behind what does.
+    # Neighbours that do not exist are sorted behind those that do.
     ranked = np.sort(np.where(inside[..., None], series.values[np.clip(around, 0, n - 1)], np.inf), axis=1)
     row, count = np.arange(n - known), inside.sum(axis=1)
     medians = (ranked[row, (count - 1) // 2] + ranked[row, count // 2]) / 2.0
     recent = series.values[max(0, known - 2 * _NEIGHBOURS) :]
     spread = SIGMA_OVER_MAD * np.median(np.abs(recent - np.median(recent, axis=0)), axis=0)
-    # Few frames may lie close together by chance: what a road does at least is no outlier.
+    # A few frames may lie close together by chance. A least scatter keeps the ordinary motion on a road from
+    # being an outlier.
     scale = np.sqrt(np.maximum(spread, MOTION_STD / 2.0) ** 2 + series.variances[known:])
     used[known:] = np.all(np.abs(series.values[known:] - medians) <= OUTLIER_SIGMAS * scale, axis=1)
     return used
@@ -167,17 +173,17 @@ def settled_outliers(n: int) -> int:
 
 
 def find_change(
-    series: Series, reference: Reference | None, scatter: Scatter | None = None
+    series: FrameSeries, reference: Reference | None, scatter: Scatter | None = None
 ) -> DriftChange | None:
-    """Compare the frames after every possible change with those before it and the reference.
+    """Compare the frames after every possible change with those before it and with the reference.
 
     Args:
         series: The frames.
-        reference: What is known of the mean before the first one, None if nothing is.
-        scatter: How the frames scatter, None to measure it.
+        reference: The known mean before the first frame, None if there is none.
+        scatter: Scatter of the frames, None to measure it.
 
     Returns:
-        The change that is seen best, however weak; None as long as there are too few frames.
+        The most significant change, however weak it is; None as long as there are too few frames.
     """
     candidates = _candidates(series, reference is None)
     if not len(candidates):
@@ -189,12 +195,12 @@ def find_change(
     return _best(series, candidates, reference, scatter)
 
 
-def measure_scatter(series: Series, split: int = 0) -> Scatter:
-    """Return how frames scatter about the means before and after a change.
+def measure_scatter(series: FrameSeries, split: int = 0) -> Scatter:
+    """Return the scatter of frames about the means before and after a change.
 
     Args:
         series: The frames.
-        split: Index of the first frame after it; 0 for none.
+        split: Index of the first frame after the change; 0 for no change.
     """
     used = series.used
     residuals = np.zeros_like(series.values)
@@ -224,13 +230,14 @@ def measure_scatter(series: Series, split: int = 0) -> Scatter:
         repeats += (weight[:, None] * r[lag:] * r[:-lag]).sum(axis=0)
     measured = 1.0 + 2.0 * repeats / np.maximum(power, np.finfo(float).tiny)
     inflation = (_MEMORY_FRAMES * assumed + n * np.maximum(measured, 1.0)) / (_MEMORY_FRAMES + n)
-    # Of a spectrum at frequency 0 by Bartlett's window: 3 n / 2 m (Priestley, Spectral Analysis, table 6.2).
+    # Degrees of freedom of a spectrum at frequency 0 by Bartlett's window: 3 n / 2 m (Priestley, Spectral
+    # Analysis, table 6.2).
     freedom = _MOTION_FRAMES + 1.5 * n / max(lags, 1)
     return Scatter(motion, inflation, freedom)
 
 
-def mean_of(series: Series, scatter: Scatter) -> tuple[Array, Array]:
-    """Return mean and variance (3,) of all frames together."""
+def mean_of(series: FrameSeries, scatter: Scatter) -> tuple[Array, Array]:
+    """Return the mean of all frames and its variance, (3,) each."""
     weights = series.used[:, None] / (series.variances + scatter.motion)
     total = weights.sum(axis=0)
     return (weights * series.values).sum(axis=0) / total, scatter.inflation / total
@@ -241,8 +248,13 @@ def reference_variance(reference: Reference, scatter: Scatter) -> Array:
     return reference.variance + reference.moments * scatter.motion
 
 
-def _candidates(series: Series, between: bool) -> Indices:
-    """Return the indices at which a change leaves enough frames after it; and before it, if need be."""
+def _candidates(series: FrameSeries, between: bool) -> Indices:
+    """Return the indices of possible changes: enough frames lie after each.
+
+    Args:
+        series: The frames.
+        between: Whether enough frames have to lie before the change as well.
+    """
     counts = np.concatenate([[0], np.cumsum(series.used)])
     n = len(series)
     if not n:
@@ -260,7 +272,9 @@ def _candidates(series: Series, between: bool) -> Indices:
     return candidates
 
 
-def _best(series: Series, candidates: Indices, reference: Reference | None, scatter: Scatter) -> DriftChange:
+def _best(
+    series: FrameSeries, candidates: Indices, reference: Reference | None, scatter: Scatter
+) -> DriftChange:
     weights = series.used[:, None] / (series.variances + scatter.motion)
     summed = np.zeros((3, len(series) + 1, 3))
     for moment in range(3):
@@ -273,7 +287,7 @@ def _best(series: Series, candidates: Indices, reference: Reference | None, scat
         known = 1.0 / reference_variance(reference, scatter)
         precision, moment = precision + known, moment + known * reference.mean
     mean_before, mean_after = moment / precision, after[1] / after[0]
-    # Where the road has become rougher it is that road's scatter that counts.
+    # Where the scatter has increased since the change, because the road is rougher, the new scatter is used.
     chi2 = after[2] - after[0] * mean_after**2
     rougher = np.maximum(1.0, (_MOTION_FRAMES + chi2) / (_MOTION_FRAMES + n_after - 1.0))
     drift = mean_after - mean_before

@@ -1,4 +1,4 @@
-"""The estimate of a drive: frames fused, the car's motion beside it, and where the camera is since a move."""
+"""The estimate of a drive: fused frames, the motion of the car, and the pose after each move of the mount."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from ..types import Array
 from .changes import find_changes
 from .fusion import AcceptedFrame, fuse_frames
 
-# Stamps from 2001 on are of a clock; what is less counts from the start of a simulation.
+# Stamps from 2001 on come from a clock. Smaller stamps count from the start of a simulation.
 FIRST_CLOCK_S = 1e9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriveSegment:
-    """A part of a drive in which the mount stayed where it was.
+    """A part of a drive in which the mount did not move.
 
     Attributes:
         start_s: Stamp of its first accepted frame [s].
-        end_s: Stamp of its last [s].
-        estimate: Its accepted frames, fused.
-        spread: Standard deviation of its frames over time: the car moves on its suspension, and a frame
-            has its noise.
-        standard_error: Of the mean, as far as that spread decides it; None where the segment is shorter than
-            half a minute, which does not show how long the motion lasts.
+        end_s: Stamp of its last accepted frame [s].
+        estimate: Fused estimate of its accepted frames.
+        spread: Standard deviation of its frames over time, caused by the car's motion on its suspension and
+            by the noise of the frames.
+        standard_error: Standard error of the mean that this spread causes; None where the segment is shorter
+            than half a minute, which is too short to measure how long the motion lasts.
     """
 
     start_s: float
@@ -46,11 +46,11 @@ class DriveChange:
     """A move of the mount.
 
     Attributes:
-        at_s: When [s].
-        within_s: It is within this of ``at_s`` with a probability of 95 % [s].
-        before: Pose of the segment before.
-        after: Pose of the segment after.
-        sigmas: (3,) by how many standard errors height, pitch and roll have changed.
+        at_s: Time of the move [s].
+        within_s: Distance from ``at_s`` within which the move lies with a probability of 95 % [s].
+        before: Pose of the segment before the move.
+        after: Pose of the segment after the move.
+        sigmas: (3,) changes of height, pitch and roll over their standard errors.
     """
 
     at_s: float
@@ -61,20 +61,20 @@ class DriveChange:
 
     @property
     def shift(self) -> Extrinsics:
-        """By how much height, pitch and roll changed."""
+        """Change of height, pitch and roll."""
         return Extrinsics.from_array(self.after.as_array() - self.before.as_array())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
-    """What a drive says of the mount.
+    """The poses of the mount during a drive.
 
     Attributes:
-        estimate: Where the camera is at the end: of the last segment; the refusal of the last frame when none
-            was accepted.
-        segments: Parts with the mount at rest, in order; none when no frame was accepted.
-        changes: Moves between them.
-        judged: Whether the drive is long enough for a move to be told from motion.
+        estimate: Pose at the end of the drive, that of the last segment; the refusal of the last frame where
+            no frame was accepted.
+        segments: Parts in which the mount did not move, in order; none where no frame was accepted.
+        changes: Moves between the segments.
+        judged: Whether the drive is long enough to distinguish a move from motion.
     """
 
     estimate: CalibrationResult
@@ -84,16 +84,17 @@ class Drive:
 
 
 def estimate_drive(frames: Sequence[AcceptedFrame], rig: StereoRig, fused: CalibrationResult) -> Drive:
-    """Find the mounts of a drive.
+    """Find the moves of the mount in a drive, and its pose between them.
 
     Args:
-        frames: Its accepted frames, in any order.
-        rig: The rig they come from.
+        frames: Accepted frames of the drive, in any order.
+        rig: The rig that the frames come from.
         fused: :attr:`.Calibrator.estimate` of all frames of the drive.
 
     Returns:
-        The fused estimate as it is where the drive is too short to tell a move from motion. Else every
-        segment is fused with the motion in the weights, and what it does to the mean in the covariance.
+        The given estimate where the drive is too short to distinguish a move from motion. Otherwise every
+        segment is fused with weights that include the motion, and the covariance includes the error of the
+        mean that the motion causes.
     """
     if not frames:
         return Drive(fused)
@@ -101,16 +102,16 @@ def estimate_drive(frames: Sequence[AcceptedFrame], rig: StereoRig, fused: Calib
     poses = np.array([frame.extrinsics.as_array() for frame in frames if frame.extrinsics is not None])
     covariances = np.array([frame.covariance for frame in frames])
     stamps_s = np.array([frame.stamp_s for frame in frames])
-    course = find_changes(stamps_s, poses, covariances)
+    history = find_changes(stamps_s, poses, covariances)
     segments = []
-    for part in course.segments:
+    for part in history.segments:
         error = (
             None
             if part.standard_error is None
             else Extrinsics.from_array(np.sqrt(np.diag(part.standard_error)))
         )
         estimate = fused
-        if course.judged and part.standard_error is not None:
+        if history.judged and part.standard_error is not None:
             noise = np.median(np.diagonal(covariances[part.first : part.end], axis1=1, axis2=2), axis=0)
             motion = np.diag(np.maximum(part.spread**2 - noise, 0.0))
             estimate = fuse_frames(frames[part.first : part.end], rig, motion)
@@ -125,20 +126,20 @@ def estimate_drive(frames: Sequence[AcceptedFrame], rig: StereoRig, fused: Calib
         spread = Extrinsics.from_array(part.spread)
         segments.append(DriveSegment(part.start_s, part.end_s, estimate, spread, error))
     changes = []
-    for change, before, after in zip(course.changes, segments, segments[1:], strict=False):
+    for change, before, after in zip(history.changes, segments, segments[1:], strict=False):
         old, new = before.estimate.extrinsics, after.estimate.extrinsics
-        if old is not None and new is not None:  # they are: accepted frames were fused
+        if old is not None and new is not None:  # always true, because accepted frames were fused
             changes.append(DriveChange(change.at_s, change.within_s, old, new, change.sigmas))
     last = segments[-1].estimate
     if changes:
         last = replace(
             last, message=f"{last.message}; since the camera was moved at {clock(changes[-1].at_s)}"
         )
-    return Drive(last, tuple(segments), tuple(changes), course.judged)
+    return Drive(last, tuple(segments), tuple(changes), history.judged)
 
 
 def clock(stamp_s: float) -> str:
-    """Return a stamp as people read it: UTC where it is of a clock, seconds where it is not."""
+    """Return a stamp as people read it: UTC where it comes from a clock, seconds where it does not."""
     if stamp_s < FIRST_CLOCK_S:
         return f"{stamp_s:.1f} s"
     return datetime.fromtimestamp(stamp_s, timezone.utc).strftime("%H:%M:%S UTC")

@@ -17,17 +17,19 @@ from ..numerics.statistics import OUTLIER_SIGMAS, SIGMA_OVER_MAD
 from ..results import CalibrationResult, announce
 from ..types import Array
 
-# Frames farther from the median than this many robust standard deviations are left out.
-# Part of a frame's variance that the next frame repeats: the edges of the paint are as ragged, and the
-# template of an edge as imperfect, in all frames of a drive. On the rendered straight_road, where asphalt
-# texture is most of the noise, ten frames together are 4 of their own standard deviations off in
-# pitch without it. Real roads repeat more; the spread between frames does not show that.
+# Fraction of a frame's variance that all frames of a drive share: their paint has the same ragged edges, and
+# the edge template the same imperfections. On the rendered straight_road, the texture of the road surface is
+# most of the noise. Without this term, ten fused frames there are 4 of their own standard deviations off in
+# pitch. Real roads share more; the spread between frames does not show it.
 _SHARED_VARIANCE = 0.1
-_MIN_FOR_OUTLIERS = 4  # with three, the median absolute deviation is decided by one frame
+_MIN_FOR_OUTLIERS = 4  # with three frames, one of them determines the median absolute deviation
 
 
 class AcceptedFrame(Protocol):
-    """What is needed of a frame: a :class:`.CalibrationResult` has it, and what is kept of one."""
+    """The attributes of an accepted frame that the fusion uses.
+
+    A :class:`.CalibrationResult` has them, and so has what is stored of one.
+    """
 
     @property
     def stamp_s(self) -> float:
@@ -39,7 +41,7 @@ class AcceptedFrame(Protocol):
 
     @property
     def covariance(self) -> Array | None:
-        """(3, 3) of it."""
+        """(3, 3) covariance of the calibration."""
 
     @property
     def lane_yaw_rad(self) -> float | None:
@@ -67,7 +69,7 @@ def fuse(estimates: Array, covariances: Array) -> tuple[Array, Array, npt.NDArra
 
     The covariance of the mean is enlarged by Birge's ratio (R. T. Birge, "The calculation of errors by
     the method of least squares", Phys. Rev. 40, 1932) where the estimates scatter more than
-    their covariances promise.
+    their covariances predict.
 
     Args:
         estimates: (N, 3) height_m, pitch_rad, roll_rad.
@@ -83,7 +85,7 @@ def fuse(estimates: Array, covariances: Array) -> tuple[Array, Array, npt.NDArra
         formal = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
         scale = np.maximum(SIGMA_OVER_MAD * np.median(deviation, axis=0), np.median(formal, axis=0))
         used = np.all(deviation <= OUTLIER_SIGMAS * scale, axis=1)
-        if not used.any():  # each frame is off in another value: none can be told from the rest
+        if not used.any():  # each frame deviates in a different value, so that no outlier can be identified
             used[:] = True
     information = np.linalg.inv(covariances[used])
     covariance = np.linalg.inv(information.sum(axis=0))
@@ -97,7 +99,7 @@ def fuse(estimates: Array, covariances: Array) -> tuple[Array, Array, npt.NDArra
 
 
 def shared(covariances: Array) -> Array:
-    """Return the covariance (3, 3) that frames of one drive have in common, however many there are."""
+    """Return the covariance (3, 3) of the errors that all frames of a drive share, whatever their number."""
     common: Array = _SHARED_VARIANCE * covariances.mean(axis=0)
     return common
 
@@ -108,14 +110,14 @@ def fuse_frames(
     motion: Array | None = None,
     inflation: float = 1.0,
 ) -> CalibrationResult:
-    """Fuse accepted frames of one mounting.
+    """Fuse accepted frames of one pose of the mount.
 
     Args:
-        frames: At least one, in the order of time.
-        rig: The rig they come from.
-        motion: (3, 3) covariance of the car's motion, as far as it is known; with it, frames of little noise
-            do not outweigh the others.
-        inflation: By how much the variance of the mean is greater than if frames were independent.
+        frames: At least one frame, in the order of time.
+        rig: The rig that the frames come from.
+        motion: (3, 3) covariance of the car's motion, None where it is not known. With it, frames of little
+            noise do not outweigh the others.
+        inflation: Variance of the mean over its variance for independent frames.
     """
     if len(frames) == 1 and motion is None and isinstance(frames[0], CalibrationResult):
         return frames[0]
@@ -132,7 +134,7 @@ def fuse_frames(
     terms.append(UncertaintyTerm("shared", shared(covariances[used])))
     confirmed = any(frame.confirmed_by_texture for frame in good)
     if confirmed:
-        # What the calibration of the cameras has left is the same in all frames.
+        # The residual error of the cameras' own calibration is the same in all frames.
         terms.append(UncertaintyTerm("rectification", rectification_covariance(rig, pose)))
     uncertainty = merge_terms(terms)
     fused = CalibrationResult(
@@ -161,20 +163,20 @@ def _terms_of_mean(
 
     Args:
         frames: The frames.
-        covariances: (N, 3, 3) they were weighted by.
-        motion: (3, 3) part of each of these that is the car's motion.
-        covariance: (3, 3) of the mean.
+        covariances: (N, 3, 3) covariances whose inverses were the weights.
+        motion: (3, 3) part of each of these covariances that the car's motion causes.
+        covariance: (3, 3) covariance of the mean.
     """
     information = np.linalg.inv(covariances)
     expected = np.linalg.inv(information.sum(axis=0))
     terms: list[UncertaintyTerm] = []
     for frame, weight in zip(frames, expected @ information, strict=True):
         own = frame.uncertainty
-        if not own and frame.covariance is not None:  # a frame of before there were terms
+        if not own and frame.covariance is not None:  # a frame from a file without terms
             own = (UncertaintyTerm("noise", frame.covariance),)
         terms += propagate_terms(own, weight)
         if motion is not None:
             terms += propagate_terms((UncertaintyTerm("motion", motion),), weight)
-    # What the frames scatter by more than they promise: the mean's covariance is enlarged by it.
+    # The scatter of the frames beyond their covariances enlarges the covariance of the mean.
     terms.append(UncertaintyTerm("scatter", covariance - (expected + expected.T) / 2.0))
     return terms

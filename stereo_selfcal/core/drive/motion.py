@@ -1,4 +1,4 @@
-"""How a car moves on its suspension, as a drive shows it: means over ten seconds, and their scatter."""
+"""The motion of a car on its suspension, measured in a drive: means over ten seconds, and their scatter."""
 
 from __future__ import annotations
 
@@ -10,26 +10,31 @@ import numpy.typing as npt
 from ..numerics.statistics import OUTLIER_SIGMAS, SIGMA_OVER_MAD
 from ..types import Array, Indices
 
-# Suspensions ring for a second or two and brakes are applied for some: means over ten seconds hardly repeat
-# each other, and what they do repeat is measured.
+# Length of a block. Suspensions ring for a second or two, and brakes are applied for some seconds. So means
+# over ten seconds are hardly correlated, and the correlation that remains is measured.
 BLOCK_S = 10.0
-# Of means over ten seconds, for the standard error of a mean over all.
+# Fewest block means for the standard error of the mean over all blocks.
 _FEWEST_FOR_ERROR = 3
-# Neighbours on either side of a block, for outliers; single frames are compared with their block.
+# Neighbours on either side of a block that outliers are compared with; a frame is compared with its block.
 _NEIGHBOURS = 2
-# Three quarters of normal deviations are within this many standard deviations: a scale that up to a quarter
-# of wrong values does not move, and that wastes less than the median would.
+# Scale of normal deviations by their upper quartile: three quarters are within so many standard deviations.
+# Up to a quarter of wrong values do not move it, and it is more efficient than the median.
 _QUARTILE = 0.75
 _SIGMA_OF_QUARTILE = 1.1503
-# Of neighbouring blocks; above, a shift and motion cannot be told apart.
+# Most correlation of neighbouring blocks; above it, a shift cannot be distinguished from motion.
 _MAX_CORRELATION = 0.8
-# Instead of zero, where all estimates are the same: below anything that is measured [m], [rad].
+# Least scatter, for estimates that are all equal: smaller than any measured value [m], [rad].
 _NO_SCATTER = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeBlocks:
-    """Means over ten seconds each, where there are estimates: number of the block (B,), values (B, 3)."""
+    """Means over blocks of ten seconds that contain estimates.
+
+    Attributes:
+        number: (B,) number of each block since the first estimate.
+        values: (B, 3) mean of height_m, pitch_rad, roll_rad in each block.
+    """
 
     number: Indices
     values: Array
@@ -39,12 +44,12 @@ class TimeBlocks:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
-    """How block means scatter.
+class CarMotion:
+    """Scatter of the block means, caused by the motion of the car.
 
     Attributes:
-        sigma: (3,) long-run standard deviation of one, which counts that they repeat each other: a mean of n
-            has it over the root of n.
+        sigma: (3,) long-run standard deviation of a block mean, which includes the correlation of the blocks.
+            The standard deviation of the mean of n blocks is this over the root of n.
     """
 
     sigma: Array
@@ -57,7 +62,7 @@ class Motion:
 
 
 def blocks_of(stamps: Array, values: Array) -> TimeBlocks:
-    """Average over blocks of time; a frame far from the rest of its block is left out."""
+    """Average over blocks of time; a frame far from the median of its block is left out."""
     number = np.floor((stamps - stamps[0]) / BLOCK_S).astype(np.intp)
     bounds = np.flatnonzero(np.diff(number)) + 1
     parts = np.split(values, bounds)
@@ -72,7 +77,10 @@ def blocks_of(stamps: Array, values: Array) -> TimeBlocks:
 
 
 def without_excursions(blocks: TimeBlocks) -> TimeBlocks:
-    """Leave out blocks that are unlike most of their neighbours: at a shift, those of one side are alike."""
+    """Leave out blocks that are far from the median of their neighbours.
+
+    The blocks at a shift stay, because they agree with their neighbours on one side.
+    """
     values = blocks.values
     if len(values) <= 2 * _NEIGHBOURS:
         return blocks
@@ -84,24 +92,33 @@ def without_excursions(blocks: TimeBlocks) -> TimeBlocks:
     return TimeBlocks(blocks.number[alike], values[alike])
 
 
-def measure_motion(blocks: TimeBlocks, noise: Array, per_block: float) -> Motion:
-    """Measure the motion by differences of blocks, which a shift changes in one place only.
+def measure_motion(blocks: TimeBlocks, noise: Array, per_block: float) -> CarMotion:
+    """Measure the motion by the differences of blocks; a shift changes only one of them.
 
-    For means that repeat each other as an autoregression of first order, differences over two blocks have
+    Let the block means be an autoregression of first order. Then differences over two blocks have
     (1 + correlation) times the variance of those over one.
+
+    Args:
+        blocks: The block means.
+        noise: (N, 3) standard deviations of the frames.
+        per_block: Mean number of frames in a block.
     """
     differences = (np.abs(blocks.values[lag:] - blocks.values[:-lag]) for lag in (1, 2))
     one, two = (np.quantile(each, _QUARTILE, axis=0) / _SIGMA_OF_QUARTILE for each in differences)
     ratio = float(np.mean(two**2 / np.maximum(one**2, _NO_SCATTER**2)))
     correlation = float(np.clip(ratio - 1.0, 0.0, _MAX_CORRELATION))
-    # Half the variance of a difference is 1 - correlation of that of a mean.
+    # The variance of a difference is 2 (1 - correlation) times that of a mean.
     single = one**2 / (2.0 * (1.0 - correlation))
     floor = np.median(noise, axis=0) ** 2 / per_block
-    return Motion(np.sqrt(np.maximum(single, floor) * (1.0 + correlation) / (1.0 - correlation)))
+    return CarMotion(np.sqrt(np.maximum(single, floor) * (1.0 + correlation) / (1.0 - correlation)))
 
 
 def standard_error(stamps: Array, values: Array) -> Array | None:
-    """Return the covariance (3, 3) of a mean over time, by its block means and how they repeat each other."""
+    """Return the covariance (3, 3) of a mean over time, from its block means and their correlation.
+
+    Returns:
+        None where there are too few blocks.
+    """
     means = without_excursions(blocks_of(stamps, values)).values
     n = len(means)
     if n < _FEWEST_FOR_ERROR:

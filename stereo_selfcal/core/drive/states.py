@@ -1,6 +1,6 @@
-"""The state of a calibration, as one machine: what it can be, what may happen to it, and on which condition.
+"""The states of a calibration as a state machine: states, events, and the condition of each transition.
 
-A calibration that is suspect or invalid stays in force: it is what there is until a better one is proven.
+A calibration that is suspect or invalid stays active until a better one is proven, because there is no other.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from enum import Enum
 
 
 class State(Enum):
-    """What is to be thought of the calibration; ``str(state)`` is a stable word."""
+    """How far the calibration can be trusted; ``str(state)`` is a stable word."""
 
     UNCALIBRATED = "uncalibrated"
     CALIBRATING = "calibrating"
@@ -23,7 +23,7 @@ class State(Enum):
 
 
 class Event(Enum):
-    """What may happen to it."""
+    """An event that may change the state."""
 
     LOADED = "loaded"
     STARTED = "started"
@@ -41,13 +41,13 @@ class Event(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """A way from one state into another.
+    """A transition from one state to another.
 
     Attributes:
-        before: The state before.
-        event: What happens.
-        after: The state after; None: the one before the calibration was started.
-        condition: When it happens, in words.
+        before: State before the transition.
+        event: Event that causes it.
+        after: State after the transition; None: the state before the calibration was started.
+        condition: Condition of the event, in words.
     """
 
     before: State
@@ -93,41 +93,41 @@ _BY_CAUSE = {(transition.before, transition.event): transition for transition in
 
 
 @dataclass(frozen=True, slots=True)
-class Machine:
-    """The state now; :meth:`after` gives the next one.
+class StateMachine:
+    """The current state; :meth:`after` returns the next one.
 
     Attributes:
-        state: The state.
-        resumed: While calibrating: the state that a call without a calibration goes back to.
+        state: Current state.
+        resumed: State to which the machine returns when the calibration in progress ends without a result.
     """
 
     state: State = State.UNCALIBRATED
     resumed: State = State.UNCALIBRATED
 
-    def after(self, event: Event) -> Machine:
-        """Return the machine after an event; itself where the event means nothing in this state."""
+    def after(self, event: Event) -> StateMachine:
+        """Return the machine after an event; the same one where the state has no transition for the event."""
         transition = _BY_CAUSE.get((self.state, event))
         if transition is None:
             return self
         if self.state is State.CALIBRATING:
             resumed = State.UNCALIBRATED if event is Event.WITHDRAWN else self.resumed
-            return Machine(transition.after or resumed, resumed)
+            return StateMachine(transition.after or resumed, resumed)
         if transition.after is State.CALIBRATING:
-            return Machine(State.CALIBRATING, self.state)
+            return StateMachine(State.CALIBRATING, self.state)
         assert transition.after is not None
-        return Machine(transition.after, self.resumed)
+        return StateMachine(transition.after, self.resumed)
 
 
 @dataclass(frozen=True, slots=True)
 class WatchVerdict:
-    """What the watch thinks of the calibration in force (`core.drive.watch`).
+    """Verdict of the watch on the active calibration (`core.drive.watch`).
 
     Attributes:
-        doubted: Whether the drift test has raised the alarm and nothing has lowered it since.
+        doubted: Whether the drift test has raised an alarm that has not been withdrawn.
         proven: Whether the frames after the alarm alone show the drift.
-        least: The drift less two standard deviations, over its limit; of that quantity where it is greatest.
-        most: The drift and two standard deviations, over its limit; likewise.
-        message: One sentence: what was measured, and the limit.
+        least: Drift minus two standard deviations, over its limit; the greatest over all quantities.
+        most: Drift plus two standard deviations, over its limit; the greatest over all quantities.
+        message: One sentence with the measured drift and its limit.
     """
 
     doubted: bool = False
@@ -138,9 +138,10 @@ class WatchVerdict:
 
 
 def event_of(verdict: WatchVerdict, state: State) -> Event | None:
-    """Return what a verdict means in a state, None if it changes nothing.
+    """Return the event that a verdict causes in a state, None where it changes nothing.
 
-    Between ``least`` and ``most`` lie four standard deviations: what is invalid does not flicker.
+    ``least`` and ``most`` are four standard deviations apart. This hysteresis keeps the state from
+    flickering.
     """
     if not verdict.doubted:
         return Event.CONFIRMED if state in (State.SUSPECT, State.INVALID) else None

@@ -1,4 +1,7 @@
-"""The continuous watch: does the road still show the calibration in force? Derived in docs/watch.md."""
+"""The continuous watch: it tests whether the frames still agree with the active calibration.
+
+The method is derived in docs/watch.md.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +19,8 @@ from .drift import (
     LEAST_FRAMES,
     LEAST_SPAN_S,
     DriftChange,
+    FrameSeries,
     Reference,
-    Series,
     find_change,
     mark_outliers,
     mean_of,
@@ -29,44 +32,46 @@ from .drift import (
 from .fusion import fuse_frames
 from .states import WatchVerdict
 
-# |z| from which on the alarm is raised: one false alarm in some hundred hours of good road.
+# Least |z| that raises an alarm: one false alarm in some hundred hours of good road.
 ALARM_SIGMAS = 5.0
-# Log likelihood ratio against the drift from which on it is taken back: 1000 to 1 (as in Wald's test).
+# Least log likelihood ratio against the drift that withdraws the alarm: 1000 to 1 (as in Wald's test).
 RECOVERY_EVIDENCE = math.log(1000.0)
-# |z| of the frames after the alarm alone, from which on they prove the drift: they were not chosen for it.
+# Least |z| of the frames after the alarm alone that proves the drift. These frames did not select the alarm.
 PROOF_SIGMAS = 3.0
-# Against a drift of at least this part of the one found, as an alarm finds it too large rather than too
-# small: by 1.5 of its standard deviations, of which it has five.
+# The recovery is tested against this fraction of the drift that was found. An alarm tends to overestimate the
+# drift, by 1.5 of its five standard deviations.
 _LEAST_OF_DRIFT = 0.7
-# How far beyond "none" and "all of the drift" a frame may speak: then an outlier counts as three.
+# Limits of a frame's share of the drift, beyond 0 (no drift) and 1 (all of the drift). An outlier then counts
+# as three frames.
 _LEAST_SHARE, _GREATEST_SHARE = -1.0, 2.0
 
 _BOUND_SIGMAS = 2.0
 
-# A mean that takes the place of a calibration: enough road for a bump or a camber to be little of it.
+# Least frames and time of a mean that replaces a calibration. On so much road, a bump or a camber has little
+# influence.
 PROPOSAL_FRAMES = 12
 PROPOSAL_SPAN_S = 60.0
-# A change within the frames of such a mean: what is before it belongs to another pose.
+# Least |z| of a change within the frames of such a mean. The frames before the change belong to another pose.
 _SPLIT_SIGMAS = 4.0
 
-# Bounds memory and time. What is dropped goes into the reference.
+# Most frames that are kept, which limits memory and time. Dropped frames are merged into the reference.
 _MOST_FRAMES = 1500
 _DROPPED = 500
 
-# Their scatter is measured anew whenever there are so many more.
+# Growth of the number of frames after which their scatter is measured anew.
 _SCATTER_STEP = 0.02
 
-# Between two frames farther apart than this no road was seen: it counts as so much.
+# Longest time that a step between two frames counts: during a longer pause no road was seen.
 _LONGEST_STEP_S = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Doubt:
-    """An alarm: everything as it was then.
+class _Alarm:
+    """An alarm, with the state at the time when it was raised.
 
     Attributes:
-        change: The change that raised it.
-        n_before: Frames from the change on that were there then.
+        change: The change that raised the alarm.
+        n_before: Number of frames between the change and the alarm.
     """
 
     change: DriftChange
@@ -74,22 +79,23 @@ class _Doubt:
 
 
 class Watch:
-    """Compares the frames since a calibration with it; one thread at a time.
+    """Compares the frames since a calibration with this calibration. It must be used by one thread at a time.
 
-    Frames after a possible change are compared with the calibration and the frames before it, for every
-    moment the change may have come at. Rejected frames are passed over.
+    For every possible moment of a change, the frames after it are compared with the calibration and the
+    frames before it. Rejected frames are ignored.
     """
 
     def __init__(self) -> None:
         self.start(None)
 
     def start(self, result: CalibrationResult | None, settled: bool = False) -> None:
-        """Watch over a calibration from now on.
+        """Start to watch a calibration.
 
         Args:
-            result: The calibration in force, None if there is none: then a mean is gathered.
-            settled: Whether it is the mean of minutes of road, so that its covariance has the motion
-                of the car in it. A frame of a moving car, or ten in a second, are of one moment.
+            result: The active calibration; None if there is none, in which case a mean is collected.
+            settled: Whether the calibration is a mean over minutes of road, so that its covariance includes
+                the motion of the car. A single frame of a moving car, or ten within a second, show one moment
+                only.
         """
         self._reference: Reference | None = None
         if result is not None and result.extrinsics is not None and result.covariance is not None:
@@ -99,32 +105,32 @@ class Watch:
 
     def _forget(self) -> None:
         self._results: list[CalibrationResult] = []
-        self._series = Series(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=bool))
+        self._series = FrameSeries(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=bool))
         self._last_stamp_s: float | None = None
         self._time_s = 0.0
         self._change: DriftChange | None = None
         self._next_scatter = 0
-        self._doubt: _Doubt | None = None
+        self._alarm: _Alarm | None = None
         self._verdict = WatchVerdict()
 
     @property
     def verdict(self) -> WatchVerdict:
-        """What it thinks now."""
+        """Current verdict."""
         return self._verdict
 
     @property
     def n_frames(self) -> int:
-        """Frames it has in mind."""
+        """Number of frames that are kept."""
         return len(self._series)
 
     @property
     def deviation(self) -> float:
-        """Greatest deviation of the frames since any moment, in standard deviations; 0 before the first."""
+        """Most significant deviation of the frames since any moment, in standard deviations; 0 at first."""
         return 0.0 if self._change is None else self._change.size
 
     @property
     def progress(self) -> float:
-        """How far it is on its way to its first comparison, 0 to 1."""
+        """Progress towards the first comparison, 0 to 1."""
         if self._reference is None:
             frames, span_s = PROPOSAL_FRAMES, PROPOSAL_SPAN_S
         else:
@@ -134,7 +140,7 @@ class Watch:
         return min(1.0, np.count_nonzero(series.used) / frames, seen_s / span_s)
 
     def explain(self) -> str:
-        """Return what it has to say, one sentence."""
+        """Return the state of the watch as one sentence."""
         seen = f"{self.n_frames} frames"
         if self._verdict.doubted:
             proven = "proven" if self._verdict.proven else "not proven"
@@ -152,24 +158,24 @@ class Watch:
         )
 
     def add(self, result: CalibrationResult) -> WatchVerdict:
-        """Take in a frame; :attr:`CalibrationResult.stamp_s` says when it was."""
+        """Add a frame and return the verdict; the time of the frame is :attr:`CalibrationResult.stamp_s`."""
         if result.extrinsics is None or result.covariance is None:
             return self._verdict
         self._append(result)
-        if self._doubt is None:
+        if self._alarm is None:
             self._look_for_change()
         else:
-            self._look_at_doubt(self._doubt)
+            self._review_alarm(self._alarm)
         return self._verdict
 
     def proposal(self, rig: StereoRig) -> CalibrationResult | None:
-        """Return a calibration that is proven to be better than the one in force, None if there is none.
+        """Return a calibration that is proven to be better than the active one, None if there is none.
 
-        It is the mean of at least a minute of road since the change; its covariance has the motion of the
-        car in it. Where no calibration is in force, any such mean is better.
+        It is the mean of at least a minute of road since the change. Its covariance includes the motion of
+        the car. Where no calibration is active, any such mean is better.
 
         Args:
-            rig: The rig all frames come from.
+            rig: The rig that all frames come from.
         """
         if self._reference is not None and not self._verdict.proven:
             return None
@@ -189,13 +195,13 @@ class Watch:
     def _append(self, result: CalibrationResult) -> None:
         assert result.extrinsics is not None and result.covariance is not None
         if self._last_stamp_s is not None:
-            # A clock that jumps back (a recording that starts anew) is a pause like any other.
+            # A clock that jumps back, because a recording starts anew, is treated as a pause.
             step_s = result.stamp_s - self._last_stamp_s
             self._time_s += min(step_s, _LONGEST_STEP_S) if step_s > 0.0 else _LONGEST_STEP_S
         self._last_stamp_s = result.stamp_s
         self._results.append(replace(result, pattern=None, unused_lines=(), genetic=None, gates=()))
         old = self._series
-        series = Series(
+        series = FrameSeries(
             np.append(old.times_s, self._time_s),
             np.vstack([old.values, result.extrinsics.as_array()]),
             np.vstack([old.variances, np.diagonal(result.covariance)]),
@@ -206,17 +212,17 @@ class Watch:
             self._shorten()
 
     def _shorten(self) -> None:
-        """Take the oldest frames into the reference; those since an alarm are only forgotten."""
-        oldest, rest = self._series.part(slice(0, _DROPPED)), slice(_DROPPED, None)
-        if self._doubt is not None:
-            self._doubt = replace(self._doubt, n_before=max(0, self._doubt.n_before - _DROPPED))
+        """Merge the oldest frames into the reference; the frames since an alarm are dropped instead."""
+        oldest, kept = self._series.part(slice(0, _DROPPED)), slice(_DROPPED, None)
+        if self._alarm is not None:
+            self._alarm = replace(self._alarm, n_before=max(0, self._alarm.n_before - _DROPPED))
         elif self._reference is not None:
             scatter = self._change.scatter if self._change else prior_scatter()
             mean, variance = mean_of(oldest, scatter)
             known, new = 1.0 / reference_variance(self._reference, scatter), 1.0 / variance
             total = known + new
             self._reference = Reference((known * self._reference.mean + new * mean) / total, 1.0 / total, 0.0)
-        self._series, self._results = self._series.part(rest), self._results[rest]
+        self._series, self._results = self._series.part(kept), self._results[kept]
         self._next_scatter = 0
 
     def _look_for_change(self) -> None:
@@ -231,20 +237,20 @@ class Watch:
             self._change = find_change(self._series, self._reference, scatter)
         if self._change is None or self._change.size < ALARM_SIGMAS:
             return
-        self._doubt = _Doubt(self._change, len(self._series) - self._change.split)
-        # What was before it is in the change; what comes after it is looked at alone.
+        self._alarm = _Alarm(self._change, len(self._series) - self._change.split)
+        # The mean before the change is stored in the change itself. Only the frames after it are kept.
         after = slice(self._change.split, None)
         self._series, self._results = self._series.part(after), self._results[after]
-        self._judge(self._doubt, proven=False)
+        self._measure_drift(self._alarm, proven=False)
 
-    def _look_at_doubt(self, doubt: _Doubt) -> None:
-        change, axis = doubt.change, doubt.change.axis
-        since = self._series.part(slice(doubt.n_before, None))
+    def _review_alarm(self, alarm: _Alarm) -> None:
+        change, axis = alarm.change, alarm.change.axis
+        since = self._series.part(slice(alarm.n_before, None))
         scatter = change.scatter
         moved = since.values[since.used, axis] - change.before[axis]
         variance = (scatter.motion[axis] + since.variances[since.used, axis]) * scatter.inflation[axis]
         if self._evidence(moved, variance, _LEAST_OF_DRIFT * change.drift[axis]) <= -RECOVERY_EVIDENCE:
-            self._take_back(doubt)
+            self._withdraw_alarm(alarm)
             return
         proven = self._verdict.proven
         if len(moved) and not proven:
@@ -252,26 +258,26 @@ class Watch:
             std = math.sqrt(1.0 / weights.sum() + change.before_variance[axis])
             mean = float((weights * moved).sum() / weights.sum())
             proven = mean * math.copysign(1.0, change.drift[axis]) >= PROOF_SIGMAS * std
-        self._judge(doubt, proven)
+        self._measure_drift(alarm, proven)
 
     @staticmethod
     def _evidence(moved: Array, variance: Array, drift: float) -> float:
-        """Return the log likelihood ratio for a drift over none since it was last at its greatest."""
+        """Return the log likelihood ratio of a drift over no drift, minus its greatest value so far."""
         share = np.clip(moved / drift, _LEAST_SHARE, _GREATEST_SHARE)
         sums = np.cumsum(drift**2 * (2.0 * share - 1.0) / (2.0 * variance))
         if not len(sums):
             return 0.0
         return float(sums[-1] - max(sums.max(), 0.0))
 
-    def _take_back(self, doubt: _Doubt) -> None:
-        """The road shows the old pose again: go on from what was known before the change."""
-        change = doubt.change
+    def _withdraw_alarm(self, alarm: _Alarm) -> None:
+        """Continue with the reference before the change, because the frames show the old pose again."""
+        change = alarm.change
         self._forget()
         self._reference = Reference(change.before, change.before_variance, 0.0)
 
-    def _judge(self, doubt: _Doubt, proven: bool) -> None:
-        """Say how large the drift is, over all frames since the change."""
-        change = doubt.change
+    def _measure_drift(self, alarm: _Alarm, proven: bool) -> None:
+        """Update the verdict with the size of the drift, measured from all frames since the change."""
+        change = alarm.change
         mean, variance = mean_of(self._series, change.scatter)
         drift, std = mean - change.before, np.sqrt(variance + change.before_variance)
         least = (np.abs(drift) - _BOUND_SIGMAS * std) / AGREEMENT

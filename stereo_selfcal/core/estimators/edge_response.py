@@ -1,14 +1,14 @@
 """The response of pixel and lens to the edge of a stripe, tabulated.
 
-A pixel is a box of area 1. A straight edge that moves m columns a row is felt by it as by a box of
-width 1 convolved with a box as wide as m, and a Gaussian lens of standard deviation s blurs it along
-the row by ``s sqrt(1 + m^2)``. The step response is the second integral of the normal distribution at the
-four corners of that trapezium::
+A pixel is a box of area 1. For a straight edge that moves m columns a row, this box acts along the row like
+a box of width 1 convolved with a box of width m. A Gaussian lens of standard deviation s blurs the edge along
+the row by ``s sqrt(1 + m^2)``. The step response S is the second integral of the normal distribution at the
+four corners of the trapezium that the two boxes form::
 
     S(t) = [Q(t + a + b) - Q(t + a - b) - Q(t - a + b) + Q(t - a - b)] / (4 a b),  a = 1/2, b = |m| / 2
     Q(x) = (x^2 + s^2) / 2 * Phi(x / s) + s x / 2 * phi(x / s)
 
-and its derivative by the variance of the Gaussian is half its second derivative by t (the heat equation).
+The derivative of S by the variance of the Gaussian is half its second derivative by t (the heat equation).
 """
 
 from __future__ import annotations
@@ -22,21 +22,23 @@ from numpy.lib.stride_tricks import as_strided
 
 from ..types import Array
 
-# Spacing of the tables, a part of a pixel. Between the places the response is continued by its first and
-# second derivative: exact to 4e-5 for a lens that blurs by a fifth of a pixel, less than a grey level has by
-# rounding.
-_PLACES_PER_PX = 16
-_STEP_PX = 1.0 / _PLACES_PER_PX
-# Reach of the tables in standard deviations of the Gaussian beyond the trapezium: exact to 3e-6 as well.
+# Entries of the tables per pixel. Between the entries the response is extrapolated by its first and second
+# derivative. The error is at most 4e-5 for a lens that blurs by a fifth of a pixel; the rounding of grey
+# levels is larger.
+_ENTRIES_PER_PX = 16
+_STEP_PX = 1.0 / _ENTRIES_PER_PX
+# The tables end this many standard deviations of the Gaussian beyond the trapezium. The error there is 3e-6.
 _REACH_SIGMAS = 4.5
 
-# An edge more upright than this [columns per row] is taken as this slanted: it adds 2e-4 px^2 to the
-# variance of the response, 1/12 px^2 and more, and keeps the quotients of differences exact to 1e-5.
+# Least slant of an edge [columns per row]; a more upright edge is treated as this slanted. This adds 2e-4
+# px^2 to the variance of the response, which is at least 1/12 px^2. It keeps the difference quotients exact
+# to 1e-5.
 _MIN_SLANT = 0.05
 _CORNERS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]]) / 2.0
 _SIGNS = np.array([1.0, -1.0, -1.0, 1.0])
 
-# Normal distribution, M. Abramowitz and I. Stegun, Handbook of Mathematical Functions, 26.2.17: to 7.5e-8.
+# Polynomial of the normal distribution, exact to 7.5e-8: M. Abramowitz and I. Stegun, Handbook of
+# Mathematical Functions, 26.2.17.
 _TAIL = (1.330274429, -1.821255978, 1.781477937, -0.356563782, 0.319381530)
 _TAIL_SCALE = 0.2316419
 
@@ -44,8 +46,8 @@ _TAIL_SCALE = 0.2316419
 class StepResponse:
     """Tables of the step response of E edges, each with its own slope and blur.
 
-    Pixels are looked up as runs of neighbours: a table has the places that are whole pixels apart side by
-    side, so that a run is one piece of it.
+    Pixels are looked up as runs of neighbours. The entries of a table that are whole pixels apart are stored
+    side by side, so that a run is one contiguous piece of the table.
 
     Args:
         slope: (E,) columns an edge moves a row.
@@ -57,33 +59,33 @@ class StepResponse:
         slant = np.maximum(np.abs(slope), _MIN_SLANT)[:, None]
         sigma = np.sqrt(variance)[:, None]
         reach_px = math.ceil(float((0.5 + slant / 2.0 + _REACH_SIGMAS * sigma).max()))
-        # (corner, edge, place)
+        # (corner, edge, entry)
         x = (
             _CORNERS[:, :1, None]
             + _CORNERS[:, 1:, None] * slant
-            + _STEP_PX * np.arange(reach_px * _PLACES_PER_PX + 1)
+            + _STEP_PX * np.arange(reach_px * _ENTRIES_PER_PX + 1)
         )
         below, normal = _normal(x / sigma)
         normal *= sigma
         integral = x * below + normal
-        bend = (_SIGNS @ below.reshape(len(x), -1)).reshape(x.shape[1:]) / slant
+        slope = (_SIGNS @ below.reshape(len(x), -1)).reshape(x.shape[1:]) / slant
         density = (_SIGNS @ integral.reshape(len(x), -1)).reshape(x.shape[1:]) / slant
         # (x^2 + s^2) Phi + s x phi
         integral *= x
         integral += sigma**2 * below
         share = (_SIGNS @ integral.reshape(len(x), -1)).reshape(x.shape[1:]) / (2.0 * slant)
         self._run_px, self._reach_px = run_px, reach_px
-        # Odd about one half, even, odd: half of the table is enough.
+        # The share is odd about one half, the density is even, its slope is odd: half of each was computed.
         self._share = self._table(1.0 - share[:, :0:-1], share, beyond=1.0)
         self._density = self._table(density[:, :0:-1], density)
-        self._bend = self._table(-bend[:, :0:-1], bend)
+        self._density_slope = self._table(-slope[:, :0:-1], slope)
 
     def _table(self, left: Array, right: Array, beyond: float = 0.0) -> Array:
-        """Return all runs of a table, (places where a run may begin, run_px), a view of (E, 32, pixels)."""
+        """Return all runs of a table, (entries where a run may begin, run_px), a view of (E, 16, pixels)."""
         n_pixels = 2 * self._reach_px
-        table = np.zeros((len(left), _PLACES_PER_PX, n_pixels + 2 * self._run_px))
-        by_pixel = np.concatenate([left, right[:, :-1]], axis=1).reshape(len(left), n_pixels, _PLACES_PER_PX)
-        table[..., self._run_px : self._run_px + n_pixels] = np.swapaxes(by_pixel, 1, 2)
+        table = np.zeros((len(left), _ENTRIES_PER_PX, n_pixels + 2 * self._run_px))
+        pixels = np.concatenate([left, right[:, :-1]], axis=1).reshape(len(left), n_pixels, _ENTRIES_PER_PX)
+        table[..., self._run_px : self._run_px + n_pixels] = np.swapaxes(pixels, 1, 2)
         table[..., self._run_px + n_pixels :] = beyond
         return runs_of(table.ravel(), self._run_px)
 
@@ -91,34 +93,34 @@ class StepResponse:
         """Look up edges at runs of pixels.
 
         Args:
-            distance_px: (...) columns from the edge to the middle of the first pixel of each run, > 0: right
-                of it [px].
-            edges: Their edges, 0 ... E - 1; of a shape that fits.
+            distance_px: (...) columns from the edge to the middle of the first pixel of each run [px]; > 0
+                where the pixel is right of the edge.
+            edges: Index of the edge of each run, 0 ... E - 1; broadcasts with the distances.
 
         Returns:
             Share of the pixel right of the edge, its derivative by the distance [1/px], and its derivative by
             the variance of the blur [1/px^2], (..., run_px) each.
         """
-        place = distance_px * float(_PLACES_PER_PX)
-        nearest = np.rint(place)
-        rest = ((place - nearest) * _STEP_PX)[..., None]
+        position = distance_px * float(_ENTRIES_PER_PX)
+        nearest = np.rint(position)
+        offset_px = ((position - nearest) * _STEP_PX)[..., None]
         pixel = np.floor(nearest * _STEP_PX)
-        phase = (nearest - pixel * _PLACES_PER_PX).astype(np.intp)
-        # Beyond its reach the table goes on for a run.
+        phase = (nearest - pixel * _ENTRIES_PER_PX).astype(np.intp)
+        # The table is padded by one run on either side.
         first = self._reach_px + self._run_px
         index = np.clip(pixel, -first, self._reach_px).astype(np.intp)
         index += first
-        index = index + (edges * _PLACES_PER_PX + phase) * (first + self._reach_px + self._run_px)
-        bend, density, share = self._bend[index], self._density[index], self._share[index]
-        change = bend * rest
-        share += (density + change * 0.5) * rest
+        index = index + (edges * _ENTRIES_PER_PX + phase) * (first + self._reach_px + self._run_px)
+        slope, density, share = self._density_slope[index], self._density[index], self._share[index]
+        change = slope * offset_px
+        share += (density + change * 0.5) * offset_px
         density += change
-        bend *= 0.5
-        return share, density, bend
+        slope *= 0.5  # by the variance of the blur
+        return share, density, slope
 
 
 def runs_of(values: npt.NDArray[Any], run: int) -> npt.NDArray[Any]:
-    """Return all runs of neighbours of a row of values, (N - run + 1, run), as a view that costs nothing."""
+    """Return all runs of neighbours of a row of N values, (N - run + 1, run), as a view without a copy."""
     return as_strided(values, (len(values) - run + 1, run), 2 * values.strides, writeable=False)
 
 

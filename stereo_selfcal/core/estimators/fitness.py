@@ -2,22 +2,21 @@
 
 The paper says "E1 and E2 are normalised" without saying how. Here both are squared pixels:
 
-* E1 divides the distance between the two places on the road where the cameras put a point by the size of a
-  pixel there, along the row. So a distant point counts no more than the pixels it was measured with, and
-  lowering the height, which shrinks every distance in metres, gains nothing. As both cameras see
-  a point in the same row, this is the column where the right camera should see what the left one sees on
-  the road, minus where it does: disparity predicted minus disparity measured. The disparity of a plane
-  is linear in the image, so the sum over all points is a quadratic form of three numbers, whatever
-  their number.
-  A line beside the boundaries of the lane may lie higher or lower than their plane: its points count by how
-  sure that is.
-* E2 is the angle between the two lines on the road in units of one pixel's angle, 1 / f,
-  times ``parallel_weight``: the vanishing point of two lines is known about ten times better than
-  where the plane through their disparities has its horizon (peers' comparison: 0.002 against
-  0.025 degrees of pitch at 5 % noise), and the smaller term of the two must not hide that.
-  A further line runs along the road, too, and is seen parallel to the others even where it lies beside their
-  plane. But it was painted another day, or is another edge, and farther aside its direction is measured
-  worse: its angles are divided by that weight, so that they do not outdo E1.
+* E1 compares the two positions on the road at which the cameras locate a point. Their distance is divided by
+  the size of a pixel there, along the row. A distant point therefore counts no more than the pixels it was
+  measured with. Lowering the height shrinks every distance in metres, but gains nothing here. Both cameras
+  see a point in the same row, so the quotient is the predicted disparity minus the measured one. The
+  disparity of a plane is linear in the image. The sum over any number of points is therefore a quadratic form
+  of three numbers.
+  A line beside the boundaries of the lane may lie higher or lower than their plane. Its points are weighted
+  by how well its height is known.
+* E2 is the angle between the two lines on the road in units of one pixel's angle, 1 / f, times
+  ``parallel_weight``. The vanishing point of two lines is known about ten times better than the horizon of
+  the plane through their disparities (peers' comparison: 0.002 against 0.025 degrees of pitch at 5 % noise).
+  The weight keeps E1 from hiding that.
+  An extra line runs along the road as well. It is seen parallel to the others even where it lies above or
+  below their plane. But it may have been painted another day, or be another kind of edge, and farther aside
+  its direction is measured worse. Its angles are divided by that weight, so that they do not outweigh E1.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ class PatternFitness:
         self._moment = weighted @ self._disparity
         self._square = float(weights @ self._disparity**2 / weights.sum())
         self._normals = _normals_of(pattern.columns, pattern.rows, rig)
-        # The first pair are the boundaries.
+        # The first pair is that of the lane's boundaries.
         n_pairs = len(_pairs(self._normals.shape[-1]))
         self._pair_weights = np.full(n_pairs, self._focal_px**2 / config.parallel_weight**2)
         self._pair_weights[1:] /= max(n_pairs - 1, 1)
@@ -63,18 +62,19 @@ class PatternFitness:
         """Return the fitness of (P, 3) candidates, shape (P,), in (0, 1 / K]."""
         return self._fitness(*self.errors(population))
 
-    def seen_by(self, camera: int, population: Array) -> Array:
+    def fitness_in_camera(self, camera: int, population: Array) -> Array:
         """Return the fitness with the parallelism in one camera only, shape (P,).
 
-        The fitness is the greater one of the two: "at least one camera must see parallel lines". Each has
-        one optimum, while the greater of both may have two, close by and almost as good.
+        The paper's fitness is the greater one of those of both cameras: "at least one camera must see
+        parallel lines". The fitness in one camera has one optimum. The greater of both may have two, close to
+        each other and almost equally good.
         """
         self.evaluations += len(population)
         trig = _trigonometry(population)
         parallelism = self._parallelism(self._normals[camera], *trig)
         return self._fitness(self._matching_error(population[:, 0], *trig), parallelism)
 
-    def seen_by_each(self, populations: Array) -> Array:
+    def fitness_in_each_camera(self, populations: Array) -> Array:
         """Return the fitness of one population a camera, (2, P, 3), by that camera's parallelism, (2, P)."""
         shape = populations.shape[:2]
         flat = populations.reshape(-1, populations.shape[2])
@@ -110,7 +110,7 @@ class PatternFitness:
         return plane
 
     def _matching_error(self, height: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
-        """E1: mean squared distance of the places where the cameras put a point, in pixels."""
+        """E1: mean square of the predicted disparity minus the measured one [px^2], (P,)."""
         plane = self._plane(height, cp, sp, cr, sr)
         square = np.einsum("pi,pi->p", plane @ self._gram, plane) - 2.0 * plane @ self._moment
         # Rounding may leave a perfect fit just below zero.
@@ -118,17 +118,17 @@ class PatternFitness:
         return error
 
     def plane(self, candidate: Array) -> DisparityPlane:
-        """Return the road of a candidate (3,) by the rays of the left camera."""
+        """Return the road plane of a candidate (3,), by the rays of the left camera."""
         return DisparityPlane(self._plane(candidate[0], *_trigonometry(candidate)), PlaneCamera.LEFT)
 
     def linear_terms(self, candidates: Array) -> tuple[Array, Array]:
-        """Return what the fitness of two lines is made of, before squares and minimum are taken.
+        """Return the residuals of both fitness terms for two lines, before they are squared.
 
         Args:
             candidates: (..., 3) height_m, pitch_rad, roll_rad.
 
         Returns:
-            distances (..., 2 N) of the points and angles (2, ...) between the lines by camera, both [px].
+            Distances (..., 2 N) of the points, and angles (2, ...) between the lines by camera, both [px].
         """
         trig = _trigonometry(candidates)
         planes = self._plane(candidates[..., 0], *trig)
@@ -137,7 +137,7 @@ class PatternFitness:
         return planes @ self._design.T - self._disparity, angles
 
     def angle_with(self, columns: Array, rows: Array, candidate: Array) -> float:
-        """Return what the angle of :meth:`linear_terms` would be with other columns (L, N) [px]."""
+        """Return the angle of :meth:`linear_terms` [px] for lines with other columns (L, N) [px]."""
         normals = _normals_of(columns, rows, self._rig)
         return self._focal_px * float(_angles_between(normals, *_trigonometry(candidate))[0])
 
@@ -150,16 +150,17 @@ def _normals_of(columns: Array, rows: Array, rig: StereoRig) -> Array:
 
 
 def _angles_between(normals: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
-    """Return the angles of all pairs of lines as a camera puts them on the road [rad], (..., P, pairs).
+    """Return the angles on the road between all pairs of lines that a camera sees [rad], (..., P, pairs).
 
     Args:
         normals: (..., 3, L) normals of the planes through the camera and each line.
         cp: (..., P) cosine of pitch.
-        sp: Its sine.
-        cr: Cosine of roll.
-        sr: Its sine.
+        sp: (..., P) sine of pitch.
+        cr: (..., P) cosine of roll.
+        sr: (..., P) sine of roll.
     """
-    # A line runs along the road at right angles to the normal of its plane: (-n_y, n_x), in road axes.
+    # A line on the road is perpendicular to the normal of its plane: its direction is (-n_y, n_x) in road
+    # axes.
     rotation = np.empty((*cp.shape, 5))
     rotation[..., 0], rotation[..., 1], rotation[..., 2] = cp, sp * sr, sp * cr
     rotation[..., 3], rotation[..., 4] = cr, -sr

@@ -1,4 +1,8 @@
-"""One step of Gauss and Newton: what the blocks of rows say of the road, block by block weighted robustly."""
+"""One Gauss-Newton step: the road's parameters from the edge displacements of all blocks of rows.
+
+Each block of rows gives the displacements of both edges of a stripe and of the blur. The blocks are weighted
+robustly.
+"""
 
 from __future__ import annotations
 
@@ -14,43 +18,45 @@ from ..road.stripe_model import N_POSE
 from ..types import Array
 from .row_blocks import RowBlocks
 
-MIN_BLOCKS = 12  # of four stripe images, 10 parameters: 36 displacements at least
-# A stripe with fewer blocks has no say: its own position and width take two displacements each.
+# Two stripes in two images have 10 parameters. So many blocks give 36 displacements.
+MIN_BLOCKS = 12
+# A stripe with fewer blocks is left out of the fit: its own position and width use up two displacements each.
 _MIN_STRIPE_BLOCKS = 3
 
-_LEAST_STRIPES = 2  # on either side of the lane
+_LEAST_STRIPES = 2  # one stripe on either side of the lane
 
 # Tukey's biweight on the deviance of a block of three displacements: 95 % efficiency for normal errors.
 _TUKEY_DEVIANCE = 30.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Known:
-    """What is known of the road beforehand.
+class RoadPrior:
+    """Which parameters of the road are free, and the prior of the stripes' heights.
 
     Attributes:
-        varied: (5 + 3 L,) the parameters that are free.
-        heights_m: (L,) heights of the stripes over the plane so far [m].
-        height_stds_m: (L,) their standard deviations about 0 [m]; 0 where they are not free.
+        varied: (5 + 3 L,) whether a parameter is free.
+        heights_m: (L,) current heights of the stripes over the plane [m].
+        height_stds_m: (L,) standard deviations of the prior of these heights about 0 [m]; 0 where a height is
+            not free.
     """
 
     varied: npt.NDArray[np.bool_]
     heights_m: Array
     height_stds_m: Array
 
-    def heights(self, variance: float) -> tuple[Array, Array]:
-        """Return the information (P, P) of the heights, and what it says of the next step (P,).
+    def normal_equations(self, variance: float) -> tuple[Array, Array]:
+        """Return the normal equations of the prior: information (P, P) and right side (P,) of the next step.
 
         Args:
-            variance: Of the grey values, in which all information is measured.
+            variance: Variance of the grey values, the unit of all information.
         """
         n = len(self.varied) + 2  # with the blur of both lenses
-        information, pull = np.zeros((n, n)), np.zeros(n)
+        information, right_side = np.zeros((n, n)), np.zeros(n)
         free = self.height_stds_m > 0.0
-        place = len(self.varied) - len(free) + np.flatnonzero(free)
-        information[place, place] = variance / self.height_stds_m[free] ** 2
-        pull[place] = -information[place, place] * self.heights_m[free]
-        return information, pull
+        index = len(self.varied) - len(free) + np.flatnonzero(free)
+        information[index, index] = variance / self.height_stds_m[free] ** 2
+        right_side[index] = -information[index, index] * self.heights_m[free]
+        return information, right_side
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,10 +64,10 @@ class Step:
     """A step of all parameters.
 
     Attributes:
-        step: (P,) of all parameters; 0 of those that are not free.
-        free: Which ones are.
-        information: Of the free ones, by the blocks that count, for noise of variance 1.
-        relative: Deviances of these blocks, over that at which a block ceases to count.
+        step: (P,) change of all parameters; 0 for those that are not free.
+        free: Indices of the free parameters.
+        information: Information of the blocks that count about the free parameters, for noise of variance 1.
+        relative: Deviances of these blocks over the deviance at which a block ceases to count.
         scale: Mean scale of the deviances of both cameras.
     """
 
@@ -72,14 +78,14 @@ class Step:
     scale: float
 
     def covariance(self, variance: float) -> Array | NotFitted:
-        """Return the covariance (P, P) of an M-estimator, or why the weights say nothing.
+        """Return the covariance (P, P) of an M-estimator, or the reason why the weights do not give one.
 
-        With deviance d and weight w(d) of a block it is ``E[w^2 d] / 3`` over the square of
-        ``E[w + 2 w' d / 3]``, times the inverse information of the blocks that count (Huber, Robust
+        Let d be the deviance and w(d) the weight of a block. The covariance is ``E[w^2 d] / 3`` over the
+        square of ``E[w + 2 w' d / 3]``, times the inverse information of the blocks that count (Huber, Robust
         Statistics, section 6.3).
 
         Args:
-            variance: Of the grey values.
+            variance: Variance of the grey values.
         """
         # dw/dd = -2 (1 - d / c) / c for the biweight w = (1 - d / c)^2.
         weight = 1.0 - self.relative
@@ -94,12 +100,19 @@ class Step:
 
 
 def solve_step(
-    blocks: RowBlocks, jac_columns_road: Array, reweightings: int, known: Known
+    blocks: RowBlocks, jac_columns_road: Array, reweightings: int, prior: RoadPrior
 ) -> Step | NotFitted:
-    """Solve for the change of all parameters, block by block weighted robustly.
+    """Solve for the change of all parameters; each block is weighted robustly.
+
+    Args:
+        blocks: Displacements of the stripes' edges with their information.
+        jac_columns_road: (P, 2 cameras, L stripes, 2 edges, N) derivative of the edge columns by the road's
+            parameters.
+        reweightings: Rounds of robust weights.
+        prior: Which parameters are free, and the prior of the heights.
 
     Returns:
-        The step, or why there is none.
+        The step, or the reason why there is none.
     """
     usable = blocks.usable
     enough = usable.sum(axis=(0, 2)) >= _MIN_STRIPE_BLOCKS
@@ -110,56 +123,57 @@ def solve_step(
         return NotFitted(
             "stripes with enough blocks of rows that show both edges", n_stripes, Bound.LEAST, _LEAST_STRIPES
         )
-    enough_of = np.concatenate([np.ones(N_POSE, bool), np.tile(enough, 3)])
-    free = np.flatnonzero(np.concatenate([known.varied & enough_of, np.ones(2, bool)]))
+    determined = np.concatenate([np.ones(N_POSE, bool), np.tile(enough, 3)])
+    free = np.flatnonzero(np.concatenate([prior.varied & determined, np.ones(2, bool)]))
     usable = usable & enough[:, None]
-    of_camera = np.nonzero(usable)[0]
+    camera_of = np.nonzero(usable)[0]
     # Displacements (left edge, right edge, blur) of each block by the free parameters: (M, 3, P).
     n_road = len(jac_columns_road)
-    design = np.zeros((len(of_camera), 3, n_road + 2))
+    design = np.zeros((len(camera_of), 3, n_road + 2))
     design[:, :2, :n_road] = np.moveaxis(jac_columns_road, (0, 3), (-1, -2))[usable]
-    design[np.arange(len(of_camera)), 2, n_road + of_camera] = 1.0
+    design[np.arange(len(camera_of)), 2, n_road + camera_of] = 1.0
     design = design[..., free]
     information, displacement = blocks.information[usable], blocks.displacement[usable]
     informed = information @ design
-    # All blocks' normal equations in one row each: weighting them is one product.
+    # The normal equations of each block are one row, so that weighting all of them is one product.
     normals = (np.swapaxes(design, -1, -2) @ informed).reshape(len(design), -1)
     sides = (blocks.gradient[usable][:, None] @ design)[:, 0]
-    prior, pull = (part[..., free] for part in known.heights(blocks.variance))
-    prior = prior[free]
+    prior_information, prior_side = (part[..., free] for part in prior.normal_equations(blocks.variance))
+    prior_information = prior_information[free]
 
     def fit(weights: Array, scale: float | Array) -> tuple[Array, Array] | NotFitted:
         weights = weights / scale
-        normal = (weights @ normals).reshape(prior.shape) + prior
+        normal = (weights @ normals).reshape(prior_information.shape) + prior_information
         rank = int(np.linalg.matrix_rank(normal, hermitian=True)) if np.isfinite(normal).all() else 0
         if rank < len(normal):
             return NotFitted("numbers of the road that the stripes determine", rank, Bound.LEAST, len(normal))
-        change = np.linalg.solve(normal, weights @ sides + pull)
+        change = np.linalg.solve(normal, weights @ sides + prior_side)
         residual = displacement - design @ change
         deviance = np.einsum("mi,mij,mj->m", residual, information, residual) / blocks.variance
         return change, deviance
 
-    cameras = [np.flatnonzero(of_camera == i) for i in range(2)]
+    cameras = [np.flatnonzero(camera_of == i) for i in range(2)]
 
     def scales_of(deviances: Array) -> Array:
         """Return the scale of the deviances of each camera, (2,).
 
-        A camera that the template fits worse (its lens is sharper or softer) has larger deviances in all
-        of its blocks: they weigh less, but are no outliers.
+        The template may fit one camera worse, because its lens is sharper or softer. All blocks of that
+        camera then have larger deviances. They get less weight, but are no outliers.
         """
         medians = [upper_median(deviances[own]) if len(own) else 0.0 for own in cameras]
         return np.maximum(1.0, np.array(medians) / MEDIAN_CHI2_3)
 
     how = Reweighting(rounds=reweightings, limit=_TUKEY_DEVIANCE, of_squares=True)
-    found = fit_reweighted(fit, len(sides), how, lambda deviances: scales_of(deviances)[of_camera])
+    found = fit_reweighted(fit, len(sides), how, lambda deviances: scales_of(deviances)[camera_of])
     if isinstance(found, NotFitted):
         return found
     scales = scales_of(found.residuals)
-    relative = found.residuals / (scales * _TUKEY_DEVIANCE)[of_camera]
+    relative = found.residuals / (scales * _TUKEY_DEVIANCE)[camera_of]
     counted = relative < 1.0
     if not counted.any():
         return NotFitted("blocks of rows that agree with the fit", 0, Bound.LEAST, 1)
-    whole = np.zeros(n_road + 2)
-    whole[free] = found.solution
-    counted_information = (counted / scales[of_camera] @ normals).reshape(prior.shape) + prior
-    return Step(whole, free, counted_information, relative[counted], float(scales.mean()))
+    step = np.zeros(n_road + 2)
+    step[free] = found.solution
+    counted_information = (counted / scales[camera_of] @ normals).reshape(prior_information.shape)
+    counted_information = counted_information + prior_information
+    return Step(step, free, counted_information, relative[counted], float(scales.mean()))

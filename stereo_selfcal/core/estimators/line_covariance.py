@@ -1,12 +1,12 @@
 """Covariance of the extrinsics from that of the measured lines, and a test for curvature.
 
 Four measured lines (two lane boundaries, two cameras) are eight numbers with known covariance. The
-genetic algorithm minimises E1 while E2 keeps the lines parallel in one camera, and the implicit
-function theorem says how its result moves with the eight numbers: that gives its covariance.
+genetic algorithm minimises E1, while E2 keeps the lines parallel in one camera. The implicit function
+theorem gives the derivative of its result by the eight numbers, and the covariance follows from that.
 
 Six parameters predict the eight numbers: height, pitch, roll, yaw of the lane and the positions of
-both boundaries. The two left over say whether the lines are as consistent as their own
-covariances promise (chi2); where they are not, the covariance is enlarged.
+both boundaries. Two degrees of freedom remain. Their chi-squared tests whether the lines are as consistent
+as their covariances predict. Where they are not, the covariance is enlarged.
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ from ..road.stripe_model import predict_edges
 from ..types import Array
 from .fitness import PatternFitness
 
-_N_ITERATIONS = 2  # from the genetic result, the first step already lands within its rounding
-# Steps of the numerical derivative: height [m], pitch, roll, yaw [rad], positions [m].
+# The fit starts at the genetic result, so that its first step already converges to rounding.
+_N_ITERATIONS = 2
+# Steps of the numerical derivative: height [m], pitch, roll, yaw [rad], positions of the boundaries [m].
 _STEPS = np.array([1e-5, 1e-6, 1e-6, 1e-6, 1e-5, 1e-5])
 _LINE_STEP_PX = 1e-3
 _DEGREES_OF_FREEDOM = 2
@@ -41,8 +42,7 @@ class LineFit:
     Attributes:
         covariance: (3, 3) of (height_m, pitch_rad, roll_rad).
         lane_yaw_rad: Yaw of the camera against the lane, > 0: it points left.
-        chi2: Weighted sum of squares of the two numbers left over; 2 is expected.
-        misfit_sigmas: The same as a multiple of their standard deviations; 1 is expected.
+        chi2: Weighted sum of the squared residuals, with two degrees of freedom; 2 is expected.
     """
 
     covariance: Array
@@ -51,7 +51,7 @@ class LineFit:
 
     @property
     def terms(self) -> tuple[UncertaintyTerm, ...]:
-        """The covariance as a sum: the lines' own noise, and by how much they agree less than that."""
+        """The covariance as a sum: the noise of the lines, and their disagreement beyond that noise."""
         noise = self.covariance / _enlargement(self.chi2)
         return merge_terms(
             (UncertaintyTerm("noise", noise), UncertaintyTerm("misfit", self.covariance - noise))
@@ -59,7 +59,7 @@ class LineFit:
 
     @property
     def misfit_sigmas(self) -> float:
-        """Root mean square of the two numbers left over, in standard deviations."""
+        """Root of chi2 per degree of freedom; 1 is expected."""
         return float(np.sqrt(self.chi2 / _DEGREES_OF_FREEDOM))
 
 
@@ -75,11 +75,11 @@ def propagate(
         extrinsics: The estimate, near which the fit starts.
 
     Returns:
-        The fit, with the covariance enlarged by chi2 / 2 where the lines agree less than they
-        promise (R. T. Birge, "The calculation of errors by the method of least squares", Phys. Rev.
-        40, 1932); or why not: the lines leave a parameter undetermined.
+        The fit, or the reason why the lines leave a parameter undetermined. Where the lines disagree more
+        than their covariances predict, the covariance is enlarged by chi2 / 2 (R. T. Birge, "The calculation
+        of errors by the method of least squares", Phys. Rev. 40, 1932).
     """
-    pattern = pattern.boundaries  # what the others add is not counted
+    pattern = pattern.boundaries  # the information of the extra lines is not counted
     lines = (*pattern.left, *pattern.right)
     measured = np.array([value for line in lines for value in (line.u_mid, line.slope)])
     information = np.zeros((8, 8))
@@ -108,7 +108,7 @@ def propagate(
 
 
 def _enlargement(chi2: float) -> float:
-    """Return the factor on the variances of lines that agree less than they promise."""
+    """Return the factor on the variances of lines that disagree more than their covariances predict."""
     return max(1.0, chi2 / _DEGREES_OF_FREEDOM)
 
 
@@ -117,9 +117,9 @@ def _sensitivity(
 ) -> Array | NotFitted:
     """Return the derivative (3, 8) of the genetic result by (u_mid, slope) of the four lines.
 
-    The result minimises E1 = |d|^2 under the constraint that the angle g in the camera that sees the
-    lines more parallel is zero, so d_t^T d + lambda g_t = 0 and g = 0 (subscript: derivative).
-    Moving the lines by dl moves it by dt with::
+    Let g be the angle between the lines in the camera that sees them more parallel. The result minimises
+    E1 = |d|^2 under the constraint g = 0, so d_t^T d + lambda g_t = 0 and g = 0 (a subscript is a
+    derivative). A change dl of the lines changes the result by dt with::
 
         [d_t^T d_t  g_t] [dt     ]     [d_t^T d_l]
         [g_t^T       0 ] [dlambda]  = -[g_l      ] dl
@@ -135,14 +135,15 @@ def _sensitivity(
     d_t, g_t = jac_terms_estimate[:-1], jac_terms_estimate[-1:]
     d_l, g_l = np.zeros((len(d_t), 8)), np.zeros((1, 8))
     angle = fitness.linear_terms(estimate)[1][camera]
-    # The ray (1, y, z) of a left column u has y = (cx - u) / fx, and the disparity left minus right column.
-    of_column = (-fitness.plane(estimate).coefficients[1] / rig.fx - 1.0, 1.0)
+    # The ray (1, y, z) of a left column u has y = (cx - u) / fx. The measured disparity is the left column
+    # minus the right one. So this is the derivative of a residual by the left and by the right column.
+    jac_residual_column = (-fitness.plane(estimate).coefficients[1] / rig.fx - 1.0, 1.0)
     n_rows = len(pattern.rows)
     for i, line in enumerate((*pattern.left, *pattern.right)):
         side, boundary = divmod(i, 2)
         for j, change in enumerate((np.ones_like(pattern.rows), pattern.rows - line.v_mid)):
             points = slice(boundary * n_rows, (boundary + 1) * n_rows)
-            d_l[points, 2 * i + j] = of_column[side] * change
+            d_l[points, 2 * i + j] = jac_residual_column[side] * change
             if side == camera:
                 step = _LINE_STEP_PX / np.abs(change).max()
                 columns = pattern.columns[camera].copy()
@@ -158,9 +159,9 @@ def _sensitivity(
 
 def _predict(parameters: Array, lines: tuple[ImageLine, ...], rig: StereoRig) -> Array:
     """Return (u_mid, slope) of the four lines for (B, 6) parameters, shape (B, 8)."""
-    # Stripes of no width, in the plane: both edges are the line.
+    # The stripes have no width and no height over the plane: both edges coincide with the line.
     roads = np.concatenate([parameters, np.zeros((len(parameters), 4))], axis=1)
-    roads = np.insert(roads, 4, 0.0, axis=1)  # straight
+    roads = np.insert(roads, 4, 0.0, axis=1)  # no curvature
     lines_uv = predict_edges(roads, rig)[:, :, :, 0].reshape(len(parameters), 4, 2)
     v_mid = np.array([line.v_mid for line in lines])
     u_mid = lines_uv[..., 0] + lines_uv[..., 1] * v_mid
@@ -169,13 +170,13 @@ def _predict(parameters: Array, lines: tuple[ImageLine, ...], rig: StereoRig) ->
 
 @dataclass(frozen=True, slots=True)
 class Bends:
-    """What the lines have in common that no straight line on a plane has.
+    """Curvatures of the lane and of the road's profile, which all lines have in common.
 
     Attributes:
         lateral_per_m: Curvature of the lane [1/m], > 0: to the left.
-        lateral_std_per_m: Its standard deviation.
+        lateral_std_per_m: Standard deviation of the lateral curvature [1/m].
         vertical_per_m: Curvature of the road's profile [1/m], > 0: a dip, < 0: a crest.
-        vertical_std_per_m: Its standard deviation.
+        vertical_std_per_m: Standard deviation of the vertical curvature [1/m].
     """
 
     lateral_per_m: float
@@ -187,11 +188,11 @@ class Bends:
 def measure_bends(pattern: LanePattern, rig: StereoRig, height_m: float) -> Bends:
     """Measure the curvatures that the points of the four lines have in common.
 
-    A line at distance x on a road of curvature k is displaced by k x^2 / 2 to the left, in the image by
-    -k fx x / 2 = -k fx fy height / 2 / (v - v_horizon). Where the road rises by c x^2 / 2, a row shows it
-    nearer by the part c x^2 / (2 height), so that a line of slope m moves by
-    m c fy^2 height / 2 / (v - v_horizon): lines of either side to opposite sides. Both are fitted to the
-    measured points, together with a straight line of its own for each.
+    On a road of curvature k, a line at the distance x is displaced by k x^2 / 2 to the left. In the image
+    this is -k fx x / 2 = -k fx fy height / 2 / (v - v_horizon). Where the road rises by c x^2 / 2, a row
+    shows a road point that is nearer by the fraction c x^2 / (2 height). A line of slope m therefore moves by
+    m c fy^2 height / 2 / (v - v_horizon); lines on the left and on the right move in opposite directions.
+    Both curvatures are fitted to the measured points, together with one straight line for each measured line.
     """
     lines = (*pattern.left, *pattern.right)
     n_parameters = 2 * len(lines) + 2

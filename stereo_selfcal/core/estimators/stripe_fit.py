@@ -1,13 +1,14 @@
 """Refinement: a maximum-likelihood fit of the stripes' grey values in both images at once.
 
 The genetic algorithm compares lines that were fitted to one edge of each stripe. Here one road
-(pose, yaw, position and width of all stripes) predicts both edges of all stripes in both
-images, and is fitted to the grey values around them by Gauss-Newton.
+(pose, yaw, position and width of all stripes) predicts both edges of all stripes in both images. It is fitted
+to the grey values around the edges by Gauss-Newton.
 
-Grey levels, ramps and blur are nuisances (`core.estimators.row_blocks`). Linearised about the predicted
-edges, a block of rows says how far its edges are off and with what information; these displacements are
-linear in the parameters of the road, and are combined robustly. A stripe beside the two boundaries has a
-height of its own, which is known only as far as roads are flat: it always says where the lane runs.
+Grey levels, ramps and blur are nuisances (`core.estimators.row_blocks`). The model is linearised about the
+predicted edges. Each block of rows then gives the displacements of its edges, with their information. These
+displacements are linear in the parameters of the road, and are combined robustly. A stripe beside the two
+boundaries has a height of its own, with a prior that follows from the flatness of roads. Whatever its height,
+it shows the direction of the lane.
 """
 
 from __future__ import annotations
@@ -25,24 +26,24 @@ from ..numerics.derivatives import central_difference, point_by_point
 from ..rejection import Bound, NotFitted
 from ..road.stripe_model import N_POSE, bent_columns, predict_edges
 from ..types import Array, Image
-from .gauss_newton import MIN_BLOCKS, Known, Step, solve_step
+from .gauss_newton import MIN_BLOCKS, RoadPrior, Step, solve_step
 from .row_blocks import BLOCK_ROWS, RAMP_PX, EdgeResiduals, RowBlocks, measure_blocks
 
-# Steps of the numerical derivative by the parameters of the road (`core.road.stripe_model`) [m, rad];
-# after them come the blur of the left and the right lens [px].
+# Steps of the numerical derivative by the parameters of the road (`core.road.stripe_model`): height [m],
+# pitch, roll, yaw [rad], curvature [1/m].
 _POSE_STEPS = (1e-5, 1e-6, 1e-6, 1e-6, 1e-7)
-_STRIPE_STEP = 1e-5
-_CURVATURE = 4  # its place among the parameters
+_STRIPE_STEP = 1e-5  # of positions, widths and heights of the stripes [m]
+_CURVATURE = 4  # index of the curvature among the parameters
 
 
 @dataclass(frozen=True, slots=True)
 class _Pass:
-    """One step of Gauss and Newton, from coarse to fine.
+    """Settings of one Gauss-Newton step. The steps go from coarse to fine.
 
     Attributes:
         half_width: Half width of the window around each edge [px].
         added_blur: Blur added to the template [px].
-        row_step: Every how many rows of a block are read.
+        row_step: Distance between the rows of a block that are read [px].
         reweightings: Rounds of robust weights.
     """
 
@@ -52,9 +53,9 @@ class _Pass:
     reweightings: int
 
 
-# The first bears edges 3 px off (a width that is 10 % wrong), the last one is the fit itself, which reads
-# every row; the others only lead there. Two of them have the blur free: with one, a lens that is sharper than
-# supposed by half a pixel leaves a bias of a fifth of a standard deviation in pitch.
+# The first pass tolerates edges that are 3 px off (a width that is 10 % wrong). The last pass is the final
+# fit and reads every row. Before it, two passes fit the blur without added blur. With only one of them, a
+# lens that is sharper than assumed by half a pixel biases the pitch by a fifth of a standard deviation.
 _PASSES = (
     _Pass(6, 2.0, 2, 2),
     _Pass(5, 0.5, 2, 2),
@@ -63,13 +64,13 @@ _PASSES = (
     _Pass(7, 0.0, 1, 5),
 )
 
-# First row, as the height over the bottom of the image relative to the vanishing point: closer to it
-# stripes are thinner than a pixel and every road is a hill or a bend.
+# First row, as a fraction of the way from the bottom of the image up to the vanishing point. Closer to the
+# vanishing point, stripes are thinner than a pixel, and roads bend or change their slope.
 _FIRST_ROW = 0.97
 
-_LEAST_ROWS_OF_BLOCKS = MIN_BLOCKS // 4  # two stripes in two images are four to a row
+_LEAST_ROWS_OF_BLOCKS = MIN_BLOCKS // 4  # two stripes in two images give four blocks to a row of blocks
 
-_MAX_VIGNETTING = 0.6  # share of the light lost in the farthest corner: more than any lens on a car
+_MAX_VIGNETTING = 0.6  # share of the light lost in the farthest corner: more than with any lens on a car
 
 _BLUR_START_PX, _BLUR_MIN_PX, BLUR_MAX_PX = 0.5, 0.05, 3.0
 
@@ -83,17 +84,19 @@ class StripeFit:
 
     Attributes:
         extrinsics: Height, pitch and roll.
-        covariance: (3, 3) of them: inverse information, times the scale of the residuals.
+        covariance: (3, 3) of height, pitch and roll: inverse information times the scale of the residuals.
         lane_yaw_rad: Yaw of the camera against the lane [rad].
-        curvature_per_m: Curvature of the lane, > 0: to the left [1/m]; 0 where it was taken as straight.
-        positions_m: (L,) middle of the stripes at x = 0, left positive [m].
-        widths_m: (L,) width of the stripes [m].
-        heights_m: (L,) height of the stripes over the plane of the boundaries [m], which are in it.
+        curvature_per_m: Curvature of the lane, > 0: to the left [1/m]; 0 where the lane was modelled as
+            straight.
+        positions_m: (L,) lateral positions of the stripes' middles at x = 0, left positive [m].
+        widths_m: (L,) widths of the stripes [m].
+        heights_m: (L,) heights of the stripes over the plane of the boundaries [m]; those of the boundaries
+            are 0.
         blur_px: (2,) standard deviation of the blur of the left and right lens [px].
         noise_grey: Standard deviation of the grey values about the model.
-        scale: Deviance of a block over what the noise explains; 1 where the model is the road.
-        n_blocks: Blocks of rows that count.
-        residuals: What the edges of the stripes are off after the fit.
+        scale: Deviance of the blocks over the deviance that the noise explains; 1 where the model is exact.
+        n_blocks: Number of blocks of rows that count.
+        residuals: Residual displacements of the stripes' edges after the fit.
     """
 
     extrinsics: Extrinsics
@@ -124,10 +127,11 @@ def refine(
         pattern: The matched lines, for yaw and position of the stripes.
         rig: Intrinsics and baseline.
         start: Extrinsics to start from, good to a few pixels in the image.
-        curvature_per_m: Curvature of the lane to start from; None where the road is straight.
+        curvature_per_m: Curvature of the lane to start from [1/m]; None where the road is straight.
 
     Returns:
-        The fit, or why there is none: too few blocks of rows show both edges of a stripe, or it runs away.
+        The fit, or the reason why there is none: too few blocks of rows show both edges of a stripe, the
+        parameters are not determined, or the fit diverges.
     """
     first = row_towards(pattern.vanishing_point, _FIRST_ROW, rig)
     n_blocks = (rig.height - int(np.ceil(first))) // BLOCK_ROWS
@@ -156,14 +160,14 @@ def refine(
         steepness = vignetting[:, None, None] * darkening
         blocks = measure_blocks(images, columns, slopes, rows, blur, window, noise, steepness)
         noise = blocks.variance
-        known = Known(varied, heights, pattern.height_stds_m)
-        solution = solve_step(blocks, jac_columns_road, one.reweightings, known)
+        prior = RoadPrior(varied, heights, pattern.height_stds_m)
+        solution = solve_step(blocks, jac_columns_road, one.reweightings, prior)
         if isinstance(solution, NotFitted):
             return solution
         step = solution.step
         road = road + step[: len(road)]
-        # Far from the road its blur cannot be known, but must be free: else a camera that is sharper
-        # or softer than supposed is taken for an outlier.
+        # Far from the solution the blur cannot be measured, so its step is not applied. It is a free
+        # parameter all the same; otherwise the blocks of a sharper or softer camera would be outliers.
         if one.added_blur == 0.0:
             blur = np.clip(blur + step[len(road) :], _BLUR_MIN_PX, BLUR_MAX_PX)
             if one is not _PASSES[-1]:
@@ -197,14 +201,14 @@ def refine(
 def _predict(
     road: Array, rows: npt.NDArray[np.intp], varied: npt.NDArray[np.bool_], rig: StereoRig, bent: bool
 ) -> tuple[Array, Array, Array]:
-    """Return where the edges of the stripes are, and how the free parameters of the road move them.
+    """Return the predicted edges of the stripes, and their derivative by the free parameters of the road.
 
     Args:
-        road: (P,) its parameters.
+        road: (P,) parameters of the road.
         rows: (N, R) rows of the blocks [px].
         varied: (P,) which parameters are free.
         rig: Intrinsics and baseline.
-        bent: Whether the road is.
+        bent: Whether the lane has a curvature.
 
     Returns:
         Columns (2 cameras, L stripes, 2 edges, N, R) [px], slopes (2, L, 2) [columns a row], and the
@@ -236,14 +240,18 @@ def _residuals(
     slopes: Array,
     rows: npt.NDArray[np.intp],
 ) -> EdgeResiduals:
-    """Return what of the edges' displacements remains after a step; of blocks that do not count as well."""
+    """Return the displacements of the edges that remain after a step, also for blocks that do not count."""
     explained = np.moveaxis(np.tensordot(step[: len(jac_columns_road)], jac_columns_road, axes=1), 2, -1)
     remainder = blocks.displacement[..., :2] - explained
     return EdgeResiduals(remainder, blocks, columns.mean(axis=-1), slopes, rows.mean(axis=1))
 
 
 def _varied(pattern: LanePattern, bent: bool) -> npt.NDArray[np.bool_]:
-    """Return which parameters of the road are free, (5 + 3 L,): curvature and heights are not always."""
+    """Return which parameters of the road are free, (5 + 3 L,).
+
+    The curvature is free where the lane is bent. The height of a stripe is free where its prior has a
+    deviation.
+    """
     beside = pattern.height_stds_m > 0.0
     varied = np.ones(N_POSE + 3 * len(beside), bool)
     varied[_CURVATURE] = bent
@@ -252,9 +260,9 @@ def _varied(pattern: LanePattern, bent: bool) -> npt.NDArray[np.bool_]:
 
 
 def _vignetting_profile(columns: Array, rig: StereoRig) -> Array:
-    """Return the steepness of the ramp in each block for a lens that loses all light in the farthest corner.
+    """Return the steepness (2, L, N) of the ramp for a lens that loses all light in the farthest corner.
 
-    The loss grows with the square of the distance from the principal point.
+    The loss of light is modelled as the square of the distance from the principal point.
     """
     corner = max(rig.cx, rig.width - 1 - rig.cx) ** 2 + max(rig.cy, rig.height - 1 - rig.cy) ** 2
     steepness: Array = -2.0 * RAMP_PX * (columns.mean(axis=(2, 4)) - rig.cx) / corner
@@ -262,19 +270,20 @@ def _vignetting_profile(columns: Array, rig: StereoRig) -> Array:
 
 
 def _measure_vignetting(blocks: RowBlocks, profile: Array) -> Array:
-    """Return by how much each camera's loss of light in the corner differs from the expected one, (2,)."""
+    """Return each camera's loss of light in the farthest corner minus the expected loss, (2,)."""
     ramp = blocks.measure_ramp()
-    known, found = ramp[..., 0] * profile**2 * blocks.usable, ramp[..., 1] * profile * blocks.usable
-    # A camera whose stripes pass the principal point says nothing: the loss stays what it was.
+    information = ramp[..., 0] * profile**2 * blocks.usable
+    gradient = ramp[..., 1] * profile * blocks.usable
+    # Stripes that pass near the principal point give no information. The loss then keeps its former value.
     least = blocks.variance / _MAX_VIGNETTING**2
-    loss: Array = found.sum(axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), least)
+    loss: Array = gradient.sum(axis=(1, 2)) / np.maximum(information.sum(axis=(1, 2)), least)
     return loss
 
 
 def _start_widths(
     images: tuple[Image, Image], pattern: LanePattern, rig: StereoRig, start: Extrinsics
 ) -> Array:
-    """Return the widths of all stripes [m] that put their right edges on falling grey values."""
+    """Return the width (L,) of each stripe [m] whose right edge has the strongest fall of grey values."""
     horizon = float(pattern.vanishing_point[1])
     rows = np.arange(int(horizon) + 2 * BLOCK_ROWS, rig.height, 2)
     px_per_m = (rows - horizon) / start.height_m * rig.fx / rig.fy

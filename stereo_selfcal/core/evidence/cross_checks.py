@@ -108,11 +108,11 @@ def cross_check_texture(
         fit = hypothesis.locating_texture
     # The unevenness of the road counts for the lines even where the texture is too weak to check them.
     if fit is not None:
-        paint = paint_angle_covariance(pattern, rig, line_pose, fit.shape)
-        shape = road_shape_terms(pattern, rig, line_pose, fit.shape)
+        paint = paint_angle_covariance(pattern, rig, line_pose, fit.unevenness)
+        shape = road_shape_terms(pattern, rig, line_pose, fit.unevenness)
         estimate = estimate.with_terms(*shape, UncertaintyTerm("paint_angle", paint))
     lacking = ""
-    if fit is None or not fit.enough_texture or not fit.even_enough:
+    if fit is None or not fit.enough_texture or not fit.comparable:
         lacking = "too uneven" if fit is not None and fit.enough_texture else "too little texture"
         sufficiency = 0.0 if fit is None else fit.sufficiency
     else:
@@ -194,6 +194,6 @@ def _heights_over_lane(
     pattern: LanePattern, rig: StereoRig, line_pose: Extrinsics, between: TextureFit | None
 ) -> tuple[HeightOverLane, ...]:
     """Return the heights of both boundaries over the surface between them; () where it is not seen."""
-    if between is None or not between.seen:
+    if between is None or not between.common_texture:
         return ()
     return heights_over_surface(pattern.boundaries, rig, line_pose, between)

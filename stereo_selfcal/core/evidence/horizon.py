@@ -20,7 +20,7 @@ from ..geometry.plane import plane_from_pose
 from ..geometry.pose import Extrinsics
 from ..geometry.rays import pixel_rays
 from ..rejection import Bound, NotFitted
-from ..road.cell_grid import Corridor
+from ..road.cell_grid import SampleGrid
 from ..types import Array, Floats, Image
 from .row_offset import SamplePositions, VerticalOffset, refine_offset, with_gradients
 
@@ -84,7 +84,7 @@ def horizon_offset(
 
 
 def _compare(
-    images: tuple[Image, Image], rig: StereoRig, extrinsics: Extrinsics, band: Corridor, least_cells: int
+    images: tuple[Image, Image], rig: StereoRig, extrinsics: Extrinsics, band: SampleGrid, least_cells: int
 ) -> VerticalOffset | NotFitted:
     """Measure offset and turn in the cells of a band; ``least_cells`` must have a displacement."""
     max_offset = round(_MAX_OFFSET * rig.width)
@@ -116,7 +116,7 @@ def _compare(
     return seen
 
 
-def _lay_out(rig: StereoRig, extrinsics: Extrinsics, cells: int, cell_columns: int) -> Corridor | NotFitted:
+def _lay_out(rig: StereoRig, extrinsics: Extrinsics, cells: int, cell_columns: int) -> SampleGrid | NotFitted:
     """Lay out the cells of the band along the horizon.
 
     A segment is a part of a column, as the mean of a part of a row would remove a horizontal edge. The band
@@ -135,7 +135,7 @@ def _lay_out(rig: StereoRig, extrinsics: Extrinsics, cells: int, cell_columns: i
     padded = -(-total // _ALIGN) * _ALIGN
     cell_starts = np.arange(cells) * cell_columns
     rays = pixel_rays(rig, u, middle)
-    return Corridor(
+    return SampleGrid(
         u=np.pad(np.repeat(u, _ROWS), (0, padded - total), mode="edge").astype(np.float32),
         v=np.pad(np.tile(rows, n), (0, padded - total), mode="edge").astype(np.float32),
         starts=np.arange(n) * _ROWS,
@@ -150,7 +150,12 @@ def _lay_out(rig: StereoRig, extrinsics: Extrinsics, cells: int, cell_columns: i
 
 
 def _search(
-    fixed: Floats, moving: Floats, band: Corridor, positions: SamplePositions, columns: Array, max_offset: int
+    fixed: Floats,
+    moving: Floats,
+    band: SampleGrid,
+    positions: SamplePositions,
+    columns: Array,
+    max_offset: int,
 ) -> tuple[float, float]:
     """Return offset [px] and turn [rad] under which the cells of both images correlate best."""
     at_left, at_right, v = positions

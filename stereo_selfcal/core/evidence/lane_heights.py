@@ -14,8 +14,8 @@ from ..geometry.pose import Extrinsics, road_from_camera_rotation
 from ..geometry.rays import LEAST_DISPARITY_PX
 from ..lanes.lane_pair import LanePattern
 from ..lanes.line_geometry import N_ROWS, HeightOverLane, lane_in_road, rays_of_lines
-from ..road.priors import HALF_LANE_M
-from ..road.surface import LEAST_WEIGHT, kernels
+from ..road.priors import HALF_LANE_WIDTH_M
+from ..road.surface import LEAST_WEIGHT, unit_covariances
 from ..tolerances import KERB_SIGMAS, MAX_LINE_HEIGHT_M
 from ..types import Array
 
@@ -75,8 +75,8 @@ def _height_over_cells(
     # Outliers are cells of small weight.
     variances = texture.cells_variance[known] / np.maximum(texture.cells_weight[known], LEAST_WEIGHT)
     at = np.concatenate([positions_m, xy])
-    kernel, profile = kernels(at)
-    road = texture.shape.roughness * kernel + texture.shape.profile**2 * profile
+    kernel, profile = unit_covariances(at)
+    road = texture.unevenness.roughness * kernel + texture.unevenness.camber**2 * profile
     planes = np.column_stack([np.ones(len(at)), at])
     n, mean = len(positions_m), weights / weights.sum()
     to_cells, measured = mean @ road[:n, n:], road[n:, n:] + np.diag(variances)
@@ -119,7 +119,7 @@ def surely_same(road_pose: Extrinsics, own_lane: TextureFit, rig: StereoRig) -> 
     Returns:
         Whether the lowest kerb is excluded; False where the surface of the lane is not seen.
     """
-    if not own_lane.seen:
+    if not own_lane.common_texture:
         return False
     known = np.isfinite(own_lane.cells_height_m)
     ahead_m = own_lane.cells_xy_m[known, 0]
@@ -127,7 +127,7 @@ def surely_same(road_pose: Extrinsics, own_lane: TextureFit, rig: StereoRig) -> 
     rows = np.linspace(1.0 / ahead_m.max(), 1.0 / ahead_m.min(), N_ROWS)
     to_camera = road_from_camera_rotation(own_lane.extrinsics.pitch_rad, own_lane.extrinsics.roll_rad)
     heights_m = []
-    for side_m in (HALF_LANE_M, -HALF_LANE_M):
+    for side_m in (HALF_LANE_WIDTH_M, -HALF_LANE_WIDTH_M):
         positions_m = np.column_stack([1.0 / rows, np.full(N_ROWS, side_m)])
         ray = np.column_stack([positions_m, np.full(N_ROWS, -own_lane.extrinsics.height_m)]) @ to_camera
         ray /= ray[:, :1]

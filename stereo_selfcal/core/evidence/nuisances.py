@@ -17,8 +17,14 @@ from ..lanes.lane_pair import LanePattern
 from ..lanes.line_geometry import rays_of_lines
 from ..numerics.derivatives import central_difference, point_by_point
 from ..numerics.statistics import UNLIKELY_CHI2_3
-from ..road.priors import FALL_STD, NARROWEST_LANE_M, PAINT_STD_RAD, RECTIFICATION_STD_PX, WIDEST_LANE_M
-from ..road.surface import RoadUnevenness, kernels
+from ..road.priors import (
+    CROSS_FALL_STD,
+    MAX_LANE_WIDTH_M,
+    MIN_LANE_WIDTH_M,
+    PAINT_ANGLE_STD_RAD,
+    RECTIFICATION_STD_PX,
+)
+from ..road.surface import RoadUnevenness, unit_covariances
 from ..tolerances import MAX_LINE_HEIGHT_M
 from ..types import Array
 from .profile import Profile
@@ -27,7 +33,7 @@ _ANGLE_STEPS = np.array([1e-4, 1e-5, 1e-5])  # m, rad, rad: steps of the central
 
 
 def road_shape_terms(
-    pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics, shape: RoadUnevenness
+    pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics, unevenness: RoadUnevenness
 ) -> tuple[UncertaintyTerm, ...]:
     """Return the terms that the shape of the road adds to the covariance of an estimate from lines.
 
@@ -38,12 +44,12 @@ def road_shape_terms(
         pattern: The lines.
         rig: Intrinsics and baseline.
         extrinsics: The estimate from them.
-        shape: Roughness, profile and mismatch of the road between them.
+        unevenness: Roughness, camber and mismatch of the road between the lines.
 
     Returns:
         Roughness, camber and mismatch; no terms where the texture shows a plane.
     """
-    if not shape.uneven:
+    if not unevenness.uneven:
         return ()
     plane = plane_from_pose(extrinsics, rig)
     ray = np.concatenate(rays_of_lines(pattern, rig))
@@ -54,13 +60,13 @@ def road_shape_terms(
     xy = (ray * depth[:, None]) @ rotation[:2].T
     # A road higher by e has a disparity greater by e / metres.
     metres = extrinsics.height_m / disparity
-    kernel, profile = kernels(xy)
+    kernel, profile = unit_covariances(xy)
     jac_pose_plane = jacobian_pose_wrt_plane(plane, rig)
     jac_pose_heights = jac_pose_plane @ (np.linalg.pinv(ray) / metres)
     heights = (
-        ("roughness", shape.roughness * kernel),
-        ("camber", shape.profile**2 * profile),
-        ("mismatch", np.diag((shape.mismatch_px * metres) ** 2)),
+        ("roughness", unevenness.roughness * kernel),
+        ("camber", unevenness.camber**2 * profile),
+        ("mismatch", np.diag((unevenness.mismatch_px * metres) ** 2)),
     )
     return propagate_terms(
         (UncertaintyTerm(name, covariance) for name, covariance in heights), jac_pose_heights
@@ -120,7 +126,7 @@ def stage_disagreement_covariance(
 
 
 def paint_angle_covariance(
-    pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics, shape: RoadUnevenness
+    pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics, unevenness: RoadUnevenness
 ) -> Array:
     """Return the covariance (3, 3) of an estimate from lines that are not painted exactly parallel.
 
@@ -131,19 +137,21 @@ def paint_angle_covariance(
         pattern: The lines.
         rig: Intrinsics and baseline.
         extrinsics: The estimate from them.
-        shape: Roughness, profile and mismatch of the road between them.
+        unevenness: Roughness, camber and mismatch of the road between the lines.
 
     Returns:
         The covariance; zeros where the texture shows a plane, as rendered lines are exactly parallel.
     """
-    if not shape.uneven:
+    if not unevenness.uneven:
         return np.zeros((3, 3))
     ray = np.concatenate(rays_of_lines(pattern.boundaries, rig))
     jac_pose_plane = jacobian_pose_wrt_plane(plane_from_pose(extrinsics, rig), rig)
     jac_pose_disparities = jac_pose_plane @ np.linalg.pinv(ray)
     pose_covariance = jac_pose_disparities @ jac_pose_disparities.T
     jac_angle = _jac_angle_pose(pattern.boundaries, rig, extrinsics)
-    pose_change = pose_covariance @ jac_angle / (jac_angle @ pose_covariance @ jac_angle) * PAINT_STD_RAD
+    pose_change = (
+        pose_covariance @ jac_angle / (jac_angle @ pose_covariance @ jac_angle) * PAINT_ANGLE_STD_RAD
+    )
     covariance: Array = np.outer(pose_change, pose_change)
     return covariance
 
@@ -257,13 +265,13 @@ def crown_covariance(refined: StripeFit | None) -> Array:
     higher_m = heights[right] - rise * positions_m[right]
     seen_tilt = np.array([higher_m, 0.0, rise])
     covariance += np.outer(seen_tilt, seen_tilt)
-    lanes = max(2, int(width_m / NARROWEST_LANE_M)) if width_m > WIDEST_LANE_M else 1
+    lanes = max(2, int(width_m / MIN_LANE_WIDTH_M)) if width_m > MAX_LANE_WIDTH_M else 1
     near, far = sorted((positions_m[left], positions_m[right]), key=abs)
     if lanes > 1:
         # The plane goes through both borders, the lane of the camera through the nearer one.
         unseen_share, border_m = (lanes - 1) / lanes, near
     else:
         # The border of the lane is the farther line: the arrow lies in front of the camera.
-        unseen_share, border_m = max(0.0, 1.0 - float(np.ptp(positions_m)) / NARROWEST_LANE_M), far
-    change = FALL_STD * unseen_share * np.array([-border_m, 0.0, 1.0])
+        unseen_share, border_m = max(0.0, 1.0 - float(np.ptp(positions_m)) / MIN_LANE_WIDTH_M), far
+    change = CROSS_FALL_STD * unseen_share * np.array([-border_m, 0.0, 1.0])
     return covariance + np.outer(change, change)

@@ -19,7 +19,7 @@ from ..geometry.pose import Extrinsics
 from ..numerics.robust import Reweighting, fit_reweighted, scale_by_median
 from ..numerics.statistics import upper_median
 from ..rejection import Bound, NotFitted
-from ..road.cell_grid import FAR_M, HALF_WIDTH_M, Corridor, lay_out
+from ..road.cell_grid import FAR_M, HALF_WIDTH_M, SampleGrid, lay_out_samples
 from ..types import Array, Floats, Image
 
 _BLUR_PX = 1.0
@@ -83,29 +83,29 @@ def vertical_offset(
         rig: Intrinsics and baseline.
         extrinsics: Pose over the road, good to about a pixel of disparity.
         lane_yaw_rad: Heading of the camera against the lane.
-        limits_m: Right and left limit of the corridor beside the camera [m], left positive.
-        far_m: End of the corridor [m].
+        limits_m: Right and left limit of the strip beside the camera [m], left positive.
+        far_m: Distance of the strip's end [m].
 
     Returns:
         The offset, or why there is none: the road is not in view, or has too little texture.
     """
     plane = plane_from_pose(extrinsics, rig)
-    corridor = lay_out(rig, extrinsics, lane_yaw_rad, limits_m, far_m, _THINNING)
-    if corridor is None:
+    grid = lay_out_samples(rig, extrinsics, lane_yaw_rad, limits_m, far_m, _THINNING)
+    if grid is None:
         return NotFitted("cells of the road in view", 0, Bound.LEAST, _LEAST_CELLS)
-    half = half_disparity(corridor, plane, rig)
-    usable = usable_samples(images, corridor, half, rig, None)
-    at_left, at_right = corridor.u + half, corridor.u - half
+    half = half_disparity(grid, plane, rig)
+    usable = usable_samples(images, grid, half, rig, None)
+    at_left, at_right = grid.u + half, grid.u - half
     # Filter only the part of the images that holds the samples, with a margin for filters and interpolation.
-    top = max(0, int(corridor.v.min()) - 2 * _MAX_OFFSET_PX)
+    top = max(0, int(grid.v.min()) - 2 * _MAX_OFFSET_PX)
     start = max(0, int(min(at_left.min(), at_right.min())) - _MARGIN_PX)
     end = int(max(at_left.max(), at_right.max())) + _MARGIN_PX + 1
     left, right = (with_gradients(image[top:, start:end]) for image in images)
-    positions = (at_left - np.float32(start), at_right - np.float32(start), corridor.v - np.float32(top))
-    offset = _search(left[0], right[0], corridor, positions, usable)
+    positions = (at_left - np.float32(start), at_right - np.float32(start), grid.v - np.float32(top))
+    offset = _search(left[0], right[0], grid, positions, usable)
     return refine_offset(
         (left, right),
-        corridor,
+        grid,
         positions,
         usable,
         rig,
@@ -118,7 +118,7 @@ def vertical_offset(
 
 def refine_offset(
     images: tuple[Channels, Channels],
-    samples: Corridor,
+    samples: SampleGrid,
     positions: SamplePositions,
     usable: Floats,
     rig: StereoRig,
@@ -183,7 +183,7 @@ def with_gradients(image: Image) -> Channels:
 
 
 def _search(
-    fixed: Floats, moving: Floats, corridor: Corridor, positions: SamplePositions, usable: Floats
+    fixed: Floats, moving: Floats, grid: SampleGrid, positions: SamplePositions, usable: Floats
 ) -> float:
     """Return the offset in whole rows at which both images correlate best, summed over the cells."""
     at_left, at_right, v = positions
@@ -192,21 +192,21 @@ def _search(
     columns = np.broadcast_to(at_right, rows.shape)
     reference = sample(fixed, at_left, v, cv2.INTER_LINEAR)
     moved = sample(moving, columns, rows, cv2.INTER_LINEAR)
-    reference, moved = (_centred(each, usable, corridor) for each in (reference, moved))
-    both, squares = (corridor.sums_over_cells(moved * each) for each in (reference, moved))
+    reference, moved = (_centred(each, usable, grid) for each in (reference, moved))
+    both, squares = (grid.sums_over_cells(moved * each) for each in (reference, moved))
     return float(offsets[np.argmax((both / np.sqrt(np.maximum(squares, 1.0))).sum(axis=1))])
 
 
-def _centred(samples: Floats, usable: Floats, corridor: Corridor) -> Floats:
+def _centred(samples: Floats, usable: Floats, grid: SampleGrid) -> Floats:
     """Remove the means of the segments from samples (..., N); unusable samples become zero."""
-    sums = corridor.segment_sums
+    sums = grid.segment_sums
     means = sums(samples * usable) / np.maximum(sums(usable), 1e-6)
-    centred: Floats = (samples - corridor.to_samples(means)) * usable
+    centred: Floats = (samples - grid.to_samples(means)) * usable
     return centred
 
 
 def measure_cells(
-    left: Floats, right: Floats, usable: Floats, corridor: Corridor, disparity_std_px: float = math.inf
+    left: Floats, right: Floats, usable: Floats, grid: SampleGrid, disparity_std_px: float = math.inf
 ) -> tuple[Array, Array]:
     """Return the vertical displacement of each cell [px] and its variance, which is infinite without texture.
 
@@ -215,15 +215,15 @@ def measure_cells(
             (:func:`with_gradients`).
         right: The same of the right image.
         usable: (N,) 1 for samples that count, 0 for others.
-        corridor: The samples, in segments and cells; the means of the segments are removed.
+        grid: The samples, in segments and cells; the means of the segments are removed.
         disparity_std_px: Standard deviation of the disparity [px]; infinite where it is unknown.
     """
-    left, right = _centred(left, usable, corridor), _centred(right, usable, corridor)
+    left, right = _centred(left, usable, grid), _centred(right, usable, grid)
     scale = np.sqrt(np.vdot(left[0], left[0]) / max(np.vdot(right[0], right[0]), 1e-6))
     right = right * np.float32(np.clip(scale, 0.25, 4.0))
     difference = left[0] - right[0]
     slopes_left, slopes_right = left[1:], right[1:]  # by column and by row
-    sums = corridor.sums_over_cells
+    sums = grid.sums_over_cells
     gradient = sums((slopes_left + slopes_right) / 2 * difference)
     # Gradients of one image times those of the other: the expectation of their noise is zero.
     products = sums(slopes_left[:, None] * slopes_right)

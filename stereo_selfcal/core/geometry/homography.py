@@ -85,7 +85,7 @@ def paper_projection(rig: StereoRig, height_m: float, alpha_rad: float, beta_rad
     """
     ca, sa = np.cos(alpha_rad), np.sin(alpha_rad)
     cb, sb = np.cos(beta_rad), np.sin(beta_rad)
-    # X runs to the right, so the left camera sits at -b/2 and sees everything b/2 further right.
+    # X points to the right, so the left camera is at -b/2. It sees every point b/2 farther to the right.
     shift_m = _OFFSET_ALONG_BASELINE[side] * rig.baseline_m
     camera_from_road = np.array(
         [
@@ -108,5 +108,5 @@ def paper_projection(rig: StereoRig, height_m: float, alpha_rad: float, beta_rad
 
 
 def reduce_to_plane(projection: Array) -> Array:
-    """Reduce the paper's T (4, 4) to M_persp (3, 3): without the depth row and the height column."""
+    """Reduce the paper's T (4, 4) to M_persp (3, 3) by removing the depth row and the height column."""
     return projection[np.ix_([0, 2, 3], [0, 1, 3])]

@@ -1,7 +1,8 @@
 """The road as a plane of disparities, and the pose over it.
 
 The disparity of a plane is linear in the image: ``d = p @ (1, y, z)`` with the ray (1, y, z) through a pixel.
-A point is seen at another pixel by each camera, so the three numbers p depend on whose pixels are meant.
+The cameras see a point at different pixels, so the three numbers p depend on the camera whose pixels are
+used.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from ..numerics.derivatives import central_difference
 from ..types import Array
 from .pose import Extrinsics, road_from_camera_rotation
 
-_STEP = 1e-6  # of the numerical derivative, over the length of p
+_STEP = 1e-6  # step of the numerical derivative, relative to the length of p
 
 
 class PlaneCamera(Enum):
@@ -28,23 +29,23 @@ class PlaneCamera(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisparityPlane:
-    """A road by its disparities.
+    """A road plane, described by its disparities.
 
     Attributes:
-        coefficients: (3,) whose product with the ray (1, y, z) is the disparity [px].
-        camera: Whose ray.
+        coefficients: (3,) p; the product of p and the ray (1, y, z) is the disparity [px].
+        camera: The camera whose rays are used.
     """
 
     coefficients: Array
     camera: PlaneCamera
 
     def disparities(self, rays: Array) -> Array:
-        """Return the disparities (...) [px] of rays (..., 3) of the plane's camera."""
+        """Return the disparities (...) [px] at the rays (..., 3) of the plane's camera."""
         disparities: Array = rays @ self.coefficients
         return disparities
 
     def height_m(self, rig: StereoRig) -> float:
-        """Return how high the plane's camera is over the road [m]."""
+        """Return the height of the plane's camera over the road [m]."""
         return float(rig.fx * rig.baseline_m / np.linalg.norm(self.coefficients))
 
     def moved(self, change: Array) -> DisparityPlane:
@@ -52,11 +53,11 @@ class DisparityPlane:
         return DisparityPlane(self.coefficients + change, self.camera)
 
     def of_camera(self, camera: PlaneCamera, rig: StereoRig) -> DisparityPlane:
-        """Return the same road by the rays of another camera."""
+        """Return the same road plane for the rays of another camera."""
         if camera is self.camera:
             return self
-        # The middle camera sees a point half its disparity to the left of where the left camera does, so that
-        # p_left @ ray = p_middle @ ray + p_middle[1] / fx * disparity / 2, with the ray of the left camera.
+        # The middle camera sees a point half its disparity farther left than the left camera. With the ray of
+        # the left camera, p_left @ ray = p_middle @ ray + p_middle[1] / fx * disparity / 2.
         half = self.coefficients[1] / rig.fx / 2.0
         return DisparityPlane(
             self.coefficients / (1.0 - half if camera is PlaneCamera.LEFT else 1.0 + half), camera
@@ -66,14 +67,14 @@ class DisparityPlane:
 def plane_from_pose(
     extrinsics: Extrinsics, rig: StereoRig, camera: PlaneCamera = PlaneCamera.MIDDLE
 ) -> DisparityPlane:
-    """Return the plane of a road by the pose of the rig over it."""
+    """Return the disparity plane of a road from the pose of the rig over it."""
     up = road_from_camera_rotation(extrinsics.pitch_rad, extrinsics.roll_rad)[2]
     middle = DisparityPlane(-rig.fx * rig.baseline_m / extrinsics.height_m * up, PlaneCamera.MIDDLE)
     return middle.of_camera(camera, rig)
 
 
 def pose_from_plane(plane: DisparityPlane, rig: StereoRig) -> Extrinsics:
-    """Return the pose of the rig over the plane: the inverse of :func:`plane_from_pose`."""
+    """Return the pose of the rig over a road plane: the inverse of :func:`plane_from_pose`."""
     return Extrinsics.from_array(_poses(plane.coefficients, plane.camera, rig))
 
 
@@ -91,6 +92,6 @@ def _poses(coefficients: Array, camera: PlaneCamera, rig: StereoRig) -> Array:
     pitch = np.arctan2(ahead, np.hypot(aside, down))
     height = rig.fx * rig.baseline_m / np.sqrt((coefficients * coefficients).sum(axis=-1))
     if camera is PlaneCamera.LEFT:
-        # The left camera is half a baseline beside the middle, and roll lifts it.
+        # The left camera is half a baseline to the left of the middle, so a positive roll lifts it.
         height = height - np.cos(pitch) * np.sin(roll) * rig.baseline_m / 2.0
     return np.stack([height, pitch, roll], axis=-1)

@@ -189,8 +189,8 @@ class Extrinsics:
         Returns:
             x, y, z [m], then roll, pitch, yaw [rad] about fixed axes, by these names.
         """
-        place = {"x": 0.0, "y": 0.0, "z": float(self.height_m)}
-        return place | {"roll": float(self.roll_rad), "pitch": float(self.pitch_rad), "yaw": 0.0}
+        translation = {"x": 0.0, "y": 0.0, "z": float(self.height_m)}
+        return translation | {"roll": float(self.roll_rad), "pitch": float(self.pitch_rad), "yaw": 0.0}
 
     def describe(self, std: Extrinsics | None = None) -> str:
         """Return the pose as people read it, in metres and degrees.

@@ -8,19 +8,19 @@ import numpy.typing as npt
 from ..camera.rig import StereoRig
 from ..types import Array
 
-LEAST_DISPARITY_PX = 1.0  # nothing is measured where it is less
+LEAST_DISPARITY_PX = 1.0  # least disparity of a point that is measured
 
 
 def pixel_rays(rig: StereoRig, u: npt.ArrayLike, v: npt.ArrayLike) -> Array:
     """Return the rays (1, y, z) through pixels in body axes: x forward, y left, z up.
 
     Args:
-        rig: Intrinsics, the same of both cameras and of the camera in the middle of the baseline.
+        rig: Intrinsics; they are the same for both cameras and for the camera in the middle of the baseline.
         u: Columns [px], of any shape that broadcasts with the rows.
         v: Rows [px].
 
     Returns:
-        (..., 3).
+        Rays (..., 3).
     """
     y, z = (rig.cx - np.asarray(u, np.float64)) / rig.fx, (rig.cy - np.asarray(v, np.float64)) / rig.fy
     rays = np.ones((*np.broadcast(y, z).shape, 3))

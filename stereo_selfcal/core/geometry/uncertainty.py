@@ -1,7 +1,8 @@
-"""The covariance of a pose as a sum of named terms: one for each thing that is not known.
+"""The covariance of a pose as a sum of named terms, one for each cause of uncertainty.
 
-Noise, the road's roughness, a kerb that cannot be ruled out: each is independent of the others and leaves a
-covariance of its own. Their sum is the covariance of the pose; the terms say what it is made of.
+Causes are, for example, the noise, the road's roughness, and a kerb that cannot be ruled out. They are
+independent of each other, and each has a covariance of its own. The sum of these terms is the covariance of
+the pose.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 
 from ..types import Array
 
-# What each term stands for, in the order in which they are listed.
+# Meaning of each term, in the order in which the terms are listed.
 TERMS = {
     "noise": "noise of the pixels",
     "misfit": "lines that agree less than their own noise promises",
@@ -39,8 +40,8 @@ class UncertaintyTerm:
     """One cause of uncertainty.
 
     Attributes:
-        name: What it is, snake_case; a key of :data:`TERMS`.
-        covariance: (3, 3) that it leaves in (height_m, pitch_rad, roll_rad).
+        name: Name of the cause in snake_case; a key of :data:`TERMS`.
+        covariance: (3, 3) of (height_m, pitch_rad, roll_rad) from this cause alone.
     """
 
     name: str
@@ -48,7 +49,7 @@ class UncertaintyTerm:
 
 
 def total_covariance(terms: Iterable[UncertaintyTerm]) -> Array:
-    """Return the sum (3, 3) of the terms; zeros without any."""
+    """Return the sum (3, 3) of the terms; zeros where there are none."""
     total = np.zeros((3, 3))
     for term in terms:
         total = total + term.covariance
@@ -59,7 +60,7 @@ def merge_terms(terms: Iterable[UncertaintyTerm]) -> tuple[UncertaintyTerm, ...]
     """Return one term for each name, in the order of :data:`TERMS`; terms of zeros are left out.
 
     Args:
-        terms: Independent terms; those of one name are added.
+        terms: Independent terms; terms of the same name are added.
     """
     sums: dict[str, Array] = {}
     for term in terms:
@@ -69,11 +70,11 @@ def merge_terms(terms: Iterable[UncertaintyTerm]) -> tuple[UncertaintyTerm, ...]
 
 
 def propagate_terms(terms: Iterable[UncertaintyTerm], jacobian: Array) -> tuple[UncertaintyTerm, ...]:
-    """Return the terms of ``jacobian @ x`` from those of x.
+    """Return the terms of ``jacobian @ x`` from the terms of x.
 
     Args:
         terms: Terms of x.
-        jacobian: (3, 3) derivative by x, or a weight.
+        jacobian: (3, 3) derivative by x, or a weight matrix.
     """
     return tuple(UncertaintyTerm(term.name, _sandwich(jacobian, term.covariance)) for term in terms)
 

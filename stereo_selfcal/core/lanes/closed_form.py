@@ -19,7 +19,7 @@ from ..geometry.plane import DisparityPlane, PlaneCamera, jacobian_pose_wrt_plan
 from ..geometry.pose import POSE_COMPONENTS, Extrinsics
 from ..geometry.rays import pixel_rays
 from ..rejection import Bound, NotFitted
-from ..road.priors import UNEVEN_STD_M
+from ..road.priors import LINE_HEIGHT_STD_M
 from ..types import Array
 from .lane_pair import LanePattern
 
@@ -101,7 +101,7 @@ def point_weights(pattern: LanePattern) -> Array:
     The weight of a boundary is 1. An extra line whose height may deviate from the plane by the unevenness of
     a road has a weight of 1/2.
     """
-    weights = 1.0 / (1.0 + (pattern.height_stds_m / UNEVEN_STD_M) ** 2)
+    weights = 1.0 / (1.0 + (pattern.height_stds_m / LINE_HEIGHT_STD_M) ** 2)
     return np.repeat(weights, len(pattern.rows))
 
 

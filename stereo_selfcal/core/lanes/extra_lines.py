@@ -14,7 +14,7 @@ from ..config import CalibratorConfig
 from ..geometry.plane import DisparityPlane, plane_from_pose
 from ..geometry.rays import LEAST_DISPARITY_PX, pixel_rays
 from ..rejection import NotFitted
-from ..road.priors import FALL_STD, GREATEST_FALL, HIGHEST_CROWN_M, LANE_M, UNEVEN_STD_M
+from ..road.priors import CROSS_FALL_STD, LANE_WIDTH_M, LINE_HEIGHT_STD_M, MAX_CROSS_FALL, MAX_CROWN_M
 from ..tolerances import MAX_LINE_HEIGHT_M
 from .closed_form import solve_plane
 from .lane_pair import ExtraLine, ImageLine, LanePattern
@@ -78,15 +78,17 @@ def find_extra_lines(
         if any(abs(offset_m - offset) < (width_m + width) / 2.0 for offset, width in occupied):
             continue
         beyond_m = max(offset_m - max(bounds_m), min(bounds_m) - offset_m, 0.0)
-        allowed_m = MAX_LINE_HEIGHT_M + GREATEST_FALL * beyond_m
-        if beyond_m > LANE_M or abs(height_m) > allowed_m:
+        allowed_m = MAX_LINE_HEIGHT_M + MAX_CROSS_FALL * beyond_m
+        if beyond_m > LANE_WIDTH_M or abs(height_m) > allowed_m:
             continue
         _, missed_px = common_point([*pattern.left, *pattern.right, *lines])
         if missed_px > _MAX_CONCURRENCY_PX:
             continue
         occupied.append((offset_m, width_m))
         found.append(
-            ExtraLine(*lines, float(np.hypot(UNEVEN_STD_M, FALL_STD * _lever_m(bounds_m, offset_m))))
+            ExtraLine(
+                *lines, float(np.hypot(LINE_HEIGHT_STD_M, CROSS_FALL_STD * _lever_m(bounds_m, offset_m)))
+            )
         )
     return tuple(found)
 
@@ -142,10 +144,7 @@ def inner_line_height(
         if lines is None:
             continue
         height_m, offset_m = height_and_offset_m(*lines, plane, rig)
-        if (
-            not min(bounds_m) + max(widths) < offset_m < max(bounds_m) - max(widths)
-            or height_m > HIGHEST_CROWN_M
-        ):
+        if not min(bounds_m) + max(widths) < offset_m < max(bounds_m) - max(widths) or height_m > MAX_CROWN_M:
             continue
         _, missed_px = common_point([*pattern.left, *pattern.right, *lines])
         if missed_px > _MAX_CONCURRENCY_PX:

@@ -11,7 +11,7 @@ from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
 from ..geometry.plane import jacobian_pose_wrt_plane, plane_from_pose
 from ..rejection import NotFitted, Rejection, RejectReason
-from ..road.priors import GREATEST_FALL, LANE_M
+from ..road.priors import LANE_WIDTH_M, MAX_CROSS_FALL
 from ..types import Image
 from . import frame_checks
 from .closed_form import solve_plane
@@ -157,9 +157,9 @@ def lines_below_plane(patterns: list[LanePattern], rig: StereoRig) -> list[Below
         for left, right in lines:
             height_m, offset_m = height_and_offset_m(left, right, plane, rig)
             beyond_m = float(max(offset_m - own_offsets_m.max(), own_offsets_m.min() - offset_m, 0.0))
-            if beyond_m <= LANE_M:
+            if beyond_m <= LANE_WIDTH_M:
                 std_m = height_std_m(left, right, plane, rig, covariance)
-                depth = BelowPlane(-height_m - GREATEST_FALL * beyond_m, std_m)
+                depth = BelowPlane(-height_m - MAX_CROSS_FALL * beyond_m, std_m)
                 depths[-1] = max(depths[-1], depth, key=lambda each: each.depth_m - each.limit_m)
     return depths
 

@@ -1,1 +1,1 @@
-"""Numerical methods that know nothing of roads: optimiser, robust statistics, derivatives."""
+"""Numerical methods that are independent of roads: optimiser, robust statistics, derivatives."""

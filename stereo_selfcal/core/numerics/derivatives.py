@@ -15,22 +15,26 @@ Function = Callable[[Array], Array]
 def central_difference(function: Function, at: Array, steps: npt.ArrayLike) -> Array:
     """Return the derivative of a function of P numbers.
 
-    Its error grows with the square of the steps, and what rounding adds with their inverse.
+    The truncation error grows with the square of the steps, the rounding error with their inverse.
 
     Args:
-        function: Takes points (B, P), returns values (B, ...): all points at once (:func:`point_by_point`).
-        at: (P,) where.
-        steps: (P,) to either side, or one for all; a number with a step of 0 is held, its derivative is 0.
+        function: Takes points (B, P), returns values (B, ...), all points at once (:func:`point_by_point`).
+        at: (P,) point at which the derivative is taken.
+        steps: (P,) steps to either side, or one step for all. A number with a step of 0 is not varied; its
+            derivative is 0.
 
     Returns:
-        (P, ...): by each of the numbers.
+        (P, ...) derivative by each of the numbers.
     """
     steps = np.broadcast_to(np.asarray(steps, dtype=np.float64), at.shape)
     return _quotients(function(_around(at, steps)), steps)
 
 
 def linearise(function: Function, at: Array, steps: npt.ArrayLike) -> tuple[Array, Array]:
-    """Return the value of a function (...) and its derivative (P, ...); as :func:`central_difference`."""
+    """Return the value of a function (...) and its derivative (P, ...).
+
+    The arguments are those of :func:`central_difference`.
+    """
     steps = np.broadcast_to(np.asarray(steps, dtype=np.float64), at.shape)
     values = function(np.concatenate([at[None], _around(at, steps)]))
     return values[0], _quotients(values[1:], steps)
@@ -42,13 +46,13 @@ def point_by_point(function: Callable[[Array], npt.ArrayLike]) -> Function:
 
 
 def _around(at: Array, steps: Array) -> Array:
-    """Return the points after and those before each number that is varied, (2 V, P)."""
+    """Return the points after ``at``, then those before it, for each of V varied numbers, (2 V, P)."""
     changes = np.diag(steps)[steps != 0.0]
     return np.concatenate([at + changes, at - changes])
 
 
 def _quotients(values: Array, steps: Array) -> Array:
-    """Return differences (P, ...) of values (2 V, ...) over the distances between their points."""
+    """Return the difference quotients (P, ...) of values (2 V, ...) at the points of :func:`_around`."""
     varied = steps != 0.0
     after, before = np.split(values, 2)
     quotients = np.zeros((len(steps), *values.shape[1:]))

@@ -13,8 +13,8 @@ from ..types import Array
 from .statistics import SIGMA_OVER_MAD, upper_median
 
 TUKEY_SIGMAS = 4.685  # 95 % efficiency for normal residuals (Huber, Robust Statistics)
-# In a fit of least absolute deviations no residual weighs as if it were less than this part of the scale:
-# those of zero would weigh infinitely.
+# In a fit of least absolute deviations, a smaller residual gets the weight of this fraction of the scale. The
+# weight of a residual of zero would be infinite.
 _LEAST_DEVIATION = 0.1
 
 Solution = TypeVar("Solution")
@@ -23,16 +23,17 @@ Floating = TypeVar("Floating", bound=np.ndarray)  # of either precision
 
 @dataclass(frozen=True, slots=True)
 class Reweighting:
-    """How a fit is repeated.
+    """Settings of an iteratively reweighted fit.
 
     Attributes:
-        rounds: Fits with Tukey's weights; the first of all has equal weights.
-        absolute_rounds: Fits of least absolute deviations before them, which bear a start with many outliers.
-        limit: Residual over its scale from which on an observation does not count.
-        least_weight: What an outlier keeps, so that the equations stay regular.
-        of_squares: Whether residuals are given as their squares, as the deviances of several numbers together
-            are; limit and scale are those of squares then.
-        settled: The fit ends early where the scale, one of all, has changed by this part of it; None: never.
+        rounds: Number of fits with Tukey's weights. The very first fit has equal weights.
+        absolute_rounds: Number of fits of least absolute deviations before them. They tolerate many outliers
+            at the start.
+        limit: Residual over its scale at which the weight of an observation becomes zero.
+        least_weight: Least weight of an outlier; it keeps the equations regular.
+        of_squares: Whether residuals are given as squares, such as the deviances of several numbers together;
+            limit and scale then refer to the squares.
+        settled: The fit ends early where the common scale changes by at most this fraction; None: never.
     """
 
     rounds: int
@@ -48,10 +49,10 @@ class RobustFit(Generic[Solution]):
     """Outcome of a robust fit.
 
     Attributes:
-        solution: What the last fit has found.
-        residuals: (N,) of it.
+        solution: Solution of the last fit.
+        residuals: (N,) residuals of the last fit.
         scale: Standard deviation of the residuals that are no outliers.
-        weights: (N,) 0 ... 1, by these residuals: those of the fit that would come next.
+        weights: (N,) weights 0 ... 1 that follow from these residuals; a next fit would use them.
     """
 
     solution: Solution
@@ -64,9 +65,9 @@ def tukey_weights(squares: Floating, least: float = 0.0) -> Floating:
     """Return Tukey's biweight of residuals.
 
     Args:
-        squares: Squared residuals over the square of the limit from which on one does not count; of any shape
+        squares: Squared residuals over the square of the limit at which the weight becomes zero; of any shape
             and precision.
-        least: Weight of what is beyond.
+        least: Weight beyond the limit.
     """
     weights = np.maximum(1.0 - squares, 0.0)
     weights *= weights
@@ -76,11 +77,11 @@ def tukey_weights(squares: Floating, least: float = 0.0) -> Floating:
 def scale_by_median(
     least: float, median: Callable[[Array], float] = upper_median
 ) -> Callable[[Array], float]:
-    """Return an estimator of scale by the median absolute residual, which half of outliers do not move.
+    """Return an estimator of scale by the median absolute residual; up to half of the values may be outliers.
 
     Args:
-        least: Scale that is taken where residuals are smaller.
-        median: Of values (N,).
+        least: Least scale.
+        median: Median of values (N,).
     """
 
     def scale(residuals: Array) -> float:
@@ -95,17 +96,17 @@ def fit_reweighted(
     how: Reweighting,
     scale_of: Callable[[Array], float | Array],
 ) -> RobustFit[Solution] | NotFitted:
-    """Fit by weighted least squares, again and again with the weights that the last fit's residuals have.
+    """Fit by iteratively reweighted least squares: the residuals of a fit give the weights of the next one.
 
     Args:
-        fit: Takes weights (N,) and the scale before (1 at first), returns a solution and its residuals (N,);
-            or why the weighted observations do not determine one.
+        fit: Takes weights (N,) and the previous scale (1 at first). It returns a solution and its residuals
+            (N,), or the reason why the weighted observations do not determine one.
         n: Number of observations, at least one.
         how: Rounds and limits.
-        scale_of: Takes residuals (N,), returns their scale: a number, or one of each (N,).
+        scale_of: Takes residuals (N,) and returns their scale: one number, or one for each residual (N,).
 
     Returns:
-        The last fit, or why one of them is undetermined.
+        The last fit, or the reason why one of the fits is undetermined.
     """
     weights: Array = np.ones(n)
     scale: float | Array = 1.0

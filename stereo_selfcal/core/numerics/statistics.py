@@ -1,4 +1,4 @@
-"""Medians for short lists: np.median spends more time on its checks than on 60 values."""
+"""Medians of short lists. For 60 values, np.median spends more time on its checks than on the values."""
 
 from __future__ import annotations
 
@@ -7,24 +7,23 @@ import numpy.typing as npt
 
 from ..types import Array
 
-# Of normal values: standard deviation over the median of the absolute deviations.
+# Standard deviation of normal values over the median of their absolute deviations.
 SIGMA_OVER_MAD = 1.4826
-# Of estimates of one thing: one farther than this from the median of the others is an outlier, as is one in
-# 15 000 of normal ones.
+# An estimate farther than this from the median of the others is an outlier. One of 15 000 normal values is.
 OUTLIER_SIGMAS = 4.0
-# Of the chi-squared distribution with three degrees of freedom: its median, and what one of twenty exceeds.
+# Median and 95th percentile of the chi-squared distribution with three degrees of freedom.
 MEDIAN_CHI2_3 = 2.366
 UNLIKELY_CHI2_3 = 7.815
 
 
 def upper_median(values: Array) -> float:
-    """Return the median of values (N,); of an even number, the greater one of the two in the middle."""
+    """Return the median of values (N,); for an even N, the greater one of the two middle values."""
     middle = len(values) // 2
     return float(np.partition(values, middle)[middle])
 
 
 def median(values: Array) -> float:
-    """Return the median of values (N,); of an even number, the mean of the two in the middle."""
+    """Return the median of values (N,); for an even N, the mean of the two middle values."""
     middle = len(values) // 2
     if len(values) % 2:
         return upper_median(values)
@@ -33,8 +32,8 @@ def median(values: Array) -> float:
 
 
 def quantile(ordered: npt.NDArray[np.integer | np.floating], part: float) -> float:
-    """Return the value below which a part (0 ... 1) of sorted values (N,) lies, linear between them."""
-    place = (len(ordered) - 1) * part
-    below = int(place)
+    """Return the quantile at a fraction (0 ... 1) of sorted values (N,), interpolated linearly."""
+    position = (len(ordered) - 1) * part
+    below = int(position)
     lower, upper = (float(ordered[i]) for i in (below, min(below + 1, len(ordered) - 1)))
-    return lower + (upper - lower) * (place - below)
+    return lower + (upper - lower) * (position - below)

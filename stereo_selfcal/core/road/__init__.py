@@ -1,1 +1,1 @@
-"""Models of the road: stripes, cells, surface, and what is known of roads beforehand."""
+"""Models of the road: stripes, cells of the surface, the surface's unevenness, and priors of roads."""

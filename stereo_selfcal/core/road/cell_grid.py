@@ -1,7 +1,8 @@
-"""The strip of road before the camera as a list of samples, in cells of a few square metres.
+"""The strip of road ahead of the camera as a list of samples, grouped into cells of a few square metres.
 
-Everything is laid out in the image a camera in the middle of the baseline would have: there a point of
-disparity d is seen at the column u, by the left camera at u + d / 2 and by the right one at u - d / 2.
+The samples are laid out in the image that a camera in the middle of the baseline would have. A point of
+disparity d that this camera sees at the column u is at u + d / 2 in the left image and at u - d / 2 in the
+right.
 """
 
 from __future__ import annotations
@@ -16,39 +17,41 @@ from ..geometry.pose import Extrinsics, road_from_camera_rotation
 from ..geometry.rays import pixel_rays
 from ..types import Array, Floats, Indices, Mask
 
-# Half a lane of the widest motorways (3.75 m) and the stripe beside it.
+# Half of the widest motorway lanes (3.75 m) and the stripe beside it.
 HALF_WIDTH_M = 2.5
 FAR_M = 30.0
 
-# Cells: a metre to the side (five of them tell a crown from a slope), and along the road as long as keeps
-# the change of disparity within a cell below this part of it, at 7 m a metre.
+# Width of a cell across the road: five cells distinguish a crown from a slope.
 CELL_WIDTH_M = 1.0
+# Ratio of the far and the near distance of a cell. It limits the change of disparity within a cell. At 7 m, a
+# cell is 1 m long.
 CELL_RATIO = 1.15
-# Samples closer on the road than this bring nothing new: the grains of asphalt are 5 to 16 mm.
+# Least distance of samples on the road. Closer ones add no information: the grains of a road surface are 5 to
+# 16 mm.
 SPACING_M = 0.025
-# At this disparity a tenth of a pixel is a fortieth of the camera's height, 35 mm: as much as what is to be
-# told by it. Farther away nothing is learned.
+# At this disparity, a tenth of a pixel is a fortieth of the camera's height, 35 mm. This is as large as the
+# height differences that have to be distinguished, so cells farther away give no information.
 _LEAST_DISPARITY_OF_CELLS_PX = 4.0
 _MARGIN_PX = 8  # reach of interpolation and blur
-_LEAST_SAMPLES = 6  # of a row in a cell: fewer than that have no mean to be removed
-_ALIGN = 256  # samples are shaped (N / 256, 256): OpenCV's images have at most 32 767 columns
+_LEAST_SAMPLES = 6  # least samples of a row in a cell: with fewer, removing their mean removes the texture
+_ALIGN = 256  # samples are shaped (N / 256, 256), because OpenCV's images have at most 32 767 columns
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Corridor:
-    """Samples, sorted by cell; the samples of one row in one cell are a segment.
+class SampleGrid:
+    """Samples of the road, sorted by cell. The samples of one row in one cell are a segment.
 
     Attributes:
-        u: (N,) columns [px], padded to whole lines of 256.
+        u: (N,) columns in the middle image [px], padded to whole lines of 256.
         v: (N,) rows [px].
-        starts: (S,) first sample of each segment.
-        lengths: (S,) samples of each segment.
-        segment_rays: (S, 3) of the middle of each segment: 1, y, z.
-        cell_starts: (C,) first segment of each cell.
-        cell_lengths: (C,) segments of each cell.
-        cell_rays: (C, 3) of the middle of each cell.
-        cell_xy: (C, 2) position of the cells on the road [m].
-        cell_area: (C,) [m^2].
+        starts: (S,) index of the first sample of each segment.
+        lengths: (S,) number of samples of each segment.
+        segment_rays: (S, 3) rays (1, y, z) through the middle of each segment.
+        cell_starts: (C,) index of the first segment of each cell.
+        cell_lengths: (C,) number of segments of each cell.
+        cell_rays: (C, 3) rays through the middle of each cell.
+        cell_xy: (C, 2) positions of the cells on the road [m].
+        cell_area: (C,) areas of the cells [m^2].
     """
 
     u: Floats
@@ -95,26 +98,26 @@ class Corridor:
         return np.repeat(per_cell, self.cell_lengths)
 
 
-def lay_out(
+def lay_out_samples(
     rig: StereoRig,
     pose: Extrinsics,
     lane_yaw_rad: float = 0.0,
     limits_m: tuple[float, float] = (-HALF_WIDTH_M, HALF_WIDTH_M),
     far_m: float = FAR_M,
     thinning: int = 1,
-) -> Corridor | None:
-    """Lay out the samples of the road before the camera.
+) -> SampleGrid | None:
+    """Lay out the samples of the road ahead of the camera.
 
     Args:
         rig: Intrinsics and baseline.
-        pose: Where the road is, good to a fraction of the lane width.
-        lane_yaw_rad: Heading of the camera against the lane.
-        limits_m: Right and left limit of the corridor beside the camera's path [m], left positive.
-        far_m: Where it ends.
+        pose: Pose of the rig over the road; its error is at most a fraction of the lane width.
+        lane_yaw_rad: Heading of the camera against the lane [rad].
+        limits_m: Right and left limit of the strip beside the camera's path [m], left positive.
+        far_m: Distance of the strip's end [m].
         thinning: Factor on the distance between samples, in both directions.
 
     Returns:
-        The samples, or None where the image shows too little of the corridor.
+        The samples, or None where the image shows too little of the strip.
     """
     plane = plane_from_pose(pose, rig)
     rows = np.arange(_MARGIN_PX // 2, rig.height - _MARGIN_PX // 2)
@@ -150,9 +153,10 @@ def lay_out(
 
 
 def _spaced(ahead: Array, spacing_m: float, thinning: int) -> Mask:
-    """Choose rows, from the nearest on, that lie at least a spacing apart on the road."""
+    """Choose rows that lie at least a spacing apart on the road; begin with the nearest row."""
     chosen = np.zeros(len(ahead), dtype=bool)
-    # The distance between rows grows towards the horizon; whole rows are skipped, so that the rest is even.
+    # The distance between rows grows towards the horizon. Near rows are skipped, so that the spacing is
+    # uniform.
     gaps = np.abs(np.diff(ahead, append=ahead[-1]))
     skip = np.maximum(thinning, (spacing_m / np.maximum(gaps, 1e-9)).astype(np.intp))
     skip[-1] = skip[-2] if len(skip) > 1 else 1
@@ -174,12 +178,12 @@ def _assemble(
     cell: Indices,
     row: Indices,
     step: Indices,
-) -> Corridor:
-    """Write out the samples of the segments, and what is known of segments and cells."""
+) -> SampleGrid:
+    """Compute the samples of the segments, and the rays, positions and areas of segments and cells."""
     starts = np.concatenate([[0], np.cumsum(lengths)[:-1]])
     total = int(lengths.sum())
     padded = -(-total // _ALIGN) * _ALIGN
-    # Whole numbers far below 2^24: exact in single precision.
+    # The values are whole numbers far below 2^24, which single precision holds exactly.
     u, v = np.empty(padded, np.float32), np.empty(padded, np.float32)
     u[:total] = np.arange(total, dtype=np.float32)
     u[:total] *= np.repeat(step.astype(np.float32), lengths)
@@ -190,7 +194,7 @@ def _assemble(
     rays = pixel_rays(rig, middle, row)
     cell_starts = np.concatenate([[0], np.nonzero(np.diff(cell))[0] + 1])
     cell_lengths = np.diff(np.append(cell_starts, len(cell)))
-    # On the road: rays as long as the depth, turned.
+    # Positions on the road: the rays are scaled by the depth and rotated into road axes.
     depth = rig.fx * rig.baseline_m / plane.disparities(rays)
     turn = road_from_camera_rotation(pose.pitch_rad, pose.roll_rad)[:2]
     xy = (rays * depth[:, None]) @ turn.T
@@ -201,7 +205,7 @@ def _assemble(
     spread = np.maximum.reduceat(xy[:, 0], cell_starts) - np.minimum.reduceat(xy[:, 0], cell_starts)
     width = np.add.reduceat(lengths * step * depth / rig.fx, cell_starts) / cell_lengths
     gap = spread / np.maximum(cell_lengths - 1, 1)
-    return Corridor(
+    return SampleGrid(
         u=u,
         v=v,
         starts=starts,

@@ -1,8 +1,8 @@
-"""The road as a few numbers, and the edges of its stripes in both images.
+"""Parameters of a road with L stripes, and the edges of these stripes in both images.
 
-Parameters: height, pitch, roll, yaw of the lane, its curvature, middles of the L stripes (at x = 0, left
-positive), their L widths, their L heights over the plane [m, rad]. Bent stripes are arcs about one centre,
-abreast of x = 0.
+The parameters are height, pitch, roll, yaw and curvature of the lane, then the L middles of the stripes (at
+x = 0, left positive), their L widths, and their L heights over the plane [m, rad, 1/m]. Bent stripes are arcs
+about one common centre, which lies at x = 0 in the direction of the lane.
 """
 
 from __future__ import annotations
@@ -15,28 +15,31 @@ from ..geometry.pose import road_from_camera_rotation
 from ..geometry.rays import pixel_rays
 from ..types import Array
 
-# Where a road line is evaluated to be drawn in the image [m ahead].
+# Distances at which a road line is projected into the image [m]; two points determine the image line.
 _NEAR_M, _FAR_M = 5.0, 50.0
-_LEAST_FALL = 1e-3  # of a ray that is said to meet the road: 1000 camera heights away
-# Of the search for the column of a bent line in a row: each leaves an eighth of the error before it where
-# the lane has turned by 30 deg, far less before.
+_LEAST_FALL = 1e-3  # least downward slope of a ray that meets the road: 1000 camera heights away
+# Iterations of the search for the column of a bent line in a row. Each reduces the error to an eighth where
+# the lane has turned by 30 deg, and to far less nearer to the camera.
 _BEND_ITERATIONS = 4
 
 N_POSE = 5  # parameters before those of the stripes
 
 
 def predict_edges(parameters: Array, rig: StereoRig) -> Array:
-    """Return the edges of straight stripes (their tangents at x = 0) in the images as lines u = a + m v.
+    """Return the edges of straight stripes in both images, as lines u = a + m v.
+
+    Bent stripes are replaced by their tangents at x = 0.
 
     Args:
-        parameters: (B, 5 + 3 L) roads.
+        parameters: (B, 5 + 3 L) parameters of B roads.
         rig: Intrinsics and baseline.
 
     Returns:
         (B, 2 cameras, L stripes, 2 edges, 2): a [px] and m; the left edge first.
     """
     height, pitch, roll, yaw = parameters[:, :4].T
-    below = height[:, None] - np.split(parameters[:, N_POSE:], 3, axis=1)[2]  # the camera over each stripe
+    # Height of the camera over each stripe.
+    below = height[:, None] - np.split(parameters[:, N_POSE:], 3, axis=1)[2]
     cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
     zero = np.zeros_like(cp)
     # Rows: body axes x, y, z from road axes, the transpose of R_y(pitch) R_x(roll).
@@ -60,7 +63,7 @@ def bent_columns(parameters: Array, rows: Array, rig: StereoRig) -> Array:
     """Return the columns of the edges of bent stripes.
 
     Args:
-        parameters: (5 + 3 L,) one road.
+        parameters: (5 + 3 L,) parameters of one road.
         rows: (...) rows [px], all below the horizon.
         rig: Intrinsics and baseline.
 
@@ -77,11 +80,11 @@ def bent_columns(parameters: Array, rows: Array, rig: StereoRig) -> Array:
     for camera, side in enumerate(SIDES):
         centre = rotation @ camera_centre_m(rig, side) + np.array([0.0, 0.0, height])
         for _ in range(_BEND_ITERATIONS):
-            ahead, left, up = np.moveaxis(pixel_rays(rig, columns[camera], flat) @ rotation.T, -1, 0)
+            ahead, aside, up = np.moveaxis(pixel_rays(rig, columns[camera], flat) @ rotation.T, -1, 0)
             depth = (over - centre[2]) / np.minimum(up, -_LEAST_FALL)
-            x, y = centre[0] + depth * ahead, centre[1] + depth * left
-            beside = _lateral_position(x, y, yaw, curvature) - start * np.cos(yaw)
-            columns[camera] += beside * rig.fx / depth
+            x, y = centre[0] + depth * ahead, centre[1] + depth * aside
+            error_m = _lateral_position(x, y, yaw, curvature) - start * np.cos(yaw)
+            columns[camera] += error_m * rig.fx / depth
     bent: Array = columns.reshape(*columns.shape[:3], *rows.shape)
     return bent
 
@@ -89,7 +92,7 @@ def bent_columns(parameters: Array, rows: Array, rig: StereoRig) -> Array:
 def _lateral_position(x: Array, y: Array, yaw: float, curvature: float) -> Array:
     """Return the distance of road points from the lane's arc through the origin, > 0: left of it [m]."""
     along, aside = np.cos(yaw) * x - np.sin(yaw) * y, np.sin(yaw) * x + np.cos(yaw) * y
-    # R - sqrt(along^2 + (R - aside)^2), written such that a straight lane is no exception.
+    # R - sqrt(along^2 + (R - aside)^2), rearranged so that it holds for a straight lane as well.
     root = np.sqrt((curvature * along) ** 2 + (1.0 - curvature * aside) ** 2)
     position: Array = (2.0 * aside - curvature * (along**2 + aside**2)) / (1.0 + root)
     return position

@@ -1,11 +1,11 @@
-"""The plane of a road that is none: robust fit to heights of cells, and what the unevenness leaves unknown.
+"""The plane of an uneven road: a robust fit to the heights of cells, with the unevenness in its covariance.
 
-The heights of a road deviate from a plane like fractional Brownian motion: the spectrum of roads falls with a
-power of the wave number, so squared differences of heights grow with a power of the distance,
-``E (e(a) - e(b))^2 = D |a - b|^1.5``. The walk starts on the road under the camera.
-The one number D is the road's; it is estimated by restricted likelihood from the heights themselves, after
-what the images' noise explains. The plane is the generalised least squares fit, and its covariance
-contains the noise and the road: another sensor, or the same one on the next stretch, fits another plane.
+The heights of a road deviate from a plane like fractional Brownian motion. The spectrum of roads falls with a
+power of the wave number, so squared differences of heights grow with a power of the distance:
+``E (e(a) - e(b))^2 = D |a - b|^1.5``. The deviation is zero on the road under the camera.
+The roughness D is a property of the road. It is estimated by restricted likelihood from the heights, given
+the noise of the images. The plane is the generalised least squares fit. Its covariance contains the noise and
+the unevenness, because another sensor, or the same one on the next stretch of road, fits another plane.
 """
 
 from __future__ import annotations
@@ -20,50 +20,55 @@ from ..numerics.statistics import median
 from ..rejection import Bound, NotFitted
 from ..types import Array
 
-# The spectrum of a road falls with its waviness as the power: 2 in ISO 8608's definition, 2.5 in the middle
-# of what is measured (1.5 to 3.5, the smoother the road, the steeper). Squared differences of heights grow
-# with the power of waviness - 1 of the distance.
+# The spectrum of a road falls with its waviness as the power. The waviness is 2 in the definition of ISO
+# 8608, and 2.5 in the middle of measured ones (1.5 to 3.5; the smoother the road, the steeper its spectrum).
+# Squared differences of heights grow with the distance to the power of waviness - 1.
 _WAVINESS = 2.5
 _EXPONENT = _WAVINESS - 1.0
-# D tried: class A of ISO 8608 has a spectrum of 16e-6 m^3 at 0.1 cycles/m, and twice the integral of the
-# spectrum times (1 - cos) over all wave numbers is 2.7e-6 m^2 / m^1.5: 9 mm between points 10 m apart. Each
-# class has four times that of the one before it; tried from a thousandth, a plane in practice, to a field.
+# Class A of ISO 8608 has a spectrum of 16e-6 m^3 at 0.1 cycles/m. D is twice the integral of the spectrum
+# times (1 - cos) over all wave numbers, 2.7e-6 m^2 / m^1.5. This is 9 mm between points 10 m apart.
 _CLASS_A = 2.7e-6
+# Values of D that are tried. Each class of ISO 8608 has four times the D of the class before it. The values
+# range from a thousandth of class A, in practice a plane, to a field.
 _ROUGHNESS = _CLASS_A * 4.0 ** np.arange(-5.0, 5.0, 0.5)
-_TYPICAL_ROUGHNESS = 4.0 * _CLASS_A  # class B, before the road's own is known
-# Error of disparity every cell has beyond the noise [px]: shine that moves with the camera, unlike blur,
-# distortion, flecks of sunlight that are clipped. From none to more than any road has: where the range ends
-# too early, what cells scatter passes for a road of hollows, which is far less sure.
+_TYPICAL_ROUGHNESS = 4.0 * _CLASS_A  # class B, used before the road's own roughness is estimated
+# Values of the mismatch that are tried: the error of disparity of each cell beyond the noise [px]. Its causes
+# are reflections that move with the camera, different blur, distortion, and clipped flecks of sunlight. The
+# values range from none to more than any road has. If the range ended too early, a large mismatch would be
+# fitted as roughness, and the covariance would be far too large.
 _MISMATCH_PX = np.array([0.0, 0.02, 0.06, 0.2, 0.6])
-# What a plane has of that, by the interpolation between pixels alone: rendered planes without noise show
-# 0.004 to 0.021 px. More than that may be the road's.
+# Mismatch that a plane can have, caused by the interpolation between pixels alone. Rendered planes without
+# noise show 0.004 to 0.021 px. A larger mismatch may come from the road.
 _MISMATCH_OF_PLANE_PX = _MISMATCH_PX[:2]
 _TYPICAL_MISMATCH_PX = 0.05
-# Parabolic camber of a two-lane road, 2.5 % at its edge 3.5 m from the crown: z = -0.0036 y^2.
+# Parabolic camber of a two-lane road, with a slope of 2.5 % at its edge 3.5 m from the crown: z = -0.0036
+# y^2.
 _CAMBER_PER_M = 0.0036
-_PROFILES = np.array([0.125, 0.35, 1.0, 2.8])  # times that: from a plane in practice to a village street
-_PROFILE_LENGTH_M = 1.0  # wheel tracks and gutters are half a metre to a metre wide
-# A road is no plane where that is a hundred times less likely: rendered planes reach e^1, real roads e^15 and
-# more, or as little as planes where little of them is seen.
-_LEAST_EVIDENCE = math.log(100.0)
-_WORST_STD_M = 0.3  # two kerbs: a cell that cannot tell them apart says nothing of the road
-_LEAST_CELLS = 6  # twice the numbers of a plane
-_OUTLIER_WEIGHT = 0.5  # Tukey's at 2.5 robust standard deviations
-_ROUNDING = 1e-12  # of the greatest eigenvalue: what is less is that of the arithmetic
-LEAST_WEIGHT = 1e-3  # an outlier's variance is a thousand times its squared distance at most
+# Values of the camber that are tried, in units of that one: from a plane in practice to a village street.
+_CAMBERS = np.array([0.125, 0.35, 1.0, 2.8])
+_PROFILE_LENGTH_M = 1.0  # correlation length across the road: wheel tracks and gutters are 0.5 m to 1 m wide
+# Least logarithm of the likelihood ratio at which a road is uneven: a plane is a hundred times less likely.
+# Rendered planes reach e^1 and real roads e^15 and more. Real roads of which little is visible reach no more
+# than planes.
+_LEAST_LOG_LIKELIHOOD_RATIO = math.log(100.0)
+_WORST_STD_M = 0.3  # most standard deviation of a usable cell: the height of two kerbs
+_LEAST_CELLS = 6  # twice the number of a plane's parameters
+_OUTLIER_WEIGHT = 0.5  # Tukey's weight at 2.5 robust standard deviations
+_ROUNDING = 1e-12  # eigenvalues below this fraction of the greatest one are rounding errors
+LEAST_WEIGHT = 1e-3  # so the variance of an outlier is at most a thousand times its squared distance
 _REWEIGHTING = Reweighting(rounds=8, absolute_rounds=8, least_weight=LEAST_WEIGHT**2)
-_SCALE = scale_by_median(1e-9, median)  # where three cells decide, nothing scatters
+_SCALE = scale_by_median(1e-9, median)  # the least scale matters where three cells are fitted exactly
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cells:
+class CellHeights:
     """Heights of the cells of a road.
 
     Attributes:
-        heights: (C,) over a first plane [m]; NaN where a cell was not measured.
-        variances: (C,) of them by the noise of the images [m^2].
-        metres: (C,) height by which a pixel of disparity moves a cell [m].
-        xy: (C, 2) position, from the point under the camera [m].
+        heights: (C,) heights over a first plane [m]; NaN where a cell was not measured.
+        variances: (C,) variances of the heights caused by the noise of the images [m^2].
+        metres: (C,) change of a cell's height for one pixel of disparity [m].
+        xy: (C, 2) positions relative to the point under the camera [m].
     """
 
     heights: Array
@@ -74,73 +79,75 @@ class Cells:
 
 @dataclass(frozen=True, slots=True)
 class RoadUnevenness:
-    """What of the road is no plane.
+    """Deviation of a road from a plane.
 
     Attributes:
-        roughness: D, mean of its posterior: mean squared difference of heights over distance^1.5 [m^2/m^1.5].
-        mismatch_px: Error of the cells' disparities that neither noise nor road explains, standard deviation.
-        profile: Bend across the road, in units of a usual camber (2.5 % at the edge of a two-lane road), root
-            mean square of its posterior.
-        evidence: Logarithm of the likelihood of the best shape over that of a plane.
+        roughness: D, the mean squared difference of heights over distance^1.5 [m^2/m^1.5]; the mean of its
+            posterior.
+        mismatch_px: Standard deviation of the errors of the cells' disparities that neither the noise nor the
+            road explains [px]; the root mean square of its posterior.
+        camber: Bend across the road, in units of a usual camber (2.5 % at the edge of a two-lane road); the
+            root mean square of its posterior.
+        log_likelihood_ratio: Logarithm of the likelihood of the best unevenness over that of a plane.
     """
 
     roughness: float
     mismatch_px: float
-    profile: float
-    evidence: float = math.inf
+    camber: float
+    log_likelihood_ratio: float = math.inf
 
     @property
     def uneven(self) -> bool:
-        """Whether the road is surely no plane, as far as the images show it."""
-        return self.evidence > _LEAST_EVIDENCE
+        """Whether the images show significantly that the road is not a plane."""
+        return self.log_likelihood_ratio > _LEAST_LOG_LIKELIHOOD_RATIO
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """Plane through heights of cells.
+    """Plane through the heights of cells.
 
     Attributes:
-        plane: (3,) coefficients of the design.
-        covariance: (3, 3) of them, noise and unevenness.
-        noise_covariance: (3, 3) by the noise alone.
-        covariance_by_cause: What the covariance is the sum of, (3, 3) each, by name.
-        shape: What of the road is no plane.
+        plane: (3,) coefficients of the design's columns.
+        covariance: (3, 3) of the coefficients, caused by noise and unevenness.
+        noise_covariance: (3, 3) of the coefficients, caused by the noise and the mismatch alone.
+        covariance_terms: Terms of the covariance, (3, 3) each, by name.
+        unevenness: Deviation of the road from the plane.
         weights: (C,) robust weights, 0 ... 1.
-        residuals: (C,) heights over the plane [m]; NaN where not measured.
-        noise_variance: (C,) of them [m^2].
+        residuals: (C,) heights over the plane [m]; NaN where a cell was not measured.
+        noise_variance: (C,) variances of these heights, caused by the noise and the mismatch [m^2].
     """
 
     plane: Array
     covariance: Array
     noise_covariance: Array
-    covariance_by_cause: dict[str, Array]
-    shape: RoadUnevenness
+    covariance_terms: dict[str, Array]
+    unevenness: RoadUnevenness
     weights: Array
     residuals: Array
     noise_variance: Array
 
 
-def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface | NotFitted:
+def fit_surface(cells: CellHeights, design: Array, *, final: bool = True) -> Surface | NotFitted:
     """Fit the plane of a road.
 
     Args:
-        cells: What was measured.
-        design: (C, 3) heights by the parameters of the plane.
-        final: Whether to estimate the road's own roughness; else a typical one serves.
+        cells: The measured heights.
+        design: (C, 3) derivative of the heights by the parameters of the plane.
+        final: Whether to estimate the road's own unevenness; else a typical one is used.
 
     Returns:
-        The plane, or why the measured cells do not determine one.
+        The plane, or the reason why the measured cells do not determine one.
     """
     seen = np.isfinite(cells.heights) & (cells.variances < _WORST_STD_M**2)  # false for NaN as well
     n_seen = int(np.count_nonzero(seen))
     if n_seen < _LEAST_CELLS:
         return NotFitted("cells whose height is known", n_seen, Bound.LEAST, _LEAST_CELLS)
     y, x, noise, at = cells.heights[seen], design[seen], cells.variances[seen], cells.xy[seen]
-    greatest = np.abs(x).max(axis=0)  # zero where all cells are straight before the camera
+    greatest = np.abs(x).max(axis=0)  # a column is zero where all cells are straight ahead of the camera
     rank = 0 if np.any(greatest == 0.0) else int(np.linalg.matrix_rank(x / greatest))
     if rank < x.shape[1]:
         return NotFitted("numbers of the plane that the cells determine", rank, Bound.LEAST, x.shape[1])
-    kernel, profile = kernels(at)
+    kernel, profile = unit_covariances(at)
     typical = (
         noise
         + (_TYPICAL_MISMATCH_PX * cells.metres[seen]) ** 2
@@ -148,15 +155,15 @@ def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface |
         + np.diag(profile)
     )
     weights, off = _robust_weights(y, x, np.sqrt(typical))
-    # An outlier is a cell with a larger variance: it tells less of the plane.
-    # No part of that for the others: it would pass for noise what is the road's shape.
+    # An outlier gets a larger variance, so that it counts less. The variances of the other cells stay as they
+    # are; otherwise unevenness of the road would be treated as noise.
     outlier = weights < _OUTLIER_WEIGHT
     inflated = noise + np.where(outlier, off**2 / np.maximum(weights, LEAST_WEIGHT), 0.0)
-    shape = RoadUnevenness(_TYPICAL_ROUGHNESS, _TYPICAL_MISMATCH_PX, 1.0)
+    unevenness = RoadUnevenness(_TYPICAL_ROUGHNESS, _TYPICAL_MISMATCH_PX, 1.0)
     if final:
-        shape = _likely(y, x, inflated, profile, kernel, cells.metres[seen])
-    inflated = inflated + (shape.mismatch_px * cells.metres[seen]) ** 2
-    total = shape.roughness * kernel + shape.profile**2 * profile + np.diag(inflated)
+        unevenness = _estimate_unevenness(y, x, inflated, profile, kernel, cells.metres[seen])
+    inflated = inflated + (unevenness.mismatch_px * cells.metres[seen]) ** 2
+    total = unevenness.roughness * kernel + unevenness.camber**2 * profile + np.diag(inflated)
     weighted = np.linalg.solve(total, x).T
     covariance = np.linalg.inv(weighted @ x)
     solve = covariance @ weighted
@@ -167,24 +174,27 @@ def fit_surface(cells: Cells, design: Array, *, final: bool = True) -> Surface |
         plane=plane,
         covariance=covariance,
         noise_covariance=(solve * inflated) @ solve.T,
-        covariance_by_cause={
+        covariance_terms={
             "noise": (solve * noise) @ solve.T,
             "mismatch": (solve * (inflated - noise)) @ solve.T,
-            "roughness": shape.roughness * solve @ kernel @ solve.T,
-            "camber": shape.profile**2 * solve @ profile @ solve.T,
+            "roughness": unevenness.roughness * solve @ kernel @ solve.T,
+            "camber": unevenness.camber**2 * solve @ profile @ solve.T,
         },
-        shape=shape,
+        unevenness=unevenness,
         weights=everywhere,
         residuals=cells.heights - design @ plane,
-        noise_variance=cells.variances + (shape.mismatch_px * cells.metres) ** 2,
+        noise_variance=cells.variances + (unevenness.mismatch_px * cells.metres) ** 2,
     )
 
 
-def kernels(xy: Array) -> tuple[Array, Array]:
-    """Return the covariances (N, N) of a road's heights at places (N, 2): of unit roughness, of unit profile.
+def unit_covariances(xy: Array) -> tuple[Array, Array]:
+    """Return the covariances (N, N) of a road's heights for unit roughness, and for unit camber.
 
-    The walk along the road starts under the camera. The profile is what runs along the road (camber, gutters,
-    ruts); it begins beside the camera, where the plane is meant.
+    The deviation by roughness is zero under the camera. The camber stands for everything that runs along the
+    road: camber, gutters, ruts. It is zero along the camera's path, where the plane is defined.
+
+    Args:
+        xy: (N, 2) positions on the road, relative to the point under the camera [m].
     """
     growth = np.linalg.norm(xy, axis=1) ** _EXPONENT
     apart = np.linalg.norm(xy[:, None] - xy, axis=-1)
@@ -194,7 +204,7 @@ def kernels(xy: Array) -> tuple[Array, Array]:
 
 
 def _robust_weights(y: Array, x: Array, sigma: Array) -> tuple[Array, Array]:
-    """Return the weights (S,) of a robust fit, from least absolute deviations on, and the distances (S,)."""
+    """Return the weights (S,) and the residuals (S,) of a robust fit that begins with absolute deviations."""
     rows, target = x / sigma[:, None], y / sigma
 
     def fit(weights: Array, _: object) -> tuple[Array, Array]:
@@ -203,51 +213,65 @@ def _robust_weights(y: Array, x: Array, sigma: Array) -> tuple[Array, Array]:
         return plane, target - rows @ plane
 
     found = fit_reweighted(fit, len(y), _REWEIGHTING, _SCALE)
-    assert not isinstance(found, NotFitted)  # the cells determine a plane, with any weights
+    assert not isinstance(found, NotFitted)  # the cells determine a plane, whatever their weights
     return found.weights, found.residuals * sigma
 
 
-def _likely(y: Array, x: Array, noise: Array, profile: Array, kernel: Array, metres: Array) -> RoadUnevenness:
-    """Return what the heights say of the road's shape: means of the posterior.
+def _estimate_unevenness(
+    y: Array, x: Array, noise: Array, profile: Array, kernel: Array, metres: Array
+) -> RoadUnevenness:
+    """Return the unevenness of the road, as means of its posterior.
 
-    The likelihood is the restricted one: of the contrasts that no plane changes. Before, all values
-    tried are equally probable.
+    The likelihood is the restricted one: that of the contrasts which no plane changes. The prior gives all
+    tried values the same probability.
+
+    Args:
+        y: (S,) heights of the cells [m].
+        x: (S, 3) derivative of the heights by the parameters of the plane.
+        noise: (S,) variances of the heights by the noise [m^2].
+        profile: (S, S) covariance of the heights for unit camber.
+        kernel: (S, S) covariance of the heights for unit roughness.
+        metres: (S,) change of a cell's height for one pixel of disparity [m].
     """
     basis = np.linalg.qr(x, mode="complete")[0][:, x.shape[1] :]
     contrast, road_covariance = basis.T @ y, basis.T @ kernel @ basis
     noise_covariance, mismatch_covariance = (basis.T * noise) @ basis, (basis.T * metres**2) @ basis
-    # One basis for everything else and the road, so that every roughness is a division.
+    # In the common eigenvectors of the noise's and the roughness's covariance, both are diagonal. So each
+    # value of the roughness costs one division.
     factor = np.linalg.cholesky(noise_covariance + _MISMATCH_PX[:, None, None] ** 2 * mismatch_covariance)
     inverse = np.linalg.inv(factor)
     values, vectors = np.linalg.eigh(inverse @ road_covariance @ np.swapaxes(inverse, 1, 2))
     scaled = 1.0 / np.sqrt(1.0 + np.clip(values, 0.0, None)[:, None] * _ROUGHNESS[:, None])
-    # The profile is smooth: a few shapes across the road make it up, each with its own size. The Cholesky
-    # factor of their products with each other and the contrast has what they leave of it in its last row.
+    # The camber is smooth, so that a few shapes across the road represent it, each with its own size. The
+    # last row of the Cholesky factor of all products holds the part of the contrast that the shapes do not
+    # explain.
     shapes = np.column_stack([basis.T @ _root(profile), contrast])
     turned = (np.swapaxes(vectors, 1, 2) @ (inverse @ shapes))[:, None] * scaled[..., None]
     products = np.swapaxes(turned, 2, 3) @ turned  # (mismatch, roughness, shapes + 1, shapes + 1)
     products[..., -1, -1] += products[..., -1, -1] * _ROUNDING + np.finfo(float).tiny
-    products = np.repeat(products[:, :, None], len(_PROFILES), axis=2)
-    np.einsum("...ii->...i", products)[..., :-1] += 1.0 / _PROFILES[:, None] ** 2
+    products = np.repeat(products[:, :, None], len(_CAMBERS), axis=2)
+    np.einsum("...ii->...i", products)[..., :-1] += 1.0 / _CAMBERS[:, None] ** 2
     pivots = np.diagonal(np.linalg.cholesky(products), axis1=-2, axis2=-1)
-    log_likelihood = -0.5 * pivots[..., -1] ** 2 - np.log(pivots[..., :-1] * _PROFILES[:, None]).sum(axis=-1)
+    log_likelihood = -0.5 * pivots[..., -1] ** 2 - np.log(pivots[..., :-1] * _CAMBERS[:, None]).sum(axis=-1)
     log_likelihood += np.log(scaled).sum(axis=2)[..., None]  # (mismatch, roughness, profile)
-    log_root = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)  # of the determinant
+    log_root = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(
+        axis=1
+    )  # half the logarithm of the determinant
     log_likelihood -= log_root[:, None, None]
     posterior = np.exp(log_likelihood - log_likelihood.max())
     posterior /= posterior.sum()
-    n = len(_MISMATCH_OF_PLANE_PX)  # the first of those tried
+    n = len(_MISMATCH_OF_PLANE_PX)  # these are the first of the values that are tried
     plane = -0.5 * ((inverse[:n] @ contrast) ** 2).sum(axis=1) - log_root[:n]
     return RoadUnevenness(
         roughness=float(posterior.sum(axis=(0, 2)) @ _ROUGHNESS),
         mismatch_px=float(np.sqrt(posterior.sum(axis=(1, 2)) @ _MISMATCH_PX**2)),
-        profile=float(np.sqrt(posterior.sum(axis=(0, 1)) @ _PROFILES**2)),
-        evidence=float(log_likelihood.max() - plane.max()),
+        camber=float(np.sqrt(posterior.sum(axis=(0, 1)) @ _CAMBERS**2)),
+        log_likelihood_ratio=float(log_likelihood.max() - plane.max()),
     )
 
 
 def _root(covariance: Array) -> Array:
-    """Return the root (N, K) of a covariance (N, N) of few shapes: root @ root.T is the covariance."""
+    """Return the root (N, K) of a covariance (N, N) of rank K: root @ root.T is the covariance."""
     values, vectors = np.linalg.eigh(covariance)
     of_rank = values > _ROUNDING * values[-1]
     root: Array = vectors[:, of_rank] * np.sqrt(values[of_rank])

@@ -216,7 +216,7 @@ def _search(fitness: PatternFitness, config: CalibratorConfig) -> GeneticResult:
     """Run the genetic algorithm over the whole search box, once with the parallelism term of each camera."""
     lower, upper = config.search.bounds()
     runs = maximise_each(
-        fitness.seen_by_each,
+        fitness.fitness_in_each_camera,
         lower=lower,
         upper=upper,
         config=config.genetic,

@@ -93,7 +93,7 @@ def find_road(
     starts = [known_pose] if known_pose else islice(roads_of_single_lines(matches, rig, config), _MOST_STARTS)
     for start in starts:
         fit = align_texture(images, rig, start)
-        if not isinstance(fit, NotFitted) and fit.enough_texture and fit.even_enough:
+        if not isinstance(fit, NotFitted) and fit.enough_texture and fit.comparable:
             return fit
     return None
 

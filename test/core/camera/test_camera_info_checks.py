@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from stereo_selfcal.core.camera.camera_info import CameraInfoError, CameraModel, InfoReason
-from stereo_selfcal.core.camera.camera_info_checks import doubts_about
+from stereo_selfcal.core.camera.camera_info_checks import find_unusual_values
 from stereo_selfcal.core.camera.rectifier import StereoRectifier
 
 D = [-0.3, 0.1, 0.0, 0.0, 0.0]
@@ -24,7 +24,9 @@ def info(side="left", **changes):
 
 def doubts(rectified=True, baseline_m=0.54, **changes):
     cameras = CameraModel.read(info(**changes), "left"), CameraModel.read(info("right"), "right")
-    return {finding.reason: finding.message for finding in doubts_about(*cameras, baseline_m, rectified)}
+    return {
+        finding.reason: finding.message for finding in find_unusual_values(*cameras, baseline_m, rectified)
+    }
 
 
 def changed(values, **by_index):

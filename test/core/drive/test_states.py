@@ -5,7 +5,7 @@ from itertools import product
 
 import pytest
 
-from stereo_selfcal.core.drive.states import TRANSITIONS, Event, Machine, State, WatchVerdict, event_of
+from stereo_selfcal.core.drive.states import TRANSITIONS, Event, State, StateMachine, WatchVerdict, event_of
 
 DRIFT = WatchVerdict(doubted=True, proven=True, least=2.0, most=3.0)
 
@@ -39,13 +39,13 @@ AFTER = {
 
 @pytest.mark.parametrize(("state", "event"), list(product(AFTER, Event)), ids=str)
 def test_every_event_in_every_state(state, event):
-    assert Machine(state).after(event).state is AFTER[state].get(event, state)
+    assert StateMachine(state).after(event).state is AFTER[state].get(event, state)
 
 
 @pytest.mark.parametrize("event", Event, ids=str)
 @pytest.mark.parametrize("before", AFTER, ids=str)
 def test_a_call_that_finds_nothing_changes_nothing(before, event):
-    calibrating = Machine(before).after(Event.STARTED)
+    calibrating = StateMachine(before).after(Event.STARTED)
     assert calibrating.state is State.CALIBRATING
     then = calibrating.after(event)
     if event is Event.ACCEPTED:

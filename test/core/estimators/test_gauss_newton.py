@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from row_block_making import make_blocks
 
-from stereo_selfcal.core.estimators.gauss_newton import MIN_BLOCKS, Known, Step, solve_step
+from stereo_selfcal.core.estimators.gauss_newton import MIN_BLOCKS, RoadPrior, Step, solve_step
 
 N_POSE = 5
 VARIANCE = 4.0  # of the grey values
@@ -63,7 +63,7 @@ class Case:
 
     def known(self, heights_m=None):
         heights = np.zeros(self.shape[1]) if heights_m is None else np.array(heights_m)
-        return Known(self.varied, heights, self.height_stds_m)
+        return RoadPrior(self.varied, heights, self.height_stds_m)
 
     def solve(self, errors=0.0, reweightings=REWEIGHTINGS, usable=None):
         return solve_step(self.blocks(errors, usable), self.by_road, reweightings, self.known())

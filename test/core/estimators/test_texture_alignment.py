@@ -13,8 +13,8 @@ from stereo_selfcal.core.estimators.texture_alignment import MIN_SIGMAS, align_t
 from stereo_selfcal.core.evidence.row_offset import vertical_offset
 from stereo_selfcal.core.geometry.plane import plane_from_pose, pose_from_plane
 from stereo_selfcal.core.rejection import NotFitted
-from stereo_selfcal.core.road.cell_grid import lay_out
-from stereo_selfcal.core.road.surface import Cells, fit_surface
+from stereo_selfcal.core.road.cell_grid import lay_out_samples
+from stereo_selfcal.core.road.surface import CellHeights, fit_surface
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import PAPER_RIG, random_scene
 
@@ -189,12 +189,12 @@ def test_plane_and_pose_are_inverse():
 
 def test_corridor_lies_where_it_is_said_to_be():
     pose, yaw = Extrinsics(1.4, 0.05, 0.0), 0.03
-    corridor = lay_out(PAPER_RIG, pose, yaw, (-1.0, 2.0), 20.0)
-    x, y = corridor.cell_xy.T
+    grid = lay_out_samples(PAPER_RIG, pose, yaw, (-1.0, 2.0), 20.0)
+    x, y = grid.cell_xy.T
     across = y + math.tan(yaw) * x
     assert np.all((across > -1.05) & (across < 2.05))
     assert np.all((x > 1.0) & (x < 20.5))
-    assert corridor.n_samples == corridor.lengths.sum()
+    assert grid.n_samples == grid.lengths.sum()
 
 
 class TestSurface:
@@ -205,7 +205,7 @@ class TestSurface:
     noise = np.full(len(xy), 5e-4) * xy[:, 0] / 6.0
 
     def cells(self, heights):
-        return Cells(heights, self.noise**2, self.noise, self.xy)
+        return CellHeights(heights, self.noise**2, self.noise, self.xy)
 
     @pytest.mark.parametrize("roughness", [1e-8, 2.7e-6, 4e-5])
     def test_covariance_is_that_of_the_error(self, roughness):
@@ -267,7 +267,7 @@ class TestRealFrames:
     def test_what_is_believed_is_right(self, tag):
         for rig, images, truth in self.frames(tag):
             fit = align_texture(images, rig, Extrinsics.from_array(truth))
-            if not isinstance(fit, NotFitted) and fit.enough_texture and fit.even_enough:
+            if not isinstance(fit, NotFitted) and fit.enough_texture and fit.comparable:
                 error = np.abs(fit.extrinsics.as_array() - truth)
                 assert np.all(error < replace_roll(TOLERANCE)), error
 
@@ -283,9 +283,9 @@ def test_a_plane_is_told_from_a_road(bump_m, uneven):
     x, y = (grid.ravel() for grid in np.meshgrid(np.arange(6.0, 26.0), np.arange(-2.0, 2.1)))
     rng = np.random.default_rng(0)
     heights = 0.002 * rng.standard_normal(x.size) + bump_m * np.exp(-0.5 * ((x - 12.0) / 2.0) ** 2)
-    cells = Cells(heights, np.full(x.size, 0.002**2), np.full(x.size, 0.05), np.column_stack([x, y]))
+    cells = CellHeights(heights, np.full(x.size, 0.002**2), np.full(x.size, 0.05), np.column_stack([x, y]))
     surface = fit_surface(cells, np.column_stack([np.ones_like(x), x, y]))
-    assert surface.shape.uneven == uneven
+    assert surface.unevenness.uneven == uneven
 
 
 @pytest.mark.parametrize(("bump_m", "uneven"), [(0.0, False), (0.02, True)])
@@ -297,6 +297,6 @@ def test_interpolation_does_not_make_a_plane_a_road(bump_m, uneven):
         rng = np.random.default_rng(seed)
         heights = 0.02 * metres * rng.standard_normal(x.size)
         heights += bump_m * np.exp(-0.5 * ((x - 12.0) / 2.0) ** 2)
-        cells = Cells(heights, np.full(x.size, 0.0001**2), metres, np.column_stack([x, y]))
+        cells = CellHeights(heights, np.full(x.size, 0.0001**2), metres, np.column_stack([x, y]))
         surface = fit_surface(cells, np.column_stack([np.ones_like(x), x, y]))
-        assert surface.shape.uneven == uneven
+        assert surface.unevenness.uneven == uneven

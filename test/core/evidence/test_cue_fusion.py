@@ -33,7 +33,7 @@ from stereo_selfcal.core.evidence.profile import Profile, profile_from_texture
 from stereo_selfcal.core.geometry.homography import apply_homography, road_from_image
 from stereo_selfcal.core.geometry.plane import DisparityPlane, PlaneCamera, plane_from_pose, pose_from_plane
 from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm, total_covariance
-from stereo_selfcal.core.road.surface import RoadUnevenness, kernels
+from stereo_selfcal.core.road.surface import RoadUnevenness, unit_covariances
 from stereo_selfcal.core.tolerances import AGREEMENT, MAX_LINE_HEIGHT_M, WRONG
 from stereo_selfcal.synth.scenes import PAPER_RIG
 
@@ -42,8 +42,8 @@ PATTERN = ideal_pattern(PAPER_RIG, POSE)
 PLANE = RoadUnevenness(0.0, 0.0, 0.0)
 
 
-def road_shape(pattern, rig, pose, shape):
-    return total_covariance(road_shape_terms(pattern, rig, pose, shape))
+def road_shape(pattern, rig, pose, unevenness):
+    return total_covariance(road_shape_terms(pattern, rig, pose, unevenness))
 
 
 def known_to(covariance):
@@ -90,14 +90,14 @@ def test_shape_of_the_road_is_uncertainty_of_the_lines():
     )
     np.testing.assert_allclose(rougher, 4 * rough, rtol=1e-9)
     assert np.all(np.linalg.eigvalsh(rough) > 0)
-    crowned = road_shape(PATTERN, PAPER_RIG, POSE, replace(PLANE, profile=1.0))
+    crowned = road_shape(PATTERN, PAPER_RIG, POSE, replace(PLANE, camber=1.0))
     assert crowned[2, 2] > 0 and crowned[1, 1] < 1e-3 * crowned[2, 2]
 
 
 def test_shape_of_many_roads_scatters_the_lines_as_claimed():
     """Roads drawn with the claimed covariance of heights, fitted as planes: the same scatter."""
-    shape = replace(PLANE, mismatch_px=0.1)
-    claimed = road_shape(PATTERN, PAPER_RIG, POSE, shape)
+    unevenness = replace(PLANE, mismatch_px=0.1)
+    claimed = road_shape(PATTERN, PAPER_RIG, POSE, unevenness)
     rng = np.random.default_rng(0)
     rays, disparity = [], []
     for i, lines in enumerate(PATTERN.left):
@@ -172,7 +172,7 @@ def test_a_road_that_may_be_a_plane_makes_the_lines_no_worse():
     """In a hundred runs, unevenness that the texture does not surely show adds no term."""
     rough = replace(PLANE, roughness=1e-6)
     for evidence, uneven in ((math.log(99.0), False), (math.log(101.0), True)):
-        covariance = road_shape(PATTERN, PAPER_RIG, POSE, replace(rough, evidence=evidence))
+        covariance = road_shape(PATTERN, PAPER_RIG, POSE, replace(rough, log_likelihood_ratio=evidence))
         assert bool(covariance.any()) == uneven
 
 
@@ -181,9 +181,11 @@ def asphalt(height_beside_m, height_beyond_m):
     places = np.array([(x, y) for x in np.arange(6.0, 25.0, 2.0) for y in (-2.3, -1.2, 0.0, 1.2, 2.3)])
     heights = np.where(np.abs(places[:, 1]) < 1.75, height_beside_m, height_beyond_m)
     quality = TextureQuality(50.0, 0.9, 0.9, 0.9, (1e-3, 1e-4, 1e-4))
-    shape = replace(PLANE, roughness=1e-4, profile=1.0)
+    unevenness = replace(PLANE, roughness=1e-4, camber=1.0)
     sure = np.full(len(places), 1e-3**2)
-    return TextureFit(POSE, known_to(np.eye(3)), quality, shape, places, heights, np.ones(len(places)), sure)
+    return TextureFit(
+        POSE, known_to(np.eye(3)), quality, unevenness, places, heights, np.ones(len(places)), sure
+    )
 
 
 def heights_of(*arguments):
@@ -210,8 +212,8 @@ def test_heights_over_the_asphalt_scatter_by_their_standard_deviations():
     (_, left_weights, left), (_, right_weights, right) = _heights_along(PATTERN, PAPER_RIG, POSE, POSE)
     n, weights = len(left), [left_weights, right_weights]
     at = np.concatenate([left, right, flat.cells_xy_m[between]])
-    kernel, profile = kernels(at)
-    of_road = flat.shape.roughness * kernel + flat.shape.profile**2 * profile
+    kernel, profile = unit_covariances(at)
+    of_road = flat.unevenness.roughness * kernel + flat.unevenness.camber**2 * profile
     rng = np.random.default_rng(0)
     roads = rng.multivariate_normal(np.zeros(len(at)), of_road, size=200, method="eigh")
     # Heights are those over the plane that was fitted to the cells, by generalised least squares.
@@ -236,8 +238,8 @@ def beneath(roughness):
     """Return the road surface under the car, a metre to either side, level and known to a millimetre."""
     fit = asphalt(0.0, 0.0)
     own = np.where(np.abs(fit.cells_xy_m[:, 1]) < 1.5, fit.cells_height_m, np.nan)
-    shape = replace(fit.shape, roughness=roughness, profile=0.0)
-    return replace(fit, cells_height_m=own, shape=shape)
+    unevenness = replace(fit.unevenness, roughness=roughness, camber=0.0)
+    return replace(fit, cells_height_m=own, unevenness=unevenness)
 
 
 @pytest.mark.parametrize(
@@ -289,7 +291,7 @@ def test_lines_painted_not_quite_parallel_leave_a_valley():
         far, near = apply_homography(to_road, np.column_stack([line.column_at(rows), rows]))
         directions.append(math.atan2(far[1] - near[1], far[0] - near[0]))
     assert abs(directions[0] - directions[1]) == pytest.approx(0.005, rel=0.05)
-    even = paint_angle_covariance(PATTERN, PAPER_RIG, POSE, replace(PLANE, evidence=0.0))
+    even = paint_angle_covariance(PATTERN, PAPER_RIG, POSE, replace(PLANE, log_likelihood_ratio=0.0))
     assert not even.any()
 
 

@@ -323,7 +323,7 @@ def test_half_the_texture_is_a_witness_of_half(changes):
 def test_an_uneven_road_is_no_witness_either():
     uneven = replace(ASPHALT, terms=(UncertaintyTerm("noise", np.diag([0.06, 1e-4, 1e-4]) ** 2),))
     assert uneven.sufficiency == pytest.approx(0.5)
-    assert uneven.enough_texture and not uneven.even_enough
+    assert uneven.enough_texture and not uneven.comparable
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
