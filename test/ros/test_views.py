@@ -11,7 +11,8 @@ pytest.importorskip("rclpy")
 from stereo_selfcal import Extrinsics
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import CalibrationResult, rejected
-from stereo_selfcal.pictures.canvas import GREEN, SKY_BLUE, VERMILION, YELLOW, StripContent
+from stereo_selfcal.pictures.canvas import GREEN, SKY_BLUE, VERMILION, YELLOW
+from stereo_selfcal.pictures.verdict import StripContent
 from stereo_selfcal.ros import views as views_module
 from stereo_selfcal.ros.calibration_keeper import ActiveCalibration
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from stereo_selfcal.core.drive.drift import Reference, Scatter, Series, find_change, measure_scatter
+from stereo_selfcal.core.drive.drift import FrameSeries, Reference, Scatter, find_change, measure_scatter
 from stereo_selfcal.core.tolerances import WANDER_STD
 
 STEP_S = 30.0  # farther apart than motion lasts
@@ -15,7 +15,7 @@ MOTION = np.array([0.004, 0.001, 0.002]) ** 2
 def series(values, noise=1e-4):
     values = np.array(values, dtype=float)
     n = len(values)
-    return Series(STEP_S * np.arange(n), values, np.full((n, 3), noise**2), np.ones(n, bool))
+    return FrameSeries(STEP_S * np.arange(n), values, np.full((n, 3), noise**2), np.ones(n, bool))
 
 
 def still(n, value=0.0):
@@ -61,7 +61,7 @@ def test_a_scatter_that_is_known_little_makes_a_deviation_less_sure(freedom, t, 
 
 def a_second_apart(values):
     slow = series(values)
-    return Series(slow.times_s / STEP_S, slow.values, slow.variances, slow.used)
+    return FrameSeries(slow.times_s / STEP_S, slow.values, slow.variances, slow.used)
 
 
 def test_frames_that_alternate_are_no_more_than_independent():

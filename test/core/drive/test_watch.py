@@ -135,7 +135,7 @@ def raised(watch):
     drive.into(watch, 200)
     drive.pose = TRUTH + BUMPS["pitch"]
     assert drive.into(watch, 40, until=doubted)
-    change = watch._doubt.change
+    change = watch._alarm.change
     assert change.axis == 1
     return drive, change
 
