@@ -54,41 +54,42 @@ _KERB = "a kerb beside a line cannot be ruled out; the uncertainty allows for it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CrossChecked:
-    """An estimate after the cross-checks.
+class JudgedEstimate:
+    """An estimate, with the evidence for it and the readings of the gates.
 
     Attributes:
-        estimate: The estimate, with what the checks leave unknown.
+        estimate: The estimate, with what the checks so far leave unknown.
         poses: Pose by every stage that ran.
-        readings: Readings of the gates.
+        evidence: Results of the stages so far.
+        readings: Readings of the gates so far.
         rejection: Refusal by a gate; None where every gate was passed.
     """
 
     estimate: Estimate
     poses: StagePoses
+    evidence: Evidence
     readings: tuple[GateReading, ...]
-    rejection: Rejection | None
+    rejection: Rejection | None = None
+
+    def judged(self) -> JudgedEstimate:
+        """Return the same after the gates that can be read now."""
+        readings, rejection = evaluate_gates(self.evidence, already=self.readings)
+        return replace(self, readings=readings, rejection=rejection)
 
 
 def cross_check_texture(
-    estimate: Estimate,
-    poses: StagePoses,
-    evidence: Evidence,
-    readings: tuple[GateReading, ...],
+    lines: JudgedEstimate,
     hypothesis: Hypothesis,
     pattern: LanePattern,
     frame: FrameObservations,
     rig: StereoRig,
-) -> CrossChecked:
+) -> JudgedEstimate:
     """Check whether the lines lie in the road surface; where its texture is too weak, check the lines alone.
 
     Where the alignment between the lines is too weak, the alignment by which the lines were found is used.
 
     Args:
-        estimate: An estimate from lines.
-        poses: Pose by every stage that ran.
-        evidence: Results of the stages so far.
-        readings: Readings of the gates so far.
+        lines: An estimate from lines.
         hypothesis: Which lines were found, and how.
         pattern: These lines.
         frame: Images and stripe points.
@@ -97,9 +98,9 @@ def cross_check_texture(
     Returns:
         Lines and texture combined; or the estimate with a note where the texture is too weak; or a refusal.
     """
-    config = evidence.config
+    estimate, evidence, config = lines.estimate, lines.evidence, lines.evidence.config
     if not config.texture.check:
-        return _cross_check_lines_only(estimate, poses, evidence, readings, hypothesis, pattern, frame, rig)
+        return _cross_check_lines_only(lines, hypothesis, pattern, frame, rig)
     _, left_m, right_m = lane_in_road(pattern.boundaries, rig, estimate.pose)
     limits_m = (float(right_m) - _MARGIN_M, float(left_m) + _MARGIN_M)
     line_pose, yaw = estimate.pose, estimate.lane_yaw_rad
@@ -128,7 +129,8 @@ def cross_check_texture(
         if config.texture.required:
             evidence = replace(evidence, texture_sufficiency=sufficiency)
         estimate = estimate.with_note(f"not checked against the texture of the road surface: {lacking}")
-        return _cross_check_lines_only(estimate, poses, evidence, readings, hypothesis, pattern, frame, rig)
+        lines = replace(lines, estimate=estimate, evidence=evidence)
+        return _cross_check_lines_only(lines, hypothesis, pattern, frame, rig)
     evidence = replace(
         evidence,
         texture=fit,
@@ -136,10 +138,10 @@ def cross_check_texture(
         vertical=fitted(vertical_offset(frame.images, rig, fit.extrinsics, yaw, limits_m=limits_m))
         or fitted(horizon_offset(frame.images, rig, fit.extrinsics)),
     )
-    poses = replace(poses, textured=fit.extrinsics)
-    readings, refusal = evaluate_gates(evidence, already=readings)
-    if refusal is not None:
-        return CrossChecked(estimate, poses, readings, refusal)
+    poses = replace(lines.poses, textured=fit.extrinsics)
+    checked = replace(lines, estimate=estimate, poses=poses, evidence=evidence).judged()
+    if checked.rejection is not None:
+        return checked
     combined = combine(estimate, fit)
     profiles = (evidence.profile, profile_from_texture(fit))
     combined = combined.with_terms(
@@ -149,21 +151,19 @@ def cross_check_texture(
     )
     if slope_ahead_unknown(*profiles):
         combined = combined.with_note(OTHER_SLOPE)
-    return CrossChecked(combined, replace(poses, combined=combined.pose), readings, None)
+    return replace(checked, estimate=combined, poses=replace(poses, combined=combined.pose))
 
 
 def _cross_check_lines_only(
-    estimate: Estimate,
-    poses: StagePoses,
-    evidence: Evidence,
-    readings: tuple[GateReading, ...],
+    lines: JudgedEstimate,
     hypothesis: Hypothesis,
     pattern: LanePattern,
     frame: FrameObservations,
     rig: StereoRig,
-) -> CrossChecked:
+) -> JudgedEstimate:
     """Check an estimate that rests on the lines alone: borders and edges of stripes, other lines, horizon."""
-    estimate = estimate.with_terms(UncertaintyTerm("crown", crown_covariance(evidence.refined)))
+    evidence = lines.evidence
+    estimate = lines.estimate.with_terms(UncertaintyTerm("crown", crown_covariance(evidence.refined)))
     if evidence.refined is not None and evidence.profile is not None:
         if slope_ahead_unknown(evidence.profile):  # also where it is bent
             estimate = estimate.with_note(OTHER_SLOPE)
@@ -186,8 +186,7 @@ def _cross_check_lines_only(
         )
         evidence = replace(evidence, inner_line_height=between)
     evidence = replace(evidence, vertical=fitted(horizon_offset(frame.images, rig, estimate.pose)))
-    readings, refusal = evaluate_gates(evidence, already=readings)
-    return CrossChecked(estimate, poses, readings, refusal)
+    return replace(lines, estimate=estimate, evidence=evidence).judged()
 
 
 def _heights_over_lane(

@@ -12,7 +12,7 @@ from ..estimators.fitness import PatternFitness
 from ..estimators.line_covariance import LineFit, measure_bends, propagate
 from ..estimators.stripe_fit import StripeFit, refine
 from ..estimators.texture_alignment import TextureFit, align_texture
-from ..evidence.cross_checks import cross_check_texture
+from ..evidence.cross_checks import JudgedEstimate, cross_check_texture
 from ..evidence.cue_fusion import surely_right
 from ..evidence.estimate import Estimate, StagePoses
 from ..evidence.frame_evidence import Evidence, FrameObservations, Hypothesis
@@ -108,7 +108,8 @@ def _solve_lines(
     if refusal:
         return _refused(hypothesis, refusal, readings, poses, genetic)
     estimate = _estimate(pose, fit, refined, evidence, notes)
-    checked = cross_check_texture(estimate, poses, evidence, readings, hypothesis, pattern, frame, rig)
+    lines = JudgedEstimate(estimate, poses, evidence, readings)
+    checked = cross_check_texture(lines, hypothesis, pattern, frame, rig)
     if checked.rejection is not None:
         return _refused(hypothesis, checked.rejection, checked.readings, checked.poses, genetic)
     confirmed = checked.poses.textured is not None or not hypothesis.needs_texture
