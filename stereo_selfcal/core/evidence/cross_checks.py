@@ -32,7 +32,7 @@ from .nuisances import (
     crown_covariance,
     kerb_covariance,
     paint_angle_covariance,
-    rectification_covariance,
+    rig_terms,
     road_shape_terms,
     seen_slope_covariance,
     slope_ahead_unknown,
@@ -145,7 +145,7 @@ def cross_check_texture(
     combined = combine(estimate, fit)
     profiles = (evidence.profile, profile_from_texture(fit))
     combined = combined.with_terms(
-        UncertaintyTerm("rectification", rectification_covariance(rig, combined.pose)),
+        *rig_terms(rig, combined.pose),
         UncertaintyTerm("slope_seen", seen_slope_covariance(*profiles)),
         UncertaintyTerm("slope_unseen", unseen_slope_covariance(*profiles)),
     )

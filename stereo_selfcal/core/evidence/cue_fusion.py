@@ -13,9 +13,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..estimators.texture_alignment import TextureFit
-from ..geometry.pose import Extrinsics
+from ..geometry.pose import POSE_COMPONENTS, Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, merge_terms, propagate_terms
 from ..numerics.statistics import UNLIKELY_CHI2_3
+from ..rejection import Bound, NotFitted
 from ..tolerances import AGREEMENT, WRONG
 from ..types import Array
 from .estimate import Estimate
@@ -28,9 +29,17 @@ def same_road(a: Extrinsics, b: Extrinsics) -> bool:
     return bool(np.all(np.abs(a.as_array() - b.as_array()) < AGREEMENT))
 
 
-def surely_right(covariance: Array) -> bool:
-    """Whether three standard deviations of an estimate are at most ``WRONG``, in each component."""
-    return bool(np.all(_SURE_SIGMAS * np.sqrt(np.diag(covariance)) <= WRONG))
+def too_uncertain(covariance: Array) -> NotFitted | None:
+    """Return which component has three standard deviations of more than ``WRONG``; None where none has."""
+    spread = _SURE_SIGMAS * np.sqrt(np.diag(covariance))
+    worst = int(np.argmax(spread / WRONG))
+    if spread[worst] <= WRONG[worst]:
+        return None
+    component = POSE_COMPONENTS[worst]
+    unit = component.small_unit
+    value, limit = (float(each[worst]) * unit.per_si for each in (spread, WRONG))
+    what = f"three standard deviations of the {component.label}"
+    return NotFitted(what, value, Bound.MOST, limit, unit.symbol)
 
 
 def combine(lines: Estimate, texture: TextureFit) -> Estimate:

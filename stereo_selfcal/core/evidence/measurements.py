@@ -232,7 +232,7 @@ def read_blur(evidence: Evidence) -> Reading | None:
     if evidence.refined is None:
         return None
     blur_px = float(np.max(evidence.refined.blur_px))
-    what = "the blur of the stripes' edges is {value}"
+    what = f"the blur of the stripes' edges is {{value}} (the fit ends at {BLUR_MAX_PX:g} px)"
     return Reading(what, blur_px, Bound.MOST, _MAX_BLUR_PX, "px", blur_px <= _MAX_BLUR_PX)
 
 

@@ -171,6 +171,19 @@ def _jac_angle_pose(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics
     return central_difference(point_by_point(angle), extrinsics.as_array(), _ANGLE_STEPS)
 
 
+def rig_terms(rig: StereoRig, extrinsics: Extrinsics) -> tuple[UncertaintyTerm, ...]:
+    """Return what is unknown of the rig, and so the same in all frames with it.
+
+    Every estimate from the texture of the road surface gets these terms, and so does the mean of frames: what
+    is the same in all frames does not average out. A further unknown of the rig is one entry here.
+
+    Args:
+        rig: Intrinsics and baseline.
+        extrinsics: The estimate.
+    """
+    return (UncertaintyTerm("rectification", rectification_covariance(rig, extrinsics)),)
+
+
 def rectification_covariance(rig: StereoRig, extrinsics: Extrinsics) -> Array:
     """Return the covariance (3, 3) that an imperfect rectification adds to any estimate.
 

@@ -66,7 +66,12 @@ def merge_terms(terms: Iterable[UncertaintyTerm]) -> tuple[UncertaintyTerm, ...]
     for term in terms:
         sums[term.name] = sums[term.name] + term.covariance if term.name in sums else term.covariance
     order = [*TERMS, *(name for name in sums if name not in TERMS)]
-    return tuple(UncertaintyTerm(name, sums[name]) for name in order if name in sums and np.any(sums[name]))
+    # Rounding may leave the two halves of a matrix different in their last digit.
+    return tuple(
+        UncertaintyTerm(name, (sums[name] + sums[name].T) / 2.0)
+        for name in order
+        if name in sums and np.any(sums[name])
+    )
 
 
 def propagate_terms(terms: Iterable[UncertaintyTerm], jacobian: Array) -> tuple[UncertaintyTerm, ...]:

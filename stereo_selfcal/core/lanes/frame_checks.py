@@ -5,6 +5,7 @@ The conditions that an estimate has to meet are in `core.evidence.gates`.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from .matching import Candidate, MatchedLines
 
 # The widest filter of the extraction spans 33 px; in smaller images it finds nothing.
 _MIN_IMAGE_PX = 64
+_GREY_BITS = 8
 
 FIND_LINES = "drive on a straight road with painted lines on both sides of the camera, lens clean"
 
@@ -41,10 +43,10 @@ def check_images(left: Any, right: Any, rig: StereoRig) -> Rejection | None:
             return Rejection(
                 RejectReason.IMAGE_TYPE,
                 f"the {side} image is {found}, not 2-D uint8: it has {{value}} "
-                + ("bits per pixel" if flat else "dimensions"),
-                8 * image.itemsize if flat else np.ndim(image) if array else 0,
+                + ("bits per grey value" if flat else "dimensions"),
+                _bits(image.dtype) if flat else np.ndim(image) if array else 0,
                 Bound.EXACTLY,
-                8 if flat else 2,
+                _GREY_BITS if flat else 2,
                 "",
                 "convert it to 8-bit grey first",
             )
@@ -104,17 +106,18 @@ def check_lines_found(
     return None
 
 
-def lines_not_matched(n_matched: tuple[int, int]) -> Rejection:
+def lines_not_matched(n_matched: tuple[int, int], roll_max_rad: float) -> Rejection:
     """Refuse lines of which no two are in both images and can bound one lane.
 
     Args:
         n_matched: How many left and how many right lane lines were found in both images.
+        roll_max_rad: Greatest roll that is searched [rad].
     """
     if all(n_matched):
         n_found = 0
         what = (
-            "{value} of {limit} lane lines were found: no two lines that are in both images can bound "
-            "one lane on a road whose roll is within search.*"
+            "{value} of {limit} lane lines were found: no two lines that are in both images can bound one "
+            f"lane on a road whose roll is at most {math.degrees(roll_max_rad):.4g} deg (search.roll_max_rad)"
         )
     else:
         n_found = sum(n > 0 for n in n_matched)
@@ -189,6 +192,13 @@ def check_converging(matched: MatchedLines) -> Rejection | None:
 def no_frames() -> Rejection:
     """Refuse an estimate without any frame."""
     return Rejection(RejectReason.NO_FRAMES, "frames", 0, Bound.LEAST, 1, "", "add a stereo frame first")
+
+
+def _bits(dtype: np.dtype[Any]) -> int:
+    """Return how many bits of a type can hold a grey value: 1 of bool, and all but the sign of int8."""
+    if dtype == np.bool_:
+        return 1
+    return 8 * dtype.itemsize - (dtype == np.int8)
 
 
 def _size(shape: tuple[int, ...]) -> str:

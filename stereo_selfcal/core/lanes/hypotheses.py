@@ -96,7 +96,9 @@ def _patterns(
 ) -> list[LanePattern] | NoPattern:
     pairs = pair_lines(matches, rig, config)
     if not pairs:
-        return NoPattern(frame_checks.lines_not_matched((len(matches[0]), len(matches[1]))))
+        return NoPattern(
+            frame_checks.lines_not_matched((len(matches[0]), len(matches[1])), config.search.roll_max_rad)
+        )
     refusals = [frame_checks.check_converging(pair) for pair in pairs]
     converging = [pair for pair, refusal in zip(pairs, refusals, strict=True) if refusal is None]
     if refusals[0] is not None and not converging:

@@ -13,13 +13,13 @@ from ..estimators.line_covariance import LineFit, measure_bends, propagate
 from ..estimators.stripe_fit import StripeFit, refine
 from ..estimators.texture_alignment import TextureFit, align_texture
 from ..evidence.cross_checks import JudgedEstimate, cross_check_texture
-from ..evidence.cue_fusion import surely_right
+from ..evidence.cue_fusion import too_uncertain
 from ..evidence.estimate import Estimate, StagePoses
 from ..evidence.frame_evidence import Evidence, FrameObservations, Hypothesis
 from ..evidence.gates import evaluate_gates
 from ..evidence.lane_heights import surely_same
 from ..evidence.nuisances import (
-    rectification_covariance,
+    rig_terms,
     seen_slope_covariance,
     stage_disagreement_covariance,
     unseen_slope_covariance,
@@ -33,6 +33,7 @@ from ..lanes.closed_form import contradictions, solve_plane
 from ..lanes.lane_pair import LanePattern
 from ..numerics.genetic import GeneticResult, maximise_each
 from ..rejection import GateReading, NotFitted, Rejection, fitted
+from ..tolerances import KERB_SIGMAS
 from .attempt import Attempt, Verdict
 from .texture_guided_lines import line_on_road
 
@@ -116,7 +117,9 @@ def _solve_lines(
     return Attempt(
         hypothesis,
         Verdict.ACCEPTED if confirmed else Verdict.UNCONFIRMED,
-        "" if confirmed else "the texture of the road surface does not confirm these lines",
+        ""
+        if confirmed
+        else f"lines that were not the first choice need the texture; {checked.estimate.notes[-1]}",
         poses=checked.poses,
         readings=checked.readings,
         estimate=checked.estimate,
@@ -165,7 +168,7 @@ def _solve_surface(
     terms = merge_terms(
         (
             *texture.terms,
-            UncertaintyTerm("rectification", rectification_covariance(rig, texture.extrinsics)),
+            *rig_terms(rig, texture.extrinsics),
             UncertaintyTerm("slope_seen", seen_slope_covariance(profile)),
             UncertaintyTerm("slope_unseen", unseen_slope_covariance(profile)),
         )
@@ -173,22 +176,21 @@ def _solve_surface(
     estimate = Estimate(
         texture.extrinsics, terms, 0.0, ("from the road surface, confirmed by one line only",)
     )
-    if not surely_right(estimate.covariance):
-        return not_fitted("the road surface leaves the pose too uncertain to go without a pair of lines")
+    uncertain = too_uncertain(estimate.covariance)
+    if uncertain is not None:
+        return not_fitted(f"the road surface alone leaves {uncertain.reason}")
     found = line_on_road(
         texture.extrinsics, list(hypothesis.single_lines), frame.points, frame.images, rig, config
     )
     if found is None:
-        return not_fitted("no line that both cameras see lies in the road surface")
+        return not_fitted("0 lines that both cameras see lie in the road surface, at least 1 needed")
     _, yaw = found
-    # A pavement beside the lane is not the road, and its texture may have determined the plane. So the
-    # surface of the own lane is aligned alone, as a check.
-    own_lane = align_texture(frame.images, rig, texture.extrinsics, yaw, limits_m=_OWN_LANE_M)
-    if isinstance(own_lane, NotFitted) or not surely_same(texture.extrinsics, own_lane, rig):
-        return not_fitted("the road surface of the own lane does not exclude a kerb beside it")
+    doubt = _doubt_of_surface(texture.extrinsics, yaw, frame, rig)
+    if doubt:
+        return not_fitted(doubt)
     vertical = vertical_offset(frame.images, rig, texture.extrinsics, yaw)
     if isinstance(vertical, NotFitted):  # the rows may be those of a camera that has turned
-        return not_fitted("the rows of both images cannot be compared on the road surface")
+        return not_fitted(f"the rows of both images are not compared; {vertical.reason}")
     readings, refusal = evaluate_gates(Evidence(config, texture=texture, vertical=vertical))
     if refusal:
         return _refused(hypothesis, refusal, readings, poses)
@@ -199,6 +201,23 @@ def _solve_surface(
         readings=readings,
         estimate=replace(estimate, lane_yaw_rad=yaw),
     )
+
+
+def _doubt_of_surface(pose: Extrinsics, yaw: float, frame: FrameObservations, rig: StereoRig) -> str:
+    """Return why the plane of the road surface may be that of a pavement; "" where that is excluded.
+
+    A pavement beside the lane is not the road, and its texture may have determined the plane. So the surface
+    of the own lane is aligned alone, as a check.
+    """
+    own_lane = align_texture(frame.images, rig, pose, yaw, limits_m=_OWN_LANE_M)
+    if isinstance(own_lane, NotFitted):
+        return f"the road surface of the own lane alone is not aligned; {own_lane.reason}"
+    if not surely_same(pose, own_lane, rig):
+        return (
+            "the road surface of the own lane does not exclude a kerb beside it, "
+            f"at least {KERB_SIGMAS:g} standard deviations needed"
+        )
+    return ""
 
 
 def _refused(

@@ -10,7 +10,7 @@ from independent_camera import ideal_pattern
 from stereo_selfcal import Extrinsics
 from stereo_selfcal.core.estimators.stripe_fit import StripeFit
 from stereo_selfcal.core.estimators.texture_alignment import TextureFit, TextureQuality
-from stereo_selfcal.core.evidence.cue_fusion import combine, same_road, surely_right
+from stereo_selfcal.core.evidence.cue_fusion import combine, same_road, too_uncertain
 from stereo_selfcal.core.evidence.estimate import Estimate
 from stereo_selfcal.core.evidence.lane_heights import (
     _heights_along,
@@ -296,12 +296,14 @@ def test_lines_painted_not_quite_parallel_leave_a_valley():
 
 
 @pytest.mark.parametrize("place", range(3))
-def test_surely_right_is_wrong_once_in_hundreds(place):
+def test_too_uncertain_is_wrong_more_than_once_in_hundreds(place):
     std = np.full(3, 1e-6)
     std[place] = 0.99 * WRONG[place] / 3
-    assert surely_right(np.diag(std**2))
+    assert too_uncertain(np.diag(std**2)) is None
     std[place] = 1.01 * WRONG[place] / 3
-    assert not surely_right(np.diag(std**2))
+    said = too_uncertain(np.diag(std**2))
+    assert said.limit == pytest.approx((WRONG * [1e3, math.degrees(1), math.degrees(1)])[place])
+    assert said.value == pytest.approx(1.01 * said.limit) and "at most" in said.reason
 
 
 FLAT = Profile(np.empty(0), np.empty(0), np.empty(0), np.zeros(2), np.zeros((2, 2)))

@@ -51,7 +51,9 @@ class TestOneImage:
             (np.uint8(3), "<class 'numpy.uint8'>", 0, 2),
             (np.zeros((480, 640), np.float64), "float64 of shape (480, 640)", 64, 8),
             (np.zeros((480, 640), np.uint16), "uint16 of shape (480, 640)", 16, 8),
-            (np.zeros((480, 640), bool), "bool of shape (480, 640)", 8, 8),
+            (np.zeros((480, 640), bool), "bool of shape (480, 640)", 1, 8),
+            (np.zeros((480, 640), np.int8), "int8 of shape (480, 640)", 7, 8),
+            (np.zeros((480, 640), np.int16), "int16 of shape (480, 640)", 16, 8),
             (np.zeros((480, 640), object), "object of shape (480, 640)", 64, 8),
             ([[1, 2], [3, 4]], "<class 'list'>", 0, 2),
             ([[1], [2, 3]], "<class 'list'>", 0, 2),
@@ -119,14 +121,14 @@ def test_every_camera_sees_a_line_of_forty_rows_on_either_side(camera, side, n_r
 
 @pytest.mark.parametrize(("n_matched", "value"), [((0, 0), 0), ((0, 3), 1), ((2, 0), 1)])
 def test_boundaries_that_both_cameras_see_are_counted(n_matched, value):
-    rejection = frame_checks.lines_not_matched(n_matched)
+    rejection = frame_checks.lines_not_matched(n_matched, math.radians(15.0))
     words = f"{value} of 2 lane lines", "found in both images", "swapped", "rectified"
     assert_refuses(rejection, RejectReason.LINES_NOT_MATCHED, value, 2, *words)
 
 
 def test_boundaries_that_bound_no_lane():
-    rejection = frame_checks.lines_not_matched((1, 2))
-    assert_refuses(rejection, RejectReason.LINES_NOT_MATCHED, 0, 2, "bound one lane", "search.*")
+    rejection = frame_checks.lines_not_matched((1, 2), math.radians(15.0))
+    assert_refuses(rejection, RejectReason.LINES_NOT_MATCHED, 0, 2, "bound one lane", "at most 15 deg")
 
 
 def test_too_short_lines():
