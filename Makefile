@@ -37,16 +37,18 @@ demo: .venv  ## calibrate the real node from a replayed bag; the answer goes to 
 	.venv/bin/python -m stereo_selfcal demo
 
 # Tests run on all cores, a process each. What one has finished it takes over from another, from the end of its
-# share: tests of a file stay together, and with them the pictures that they have in common.
+# share: tests of a file stay together, and with them the pictures that they have in common. Many start programs:
+# without compiled modules those would take a minute more.
 PYTEST = -m pytest -n logical --dist worksteal
+WITH_COMPILED_MODULES = env -u PYTHONDONTWRITEBYTECODE
 
 .PHONY: test
 test: .venv  ## run the tests (ARGS="-k name" to choose, ARGS="-m 'not slow'": those of a minute)
-	.venv/bin/python $(PYTEST) $(ARGS)
+	$(WITH_COMPILED_MODULES) .venv/bin/python $(PYTEST) $(ARGS)
 
 .PHONY: test-floor
 test-floor: .venv-floor/ready  ## run the tests that need no ROS on a vehicle's versions (OpenCV 4.6, numpy 1.26)
-	.venv-floor/bin/python $(PYTEST) -m "not ros" --ignore test/ros $(ARGS)
+	$(WITH_COMPILED_MODULES) .venv-floor/bin/python $(PYTEST) -m "not ros" --ignore test/ros $(ARGS)
 
 .PHONY: lint
 lint: .venv  ## check style and types

@@ -204,6 +204,7 @@ def test_drawings_are_those_of_the_code():
 OTHER_GREY, FEW_PIXELS = 60, 200
 
 
+@pytest.mark.slow
 def test_pictures_are_those_of_today():
     """Made with other versions of OpenCV, letters look otherwise: then only their sizes are compared."""
     figures, outputs = pytest.importorskip("benchmarks.figures"), pytest.importorskip("benchmarks.outputs")

@@ -63,6 +63,7 @@ print(stereo_selfcal.__file__, result.reason, result.message)
 """
 
 
+@pytest.mark.slow
 def test_recipe_of_a_gate_makes_a_gate_that_refuses(copy: Path):
     assert " None " in run(copy, "-c", SCENE).stdout  # accepted without it
     steps = list(STEP.finditer(PAGE))

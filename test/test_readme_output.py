@@ -42,6 +42,7 @@ def test_pages_show_output_of_each_kind():
         assert text.count("<!-- output") == len(outputs.MARKED.findall(text)), page.name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", [parameter(block) for block in BLOCKS])
 def test_output_is_what_the_command_prints(block: outputs.Block):
     printed = outputs.run(block.command)
