@@ -42,10 +42,18 @@ def test_pages_show_output_of_each_kind():
         assert text.count("<!-- output") == len(outputs.MARKED.findall(text)), page.name
 
 
+def comparable(text):
+    """Return what can be compared: which cause has most of a variance depends on the versions."""
+    lines = text.splitlines()
+    return "\n".join(
+        line for line in lines if outputs.pinned() or not line.lstrip().startswith("its variance")
+    )
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("block", [parameter(block) for block in BLOCKS])
 def test_output_is_what_the_command_prints(block: outputs.Block):
-    printed = outputs.run(block.command)
-    assert outputs.words_of(printed) == outputs.words_of(block.text)
+    shown, printed = comparable(block.text), comparable(outputs.run(block.command))
+    assert outputs.words_of(printed) == outputs.words_of(shown)
     if not block.one_run:
-        assert not outputs.differences(block.text, printed, exact=outputs.pinned())
+        assert not outputs.differences(shown, printed, exact=outputs.pinned())
