@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import tempfile
+import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,6 +19,7 @@ from .work import one_line, versions
 LOOPBACK = "127.0.0.1"
 DASHBOARD_PORT = 8787  # Dask's own
 _CONNECT_S = 10.0
+_MAX_TRIES, _PAUSE_S = 5, 0.2  # messages of one cancellation are sent within milliseconds
 # Workers that die are replaced, and their task tried again: Dask's own default.
 _ALLOWED_FAILURES = 3
 # Variables of libraries that would start threads of their own in every worker.
@@ -82,7 +84,7 @@ def existing_cluster(address: str) -> Iterator[Client]:
         ClusterError: It does not answer, or its workers do not have this package.
     """
     try:
-        client = Client(address, timeout=_CONNECT_S)
+        client = _connected(address)
     except (OSError, ValueError, TimeoutError) as error:
         raise ClusterError(
             f"no scheduler answers at {address} ({one_line(error)}); start one with 'dask scheduler', or "
@@ -91,6 +93,20 @@ def existing_cluster(address: str) -> Iterator[Client]:
     with client:
         _check_versions(client, address)
         yield client
+
+
+def _connected(address: str) -> Client:
+    """Return a client of a scheduler; try again where its first answer comes together with a second one.
+
+    A scheduler that cancels tasks of another client at that moment may send both at once. Dask's client
+    expects one message and fails with an AssertionError (dask/distributed, issue 4175).
+    """
+    for _ in range(_MAX_TRIES - 1):
+        try:
+            return Client(address, timeout=_CONNECT_S)
+        except AssertionError:
+            time.sleep(_PAUSE_S)
+    return Client(address, timeout=_CONNECT_S)
 
 
 def _check_versions(client: Client, address: str) -> None:

@@ -13,6 +13,7 @@ from fleet_making import deadly, make_bags, report_of
 
 from stereo_selfcal.cli.report import as_json
 from stereo_selfcal.core.config import CalibratorConfig
+from stereo_selfcal.fleet import cluster as cluster_module
 from stereo_selfcal.fleet.cluster import ClusterError, existing_cluster, local_cluster
 from stereo_selfcal.fleet.outcome import Status
 from stereo_selfcal.fleet.scheduling import FleetRun
@@ -164,6 +165,25 @@ def test_an_existing_cluster_is_used_by_its_address(cluster, roads):
         done = run(client, roads[:1])
     assert done["road0"].outcome.status is Status.CALIBRATED
     assert json.dumps(done["road0"].outcome.to_mapping())
+
+
+def test_a_scheduler_that_says_two_things_at_once_is_asked_again(cluster, monkeypatch):
+    """A client that expects one message fails; one that fails every time is told."""
+    connect, failures = cluster_module.Client, [AssertionError, AssertionError]
+
+    def flaky(*arguments, **settings):
+        if failures:
+            raise failures.pop()
+        return connect(*arguments, **settings)
+
+    monkeypatch.setattr(cluster_module, "Client", flaky)
+    with existing_cluster(cluster.scheduler.address) as client:
+        assert client.status == "running"
+    assert not failures
+    failures += [AssertionError] * 5
+    with pytest.raises(AssertionError), existing_cluster(cluster.scheduler.address):
+        pass
+    assert not failures
 
 
 def test_no_cluster_at_an_address(monkeypatch):
