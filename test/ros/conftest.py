@@ -6,12 +6,13 @@ import pytest
 from ros_graph import Graph, NodeProcess
 
 HERE = Path(__file__).parent
+SLOW = ("_process", "_demo", "_fuzz", "_faults", "_node_watch", "_inputs_taking")
 
 
 def pytest_collection_modifyitems(items):
-    """Mark as slow what has the node as a process, which has to be found over DDS, and what draws inputs."""
+    """Mark as slow what starts the node and waits for it, here or in a process, and what draws inputs."""
     for item in items:
-        if item.path.parent == HERE and item.path.stem.endswith(("_process", "_demo", "_fuzz")):
+        if item.path.parent == HERE and item.path.stem.endswith(SLOW):
             item.add_marker("slow")
 
 
