@@ -2,8 +2,8 @@
 
 Words and layout are compared exactly. With the versions that requirements/base.txt pins, a number may differ
 by one in its last digit, or by a hundred thousandth: the same input and seed give the same bytes on one
-machine, but processors add in another order. With other versions of NumPy and OpenCV (a vehicle's), points of
-a line may differ, and numbers by a twentieth.
+machine, but processors add in another order. With other versions of NumPy and OpenCV (a vehicle's), a frame of
+noise may show another doubt, and with it another standard deviation: there only the words are compared.
 ``python -m benchmarks.outputs`` puts the output of today into the pages.
 """
 
@@ -55,5 +55,5 @@ def comparable(text):
 def test_output_is_what_the_command_prints(block: outputs.Block):
     shown, printed = comparable(block.text), comparable(outputs.run(block.command))
     assert outputs.words_of(printed) == outputs.words_of(shown)
-    if not block.one_run:
-        assert not outputs.differences(shown, printed, exact=outputs.pinned())
+    if not block.one_run and outputs.pinned():
+        assert not outputs.differences(shown, printed, exact=True)
