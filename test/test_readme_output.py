@@ -2,8 +2,8 @@
 
 Words and layout are compared exactly. With the versions that requirements/base.txt pins, a number may differ
 by one in its last digit, or by a hundred thousandth: the same input and seed give the same bytes on one
-machine, but processors add in another order. With other versions of NumPy and OpenCV (a vehicle's), a frame of
-noise may show another doubt, and with it another standard deviation: there only the words are compared.
+machine, but processors add in another order. With other versions of NumPy and OpenCV (a vehicle's), a noisy
+frame may raise another doubt, and with it another standard deviation: there only the words are compared.
 ``python -m benchmarks.outputs`` puts the output of today into the pages.
 """
 
