@@ -83,9 +83,8 @@ class Calibrator:
         if chosen is not None:
             result = result_of(chosen, attempts, stamp_s)
         else:
-            assert isinstance(
-                first.patterns, NoPattern
-            )  # with a pair of lines, there is an attempt that was refused
+            # With a pair of lines, there is an attempt that was refused.
+            assert isinstance(first.patterns, NoPattern)
             result = rejected(
                 first.patterns.rejection, stamp_s, pattern=first.patterns.pattern, attempts=tuple(attempts)
             )

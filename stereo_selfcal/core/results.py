@@ -115,6 +115,7 @@ def result_of(chosen: Attempt, attempts: Sequence[Attempt], stamp_s: float) -> C
 
 def rejected(rejection: Rejection, stamp_s: float = 0.0, **evidence: object) -> CalibrationResult:
     """Return the result of a refused frame; ``evidence`` sets further fields of the result."""
+    # The fields have many types; a name that does not exist fails at once.
     return CalibrationResult(message=rejection.message, rejection=rejection, stamp_s=stamp_s, **evidence)  # type: ignore[arg-type]
 
 

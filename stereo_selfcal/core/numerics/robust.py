@@ -71,6 +71,7 @@ def tukey_weights(squares: Floating, least: float = 0.0) -> Floating:
     """
     weights = np.maximum(1.0 - squares, 0.0)
     weights *= weights
+    # NumPy's types do not say that the precision stays that of the argument.
     return weights if least == 0.0 else np.maximum(weights, least)  # type: ignore[return-value]
 
 
