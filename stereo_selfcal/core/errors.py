@@ -36,3 +36,17 @@ def shortened(value: Any) -> str:
     """Return a value for a message, cut to a fixed length: values from outside may be arbitrarily long."""
     text = repr(value)
     return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
+
+
+def printable(text: str) -> str:
+    """Return a text on one line, with escapes in place of all that a terminal or a log would interpret.
+
+    Names of topics, files and frames come from outside. Line ends and escape sequences in them could forge lines
+    of output, and bytes that are no UTF-8 (surrogates in Python) could not be printed at all.
+
+    Args:
+        text: Any text; spaces and printable characters of any script stay as they are.
+    """
+    return "".join(
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text
+    )

@@ -35,6 +35,7 @@ class RejectReason(Enum):
     FITNESS_TOO_LOW = "fitness_too_low"
     SEARCH_SPACE_EDGE = "search_space_edge"
     NO_FRAMES = "no_frames"
+    INTERNAL_ERROR = "internal_error"
 
     def __str__(self) -> str:
         return self.value

@@ -20,6 +20,7 @@ _BEFORE_GATES = {
     f"and {FIND_LINES}",
     RejectReason.LINES_NOT_CONVERGING: "the horizon must be in view: pitch the camera up",
     RejectReason.NO_FRAMES: "record stereo frames",
+    RejectReason.INTERNAL_ERROR: "a fault of this program: report it with the traceback from the log",
 }
 
 

@@ -1,0 +1,22 @@
+"""Texts from outside in messages."""
+
+import pytest
+
+from stereo_selfcal.core.errors import printable
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("/stereo/left/image_rect", "/stereo/left/image_rect"),
+        ("Straße 東京", "Straße 東京"),
+        ("a\nstereo_selfcal: calibrated", "a\\nstereo_selfcal: calibrated"),
+        ("\x1b[2Jgone", "\\x1b[2Jgone"),
+        ("\u202egnp.1", "\\u202egnp.1"),
+        (b"caf\xe9.png".decode("utf-8", "surrogateescape"), "caf\\udce9.png"),
+        ("a\u2028b\x85c\x7f", "a\\u2028b\\x85c\\x7f"),
+    ],
+)
+def test_a_text_from_outside_stays_on_one_line_and_can_be_printed(text: str, shown: str) -> None:
+    assert printable(text) == shown
+    printable(text).encode("utf-8")
