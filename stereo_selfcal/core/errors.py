@@ -41,8 +41,8 @@ def shortened(value: Any) -> str:
 def printable(text: str) -> str:
     """Return a text on one line, with escapes in place of all that a terminal or a log would interpret.
 
-    Names of topics, files and frames come from outside. Line ends and escape sequences in them could forge lines
-    of output, and bytes that are no UTF-8 (surrogates in Python) could not be printed at all.
+    Names of topics, files and frames come from outside. Line ends and escape sequences in them could forge
+    lines of output, and bytes that are no UTF-8 (surrogates in Python) could not be printed at all.
 
     Args:
         text: Any text; spaces and printable characters of any script stay as they are.
