@@ -176,7 +176,7 @@ def _run_with_output(source: FrameSource, config: CalibratorConfig, arguments: a
         done += 1
         progress.clear()
         if not arguments.json:
-            sys.stdout.write(table_row(row))
+            sys.stdout.write(table_row(row, source.counted))
             sys.stdout.flush()
         progress.show(done)
 
@@ -185,7 +185,7 @@ def _run_with_output(source: FrameSource, config: CalibratorConfig, arguments: a
         for side, name, count in zip(("left", "right"), names, counts, strict=True):
             sys.stdout.write(f"{side:<5} {name} ({count} images)\n")
         sys.stdout.write("".join(f"{note}\n" for note in source.notes))
-        sys.stdout.write(table_header())
+        sys.stdout.write(table_header(source.counted))
     progress.show(0)
     try:
         return calibrate_recording(source, config, on_row, arguments.jobs)
