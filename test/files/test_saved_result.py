@@ -48,7 +48,7 @@ FAULTS = [
     ("schema: 1", "schema: '1'", "provenance.schema is '1': a whole number is needed"),
     ("schema: 1", "scheme: 1", "provenance.schema is missing"),
     ("stamp: ", "stamp: .nan #", "provenance.stamp is nan"),
-    ("stamp: ", "stamp: 1e300 #", "provenance.stamp is '1e300': it must lie in"),
+    ("stamp: ", "stamp: 1e300 #", "provenance.stamp is 1e.300: it must lie in"),
     ("frames: 3", "frames: 0", "provenance.frames is 0: it must lie in 1"),
     ("frames: 3", "frames: 3.5", "provenance.frames is 3.5: a whole number is needed"),
     ("seed: 7", "seed: -1", "provenance.seed is -1"),
