@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +18,7 @@ import cv2
 from ..bags import StereoTopics, stereo_pairs
 from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
-from ..core.errors import SelfcalError
+from ..core.errors import SelfcalError, printable
 from ..files.atomic_file import write_atomically
 from ..files.exports import export_paths, write_exports
 from ..files.parameter_file import chosen_config, load_frames
@@ -41,10 +42,15 @@ from .console import (
     Progress,
     UsageError,
     check_writable,
+    one_line,
     run,
 )
 from .replay_options import replay_parser
 from .report import as_dict, as_json, table_header, table_row, table_summary
+
+# What the name of a topic may hold in a recording, and that of a file should not.
+_NO_FILE_NAME = re.compile(r"[^\w.-]", re.ASCII)
+_LONGEST_NAME = 100  # of the 255 bytes that file systems allow, with the name and the ending of the output
 
 # Outputs of which --all writes one for every pair.
 _FILES = ("output", "picture", "csv", "report")
@@ -107,7 +113,7 @@ def _replay_all(arguments: argparse.Namespace, settings: _Settings) -> int:
             replay = _replay_one(argparse.Namespace(**vars(arguments) | files | topics), settings)
         except SelfcalError as error:
             outcomes.append({"name": name, **topics, "accepted": False, "error": str(error)})
-            sys.stderr.write(f"replay: {name}: {' '.join(str(error).split())}\n")
+            sys.stderr.write(f"replay: {name}: {one_line(error)}\n")
             status = EXIT_BAD_INPUT
             continue
         outcomes.append({"name": name, **topics, **as_dict(replay)})
@@ -124,9 +130,10 @@ def pair_names(pairs: Sequence[StereoTopics]) -> list[str]:
     names = []
     for pair in pairs:
         both = zip(pair.left.base.split("/")[:-1], pair.right.base.split("/")[:-1], strict=False)
-        names.append("_".join(left for left, right in both if left and left == right))
-    distinct = len(set(names)) == len(names) and all(names)
-    return names if distinct else [f"pair{number}" for number in range(1, len(pairs) + 1)]
+        common = "_".join(left for left, right in both if left and left == right)
+        names.append(_NO_FILE_NAME.sub("_", common))
+    usable = len(set(names)) == len(names) and all(0 < len(name) <= _LONGEST_NAME for name in names)
+    return names if usable else [f"pair{number}" for number in range(1, len(pairs) + 1)]
 
 
 def _of_pair(path: Path | None, name: str) -> Path | None:
@@ -137,7 +144,7 @@ def _of_pair(path: Path | None, name: str) -> Path | None:
 def _status(replay: Replay) -> int:
     if replay.damage is not None:
         sys.stdout.flush()
-        sys.stderr.write(f"replay: {replay.damage}\n")
+        sys.stderr.write(f"replay: {printable(replay.damage)}\n")
         return EXIT_BAD_INPUT
     return EXIT_OK if replay.estimate.accepted else EXIT_NOT_ACCEPTED
 
@@ -183,8 +190,8 @@ def _run_with_output(source: FrameSource, config: CalibratorConfig, arguments: a
     if not arguments.json:
         names, counts = (source.left_name, source.right_name), source.n_images
         for side, name, count in zip(("left", "right"), names, counts, strict=True):
-            sys.stdout.write(f"{side:<5} {name} ({count} images)\n")
-        sys.stdout.write("".join(f"{note}\n" for note in source.notes))
+            sys.stdout.write(f"{side:<5} {printable(name)} ({count} images)\n")
+        sys.stdout.write("".join(f"{printable(note)}\n" for note in source.notes))
         sys.stdout.write(table_header(source.counted))
     progress.show(0)
     try:

@@ -68,7 +68,8 @@ def table_summary(replay: Replay) -> str:
             text += _line("its standard deviation", estimate.std, spread=True)
         if estimate.uncertainty:
             text += f"its variance: {variance_line(estimate.uncertainty)}\n"
-    text += f"{_moves(drive)}{estimate.message}\n" + "".join(f"{remark}\n" for remark in replay.remarks)
+    text += f"{_moves(drive)}{printable(estimate.message)}\n"
+    text += "".join(f"{printable(remark)}\n" for remark in replay.remarks)
     if replay.damage is not None:
         text += f"THE RECORDING IS DAMAGED AND ENDED EARLY, after {len(rows)} frames\n"
     return text

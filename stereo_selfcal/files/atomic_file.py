@@ -20,7 +20,8 @@ _REJECTED = ".rejected"
 _MOST_REJECTED = 1000
 # A new temporary file can be taken for a leftover only before it is locked, a matter of microseconds.
 _LOCK_ATTEMPTS = 5
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+# There is no room: on the disk, of the user, in a file.
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def write_atomically(path: Path | str, content: bytes) -> None:
@@ -45,7 +46,7 @@ def write_atomically(path: Path | str, content: bytes) -> None:
         _replace(target, content)
     except (OSError, ValueError) as error:  # ValueError: a NUL character in the name
         remedy = "choose a writable folder that exists"
-        if getattr(error, "errno", None) in _FULL:
+        if getattr(error, "errno", None) in FULL:
             remedy = "make room, or choose another folder"
         raise OutputError(f"{path} cannot be written: {_detail(error)}; {remedy}") from error
 

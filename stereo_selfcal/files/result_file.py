@@ -15,7 +15,7 @@ import yaml
 
 from .. import __version__
 from ..core.camera.rig import StereoRig
-from ..core.errors import ConfigError, OutputError
+from ..core.errors import ConfigError, OutputError, printable
 from ..core.results import CalibrationResult
 from .atomic_file import remove_leftovers, set_aside, write_atomically
 from .node_settings import NODE_NAME, RESULT_PREFIX
@@ -113,8 +113,8 @@ def format_result(result: CalibrationResult, rig: StereoRig, source: str, seed: 
     provenance = {
         "schema": SCHEMA,
         "stamp": float(result.stamp_s),
-        # A file name may hold bytes that are no UTF-8; they must not keep the result from being saved.
-        "source": _Quoted(source[:_LONGEST_SOURCE].encode("utf-8", "backslashreplace").decode("utf-8")),
+        # Names may hold bytes that are no UTF-8, or letters that turn what is around them about.
+        "source": _Quoted(printable(source[:_LONGEST_SOURCE])),
         "frames": int(result.n_frames),
         "seed": int(seed),
         "version": _Quoted(__version__),

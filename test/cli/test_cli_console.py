@@ -2,6 +2,7 @@
 
 import io
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -51,9 +52,18 @@ def test_failures_become_a_line_and_a_status(error, status, line, capsys):
     assert capsys.readouterr() == ("", line)
 
 
-def test_programming_errors_are_not_hidden():
-    with pytest.raises(ZeroDivisionError):
-        run("tool", raising(ZeroDivisionError()), [])
+def test_what_was_not_foreseen_is_told_with_its_traceback_and_status_3(capsys):
+    try:
+        raise KeyError("the cause\x1b[2J")
+    except KeyError as error:
+        unknown = ZeroDivisionError("by\nnothing")
+        unknown.__cause__ = error
+    assert run("tool", raising(unknown), []) == 3
+    out, err = capsys.readouterr()
+    lines = err.splitlines()
+    assert out == "" and lines[0] == "Traceback (most recent call last):"
+    assert "KeyError: 'the cause\\x1b[2J'" in lines and lines[-2] == "ZeroDivisionError: by\\nnothing"
+    assert re.fullmatch(r"tool: this was not foreseen \(ZeroDivisionError\).* please report .*", lines[-1])
 
 
 class Terminal(io.StringIO):
