@@ -18,6 +18,7 @@ _TEMPORARY = re.compile(r"\.stereo_selfcal\.[0-9a-f]{16}\.tmp")
 _REJECTED = ".rejected"
 # Far more than bad files ever come together; only to end the search for a free name.
 _MOST_REJECTED = 1000
+_RIGHTS = stat.S_IRWXU | stat.S_IRWXG | stat.S_IRWXO
 # A new temporary file can be taken for a leftover only before it is locked, a matter of microseconds.
 _LOCK_ATTEMPTS = 5
 # There is no room: on the disk, of the user, in a file.
@@ -27,8 +28,8 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 def write_atomically(path: Path | str, content: bytes) -> None:
     """Replace a file in one step: whoever reads it, at whatever moment, finds the old or the new one.
 
-    Once this returns the new content survives a power cut. What a killed writer left beside the file
-    is removed.
+    Once this returns the new content survives a power cut. The new file has the mode of the old one, and its
+    owner and group where that is allowed. What a killed writer left beside the file is removed.
 
     Args:
         path: The file; its folder must exist. A link is followed.
@@ -102,6 +103,7 @@ def _replace(target: Path, content: bytes) -> None:
         view = memoryview(content)
         while view:
             view = view[os.write(descriptor, view) :]
+        _keep_rights(target, descriptor)
         os.fsync(descriptor)  # before the rename, or a power cut could leave the new name without content
         temporary.replace(target)
     _sync_folder(target.parent)
@@ -116,7 +118,9 @@ def _temporary_file(target: Path) -> Iterator[tuple[Path, int]]:
     """
     for _ in range(_LOCK_ATTEMPTS):
         temporary = target.with_name(f".stereo_selfcal.{secrets.token_hex(8)}.tmp")
-        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        # Before it has the rights of the old file nobody else may read it.
+        rights = 0o600 if target.exists() else 0o666
+        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, rights)
         try:
             if _own(descriptor):
                 yield temporary, descriptor
@@ -128,6 +132,26 @@ def _temporary_file(target: Path) -> Iterator[tuple[Path, int]]:
         finally:
             os.close(descriptor)
     raise OSError(errno.EBUSY, "its temporary files are taken away by another process")
+
+
+def _keep_rights(target: Path, descriptor: int) -> None:
+    """Give a new file the mode of the old one, and its owner and group where this process may."""
+    try:
+        old = target.stat()
+    except FileNotFoundError:
+        return
+    new = os.fstat(descriptor)
+    if (old.st_uid, old.st_gid) != (new.st_uid, new.st_gid):
+        for owner in (old.st_uid, -1):  # the group alone, where the owner cannot be kept
+            with suppress(OSError):
+                os.fchown(descriptor, owner, old.st_gid)
+                break
+    mode = stat.S_IMODE(old.st_mode) & _RIGHTS
+    if os.fstat(descriptor).st_gid != old.st_gid:
+        # Of another group nobody may do more than anybody.
+        mode &= ~stat.S_IRWXG | (mode & stat.S_IRWXO) << 3
+    with suppress(OSError):  # a file system without modes
+        os.fchmod(descriptor, mode)
 
 
 def _own(descriptor: int) -> bool:

@@ -113,8 +113,8 @@ def format_result(result: CalibrationResult, rig: StereoRig, source: str, seed: 
     provenance = {
         "schema": SCHEMA,
         "stamp": float(result.stamp_s),
-        # Names may hold bytes that are no UTF-8, or letters that turn what is around them about.
-        "source": _Quoted(printable(source[:_LONGEST_SOURCE])),
+        # A file name may hold bytes that are no UTF-8; they must not keep the result from being saved.
+        "source": _Quoted(source[:_LONGEST_SOURCE].encode("utf-8", "backslashreplace").decode("utf-8")),
         "frames": int(result.n_frames),
         "seed": int(seed),
         "version": _Quoted(__version__),
@@ -128,7 +128,9 @@ def format_result(result: CalibrationResult, rig: StereoRig, source: str, seed: 
         raise OutputError(f"a result that cannot be right is not written: {error}") from error
     document = {ANY_NODE: {PARAMETERS: parameters}}
     body: str = yaml.dump(document, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=math.inf)
-    return _EQUATION + body
+    # PyYAML writes letters as they are that turn the text around them about; all texts are quoted.
+    escaped = (printable(letter) if letter > "\x7f" else letter for letter in body)
+    return _EQUATION + "".join(escaped)
 
 
 def write_result(

@@ -293,3 +293,60 @@ def test_failing_rename_leaves_no_reserved_name(tmp_path, monkeypatch):
     with pytest.raises(OutputError, match="input/output error"):
         set_aside(tmp_path / "out.yaml")
     assert names(tmp_path) == ["out.yaml"]
+
+
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o664, 0o444, 0o755])
+def test_a_replaced_file_keeps_its_mode(tmp_path, mode):
+    path = tmp_path / "out.yaml"
+    path.write_text("old")
+    path.chmod(mode)
+    (tmp_path / "link").symlink_to(path)
+    for name in ("out.yaml", "link"):
+        write_atomically(tmp_path / name, b"new")
+        assert stat.S_IMODE(path.stat().st_mode) == mode and path.read_bytes() == b"new"
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root may give files away")
+def test_a_replaced_file_keeps_its_owner_and_group(tmp_path):
+    path = tmp_path / "out.yaml"
+    path.write_text("old")
+    os.chown(path, 12, 34)
+    write_atomically(path, b"new")
+    assert (path.stat().st_uid, path.stat().st_gid) == (12, 34)
+
+
+def test_where_the_group_cannot_be_kept_the_new_one_gets_no_more_than_anybody(tmp_path, monkeypatch):
+    def refuse(*_args):
+        raise PermissionError(1, "Operation not permitted")
+
+    path = tmp_path / "out.yaml"
+    path.write_text("old")
+    path.chmod(0o674)
+    real = os.stat_result
+    monkeypatch.setattr(os, "fchown", refuse)
+    stat_of = type(path).stat
+
+    def other_group(self, **options):
+        found = stat_of(self, **options)
+        return real([*found[:5], found.st_gid + 1, *found[6:]]) if self.name == "out.yaml" else found
+
+    monkeypatch.setattr(type(path), "stat", other_group)
+    write_atomically(path, b"new")
+    monkeypatch.undo()
+    assert stat.S_IMODE(path.stat().st_mode) == 0o644
+
+
+def test_nobody_else_can_read_a_private_file_while_it_is_replaced(tmp_path, monkeypatch):
+    path = tmp_path / "out.yaml"
+    path.write_text("old")
+    path.chmod(0o600)
+    seen = []
+    write = os.write
+
+    def look(descriptor, content):
+        seen.append(stat.S_IMODE(os.fstat(descriptor).st_mode))
+        return write(descriptor, content)
+
+    monkeypatch.setattr(os, "write", look)
+    write_atomically(path, b"new")
+    assert seen == [0o600]
