@@ -16,6 +16,7 @@ from typing import NoReturn, TextIO
 
 from ..core.errors import SelfcalError, printable
 from ..files.atomic_file import FULL
+from ..search_path import SAFE_PATH
 from ..unforeseen import unforeseen
 
 # Exit status of every command.
@@ -75,7 +76,7 @@ def run(program: str, work: Callable[[list[str]], int], argv: Sequence[str] | No
         with suppress(AttributeError):  # what a caller has put in their place
             stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
     try:
-        with _ended_by_signals():
+        with _ended_by_signals(), _safe_path_for_workers():
             status = work(without_ros_args(sys.argv[1:] if argv is None else argv))
             sys.stdout.flush()  # a closed pipe has to show up here, not in the interpreter's exit
             return status
@@ -134,6 +135,18 @@ def _ended_by_signals() -> Iterator[None]:
     finally:
         for number in ours:
             signal.signal(number, before[number])
+
+
+@contextmanager
+def _safe_path_for_workers() -> Iterator[None]:
+    """Keep the modules of the current folder from all processes that are started meanwhile."""
+    given = os.environ.get(SAFE_PATH)
+    os.environ.setdefault(SAFE_PATH, "1")
+    try:
+        yield
+    finally:
+        if given is None:
+            os.environ.pop(SAFE_PATH, None)
 
 
 def _say(text: str) -> None:

@@ -12,14 +12,17 @@ from typing import Any
 from ..core.errors import printable
 from ..synth.bag import STORAGES, TRUTH_FILE, write_bag, write_named_bags
 from ..synth.scenes import NAMED_SCENES, NamedScene, custom_scene, named_scene
-from .console import EXIT_OK, Parser, Progress, UsageError, run
+from .console import EXIT_OK, OTHER_STATUSES, Parser, Progress, UsageError, run
 
 _DESCRIPTION = f"""\
 Write a synthetic stereo recording of a straight road (rosbag2) with its truth in OUT_BAG/{TRUTH_FILE}.
 
 Topics: /stereo/left|right/image_rect (mono8) and camera_info. Same options, same bytes.
 """
-_EPILOG = "exit status: 0 written; 2 bad usage, or OUT_BAG exists already (nothing is overwritten)."
+_EPILOG = f"""\
+exit status: 0 written; 2 bad usage, or OUT_BAG exists already (nothing is overwritten);
+{OTHER_STATUSES}
+"""
 
 # Options of a scene made to order: (option, type, keyword of custom_scene, factor to its unit, help).
 _DEG = math.pi / 180
