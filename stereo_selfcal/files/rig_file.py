@@ -33,5 +33,3 @@ def read_rig_file(path: Path) -> StereoRig:
         return StereoRig.from_mapping(values)
     except RigError as error:
         raise RigError(f"rig file {shown}: {error}") from error
-    except OverflowError as error:  # a whole number of more than 308 digits
-        raise RigError(f"rig file {shown}: a number is too large for a rig") from error

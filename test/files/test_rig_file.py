@@ -30,7 +30,7 @@ UNUSABLE = {
     "alias in itself": (".yaml", "&a [*a]", "aliases"),
     "digits": (*with_value("fx", "9" * 4000), "64 bits"),
     "more digits": (*with_value("fx", "9" * 5000), "digits"),
-    "digits in JSON": (*with_value("fx", "9" * 4000, ".json"), "too large"),
+    "digits in JSON": (*with_value("fx", "9" * 4000, ".json"), "rig.fx is inf"),
     "more digits in JSON": (*with_value("fx", "9" * 5000, ".json"), "digits"),
     "huge": (".yaml", "#" * 70_000, "larger than 65536 bytes"),
     "huge JSON": (".json", " " * 70_000, "larger than 65536 bytes"),
