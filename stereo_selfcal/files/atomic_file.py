@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ..core.errors import OutputError
+from ..core.errors import OutputError, printable
 
 _TEMPORARY = re.compile(r"\.stereo_selfcal\.[0-9a-f]{16}\.tmp")
 _REJECTED = ".rejected"
@@ -42,14 +42,16 @@ def write_atomically(path: Path | str, content: bytes) -> None:
         target = Path(os.path.realpath(path))
         # A rename would put a file in the place of a device such as /dev/null.
         if os.path.lexists(target) and not target.is_file():
-            raise OutputError(f"{path} cannot be written: it is not a file; give the name of a file")
+            raise OutputError(f"{_shown(path)} cannot be written: it is not a file; give the name of a file")
         remove_leftovers(target)
         _replace(target, content)
     except (OSError, ValueError) as error:  # ValueError: a NUL character in the name
         remedy = "choose a writable folder that exists"
         if getattr(error, "errno", None) in FULL:
             remedy = "make room, or choose another folder"
-        raise OutputError(f"{path} cannot be written: {_detail(error)}; {remedy}") from error
+        elif getattr(error, "errno", None) == errno.ENAMETOOLONG:
+            remedy = "choose a shorter name"
+        raise OutputError(f"{_shown(path)} cannot be written: {_detail(error)}; {remedy}") from error
 
 
 def remove_leftovers(file: Path | str) -> None:
@@ -82,7 +84,9 @@ def set_aside(path: Path | str) -> Path:
     try:
         target = Path(os.path.realpath(path))
         if not stat.S_ISREG(target.lstat().st_mode):
-            raise OutputError(f"{path} cannot be kept aside: it is not a file; give the name of a file")
+            raise OutputError(
+                f"{_shown(path)} cannot be kept aside: it is not a file; give the name of a file"
+            )
         aside = _reserve(target)
         try:
             target.replace(aside)
@@ -92,7 +96,7 @@ def set_aside(path: Path | str) -> Path:
             raise
     except (OSError, ValueError) as error:
         raise OutputError(
-            f"{path} cannot be kept aside: {_detail(error)}; move it away, or choose another name"
+            f"{_shown(path)} cannot be kept aside: {_detail(error)}; move it away, or choose another name"
         ) from error
     _sync_folder(target.parent)
     return aside
@@ -195,6 +199,10 @@ def _sync_folder(folder: Path) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+
+def _shown(path: Path | str) -> str:
+    return printable(str(path))
 
 
 def _detail(error: Exception) -> str:

@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 from ..bags import StereoBag, StereoFrame
 from ..core.calibrator import Calibrator
 from ..core.config import CalibratorConfig
-from ..core.errors import OutputError, SelfcalError
+from ..core.errors import OutputError, SelfcalError, printable
 from ..core.geometry.pose import POSE_COMPONENTS, Extrinsics
 from ..files.atomic_file import write_atomically
 from ..files.node_settings import NODE_NAME
@@ -243,7 +243,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return run_demo(arguments.bag, arguments.output_dir)
     except SelfcalError as error:
-        sys.stderr.write(f"demo: {error}\n")
+        sys.stderr.write(f"demo: {printable(str(error))}\n")
         return _EXIT_BAD_INPUT
     except KeyboardInterrupt:
         sys.stderr.write("demo: interrupted\n")

@@ -12,7 +12,7 @@ import rclpy
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.utilities import remove_ros_args
 
-from ..core.errors import ConfigError, SelfcalError
+from ..core.errors import ConfigError, SelfcalError, printable
 from ..files.node_settings import NODE_NAME
 from ..unforeseen import unforeseen
 from .memory import spare_what_stays, use_one_heap
@@ -115,7 +115,7 @@ def main(args: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         pass
     except SelfcalError as error:
-        sys.stderr.write(f"{NODE_NAME}: {error}\n")
+        sys.stderr.write(f"{NODE_NAME}: {printable(str(error))}\n")
         return _EXIT_BAD_USAGE
     except Exception as error:  # noqa: BLE001 - whatever it is, it is told with its traceback and a status
         return unforeseen(NODE_NAME, error)
