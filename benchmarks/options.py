@@ -20,6 +20,7 @@ class Options:
         false_alarms: Pictures without a road of each kind.
         worlds: Random worlds.
         kills: Writers of result files killed.
+        mutations: Mutations of each kind of file.
         watch_hours: Hours the watch is driven without a change, for each ride.
         bumps: Drives with each bump.
         soak_s: How long the node is soaked [s].
@@ -37,6 +38,7 @@ class Options:
     false_alarms: int = 200
     worlds: int = 2000
     kills: int = 200
+    mutations: int = 500
     watch_hours: int = 60
     bumps: int = 30
     soak_s: float = 600.0
@@ -56,6 +58,7 @@ QUICK = Options(
     false_alarms=20,
     worlds=60,
     kills=20,
+    mutations=50,
     watch_hours=2,
     bumps=3,
     soak_s=60.0,

@@ -3,8 +3,12 @@
 Importing this package imports no ROS: the node lives in :mod:`stereo_selfcal.ros`.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from .search_path import leave_current_folder
+
+leave_current_folder()
+
+from importlib import import_module  # noqa: E402 - not before: the current folder could have one, and a typing
+from typing import TYPE_CHECKING, Any  # noqa: E402
 
 if TYPE_CHECKING:
     from .core.calibrator import Calibrator, calibrate

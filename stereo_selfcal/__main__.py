@@ -6,6 +6,8 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
+from .unforeseen import unforeseen
+
 # Command -> (module with main(argv) -> exit status, what it does). Imported when needed: only the
 # node and the demo need ROS.
 COMMANDS = {
@@ -38,6 +40,8 @@ def usage() -> str:
             *lines,
             "",
             "Each command explains itself: python -m stereo_selfcal replay --help",
+            "Exit status: 0 and 1 as the command says; 2 bad usage or unreadable input; 3 something",
+            "unforeseen, with a traceback; 128 and its number for a signal that ends it (130: Ctrl-C).",
             "",
         ]
     )
@@ -61,6 +65,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             "source ROS 2 or see README.md\n"
         )
         return _EXIT_BAD_USAGE
+    except Exception as error:  # noqa: BLE001 - a module that cannot be imported is told as all else is
+        return unforeseen(f"stereo_selfcal {arguments[0]}", error)
     status: int = program.main(arguments[1:])
     return status
 

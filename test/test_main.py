@@ -1,11 +1,13 @@
 """python -m stereo_selfcal: which program runs, and what is imported for it."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from bag_making import cameras, make_bag
 
 from stereo_selfcal import __main__ as program
 
@@ -55,3 +57,56 @@ def test_offline_programs_import_no_ros(name):
         "assert 'rclpy' not in sys.modules and 'sensor_msgs' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, capture_output=True)
+
+
+def test_a_module_that_cannot_be_imported_is_told_with_status_3(monkeypatch, capsys):
+    def load(module):
+        raise ImportError("libGL.so.1: cannot open shared object file")
+
+    monkeypatch.setattr(program, "import_module", load)
+    assert program.main(["replay"]) == 3
+    err = capsys.readouterr().err
+    assert "Traceback" in err and "ImportError: libGL.so.1" in err and "please report" in err
+
+
+# What the package imports, but for what Python itself has imported before it comes to the package.
+SHADOWS = (
+    *("apsw", "argparse", "base64", "csv", "cv2", "dataclasses", "fcntl", "heapq", "jinja2", "json", "lz4"),
+    *("multiprocessing", "numpy", "pickle", "platform", "queue", "random", "rosbags", "secrets", "selectors"),
+    *("shlex", "socket", "statistics", "struct", "subprocess", "tempfile", "typing", "yaml", "zstandard"),
+)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="Python 3.10 has no safe path for worker processes")
+def test_no_module_is_taken_from_the_current_folder_by_the_program_or_its_workers(tmp_path):
+    bag = make_bag(tmp_path / "bag", cameras(), n_frames=30)
+    work = tmp_path / "work"
+    work.mkdir()
+    for name in SHADOWS:
+        (work / f"{name}.py").write_text(f"open({str(tmp_path / 'taken')!r}, 'a').write('{name} ')")
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    for module in ("stereo_selfcal", "-mstereo_selfcal"):
+        option = ["-m"] if module[0] != "-" else []
+        command = [sys.executable, *option, module, "replay", str(bag), "--jobs", "2", "--report", "out.html"]
+        run = subprocess.run(command, cwd=work, env=environment, capture_output=True, text=True, check=False)
+        assert run.returncode == 1, run.stderr
+        assert not (tmp_path / "taken").exists(), (tmp_path / "taken").read_text()
+
+
+def test_the_package_is_found_in_the_current_folder_all_the_same():
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    command = [sys.executable, "-m", "stereo_selfcal", "--help"]
+    subprocess.run(command, cwd=ROOT, env=environment, check=True, capture_output=True)
+
+
+@pytest.mark.parametrize("name", ["replay", "fleet", "synth", "limits"])
+def test_help_says_every_exit_status(name):
+    run = subprocess.run(
+        [sys.executable, "-m", "stereo_selfcal", name, "--help"],
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    assert "exit status: 0 " in run.stdout and "3 something unforeseen, with a traceback" in run.stdout

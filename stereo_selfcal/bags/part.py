@@ -11,6 +11,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from .errors import BagError
+from .order import natural_key
 from .topics import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, Topic
 
 if TYPE_CHECKING:
@@ -73,6 +74,7 @@ class Part:
             # Recordings older than ROS 2 Iron carry no message definitions; these types never changed.
             self._reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
             self._reader.open()
+            _sort_by_time(self._reader)
             self.connections = list(self._reader.connections)
             self.start_ns, self.end_ns = self._reader.start_time, self._reader.end_time
             self._check_definitions()
@@ -132,6 +134,16 @@ class Part:
             raise BagError(f"{self.path}: cannot be read as a recording ({detail}); {remedy}") from error
 
 
+def _sort_by_time(reader: AnyReader) -> None:
+    """Put the storage files of a recording in the order of time.
+
+    rosbags reads them as metadata.yaml lists them, which may be the order of letters (10 before 2).
+    """
+    for each in reader.readers:
+        storages = getattr(getattr(each, "storage", each), "storages", [])
+        storages.sort(key=lambda storage: storage.metadata.start_time)
+
+
 def recordings_at(path: Path) -> list[Path]:
     """Return what rosbags has to open for ``path``: a folder with metadata.yaml, or files.
 
@@ -149,8 +161,9 @@ def recordings_at(path: Path) -> list[Path]:
     if (path / "metadata.yaml").exists():
         return [path]
     # A recorder that was killed leaves its storage files without metadata.yaml.
-    files = [file for file in sorted(path.iterdir()) if file.suffix in _SUFFIXES]
-    packed = [file for file in sorted(path.iterdir()) if file.suffix == _COMPRESSED_SUFFIX]
+    entries = sorted(path.iterdir(), key=lambda file: natural_key(file.name))
+    files = [file for file in entries if file.suffix in _SUFFIXES]
+    packed = [file for file in entries if file.suffix == _COMPRESSED_SUFFIX]
     if packed:
         raise BagError(f"{path}: there is no metadata.yaml, and {packed[0].name} {_unpack(packed[0])}")
     if not files:

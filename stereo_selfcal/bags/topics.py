@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from .errors import BagError
+from .order import natural_key
 
 Side = Literal["left", "right"]
 
@@ -219,6 +220,5 @@ def _best(pairs: Sequence[StereoTopics], raw: bool) -> list[StereoTopics]:
         first = min(_rank(pair, raw) for pair in group)
         chosen += [pair for pair in group if _rank(pair, raw) == first]
     best = min(_rectification(pair.left, raw) for pair in chosen)
-    return sorted(
-        (pair for pair in chosen if _rectification(pair.left, raw) == best), key=lambda p: p.left.name
-    )
+    of_best = [pair for pair in chosen if _rectification(pair.left, raw) == best]
+    return sorted(of_best, key=lambda pair: natural_key(pair.left.name))

@@ -3,22 +3,32 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
+import signal
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NoReturn, TextIO
 
-from ..core.errors import SelfcalError
+from ..core.errors import SelfcalError, printable
+from ..files.atomic_file import FULL
+from ..search_path import SAFE_PATH
+from ..unforeseen import unforeseen
 
 # Exit status of every command.
 EXIT_OK = 0
 EXIT_NOT_ACCEPTED = 1
 EXIT_BAD_INPUT = 2
-# The shell's convention for a program ended by a signal: 128 + SIGINT, 128 + SIGPIPE.
-EXIT_INTERRUPTED = 130
-EXIT_BROKEN_PIPE = 141
+# The shell's convention for a program that is ended by a signal: this and its number.
+EXIT_BY_SIGNAL = 128
+EXIT_BROKEN_PIPE = EXIT_BY_SIGNAL + signal.SIGPIPE
+
+# What the --help of every command says below its own exit statuses.
+OTHER_STATUSES = "3 something unforeseen, with a traceback; 129, 130, 143 ended by SIGHUP, Ctrl-C, SIGTERM."
 
 _BAR_WIDTH = 30  # characters; the line stays below 80 columns
 
@@ -50,7 +60,9 @@ def without_ros_args(argv: Sequence[str]) -> list[str]:
 
 
 def run(program: str, work: Callable[[list[str]], int], argv: Sequence[str] | None) -> int:
-    """Run a tool and turn every expected failure into one line on stderr and an exit status.
+    """Run a tool and turn every failure into an exit status and one line on stderr.
+
+    What was not foreseen is told with its traceback. Ctrl-C, SIGHUP and SIGTERM end it cleanly.
 
     Args:
         program: Name in front of the error line.
@@ -60,22 +72,104 @@ def run(program: str, work: Callable[[list[str]], int], argv: Sequence[str] | No
     Returns:
         Exit status.
     """
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(AttributeError):  # what a caller has put in their place
+            stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
     try:
-        status = work(without_ros_args(sys.argv[1:] if argv is None else argv))
-        sys.stdout.flush()  # a closed pipe has to show up here, not in the interpreter's exit
-        return status
+        with _ended_by_signals(), _safe_path_for_workers():
+            status = work(without_ros_args(sys.argv[1:] if argv is None else argv))
+            sys.stdout.flush()  # a closed pipe has to show up here, not in the interpreter's exit
+            return status
     except SystemExit as error:  # argparse's --help
         return int(error.code or 0)
     except BrokenPipeError:
-        # Nobody reads any more; what is still buffered must not complain at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _close(sys.stdout)
         return EXIT_BROKEN_PIPE
-    except KeyboardInterrupt:
-        sys.stderr.write(f"{program}: interrupted\n")
-        return EXIT_INTERRUPTED
+    except KeyboardInterrupt as error:
+        number = signal.Signals(error.number if isinstance(error, _Ended) else signal.SIGINT)
+        _say(f"{program}: {_ENDED[number]}\n")
+        return EXIT_BY_SIGNAL + number
     except (SelfcalError, OSError) as error:
-        sys.stderr.write(f"{program}: {' '.join(str(error).split())}\n")
+        _say(f"{program}: {one_line(error)}\n")
         return EXIT_BAD_INPUT
+    except Exception as error:  # noqa: BLE001 - whatever it is, it is told with its traceback and a status
+        return unforeseen(program, error)
+
+
+class _Ended(KeyboardInterrupt):
+    """A signal asks the program to end; it is handled as Ctrl-C is, so that everything is cleaned up."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.number = number
+
+
+_ENDED = {
+    signal.SIGINT: "interrupted",
+    signal.SIGHUP: "ended, as the terminal is gone (SIGHUP)",
+    signal.SIGTERM: "ended by SIGTERM",
+}
+
+
+@contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """Raise :class:`_Ended` at SIGHUP and SIGTERM, which without it leave temporary files and workers behind.
+
+    Where one is ignored (nohup) it stays so.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in (signal.SIGHUP, signal.SIGTERM)}
+
+    def end(number: int, _frame: object) -> None:
+        for each in before:
+            signal.signal(each, signal.SIG_IGN)  # a second one must not disturb the cleaning
+        raise _Ended(number)
+
+    ours = [number for number, handler in before.items() if handler == signal.SIG_DFL]
+    for number in ours:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in ours:
+            signal.signal(number, before[number])
+
+
+@contextmanager
+def _safe_path_for_workers() -> Iterator[None]:
+    """Keep the modules of the current folder from all processes that are started meanwhile."""
+    given = os.environ.get(SAFE_PATH)
+    os.environ.setdefault(SAFE_PATH, "1")
+    try:
+        yield
+    finally:
+        if given is None:
+            os.environ.pop(SAFE_PATH, None)
+
+
+def _say(text: str) -> None:
+    """Write to stderr, if anybody is there."""
+    with suppress(OSError, ValueError):
+        sys.stderr.write(text)
+        sys.stderr.flush()
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError):
+            _close(stream)
+
+
+def _close(stream: TextIO) -> None:
+    """Let go of a stream that nobody reads any more: what is still buffered must not complain at exit."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def one_line(error: BaseException) -> str:
+    """Return the text of an error on one line, with nothing in it that a terminal would obey."""
+    return printable(" ".join(str(error).split()) or type(error).__name__)
 
 
 def check_writable(path: Path, option: str) -> None:
@@ -84,17 +178,23 @@ def check_writable(path: Path, option: str) -> None:
     Raises:
         UsageError: It cannot; nothing has been changed.
     """
-    target = Path(os.path.realpath(path))
-    if target.exists() and not target.is_file():
-        raise UsageError(f"{option} {path}: is not a file; give the name of a file")
     try:
+        target = Path(os.path.realpath(path))
+        if target.exists() and not target.is_file():
+            raise UsageError(f"{option} {path}: is not a file; give the name of a file")
+        if len(os.fsencode(target.name)) > os.pathconf(target.parent, "PC_NAME_MAX"):
+            raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
         # Files are replaced by renaming a new one beside them, so the folder is what counts.
         with tempfile.TemporaryFile(dir=target.parent):
             pass
-    except OSError as error:
-        raise UsageError(
-            f"{option} {path}: cannot be written ({error.strerror}); choose a writable folder that exists"
-        ) from error
+    except (OSError, ValueError) as error:  # ValueError: a NUL character in the name
+        detail = error.strerror if isinstance(error, OSError) else error
+        remedy = "choose a writable folder that exists"
+        if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+            remedy = "choose a shorter name"
+        elif isinstance(error, OSError) and error.errno in FULL:
+            remedy = "make room, or choose another folder"
+        raise UsageError(f"{option} {path}: cannot be written ({detail}); {remedy}") from error
 
 
 class Progress:
@@ -107,6 +207,7 @@ class Progress:
 
     def show(self, done: int, note: str = "") -> None:
         """Draw the bar for ``done`` of the total."""
+        note = printable(note)
         if self._shown and self._total is None:
             self._stream.write(f"\r{done} {note}\x1b[K")
             self._stream.flush()

@@ -23,7 +23,16 @@ from ..fleet.store import Bag, Store
 from ..fleet.table import check_table, write_table
 from ..fleet.work import FleetSettings, make_report, versions
 from ..offline import Selection, default_jobs
-from .console import EXIT_NOT_ACCEPTED, EXIT_OK, Parser, Progress, UsageError, check_writable, run
+from .console import (
+    EXIT_NOT_ACCEPTED,
+    EXIT_OK,
+    OTHER_STATUSES,
+    Parser,
+    Progress,
+    UsageError,
+    check_writable,
+    run,
+)
 from .replay_options import add_camera_options, add_selection_options, positive_int, time_s
 from .report import as_dict
 
@@ -34,8 +43,9 @@ BAG is what 'replay' takes, or a folder of such; @FILE is a file with one BAG a 
 table.csv, index.html, and for each recording results/*.json and reports/*.html. A run that was
 interrupted goes on where it was; what has changed since is done again.
 """
-_EPILOG = """\
-exit status: 0 all are calibrated; 1 some are not (refused, damaged); 2 bad usage, or no cluster.
+_EPILOG = f"""\
+exit status: 0 all are calibrated; 1 some are not (refused, damaged); 2 bad usage, or no cluster;
+{OTHER_STATUSES}
 Numbers are those of 'replay', to the last digit, on any number of workers.
 """
 _DEFAULT_OUTPUT = Path("fleet")

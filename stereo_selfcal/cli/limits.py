@@ -23,14 +23,15 @@ from ..files.rig_file import read_rig_file
 from ..synth.scenes import PAPER_RIG
 from ..synth.world import LANE_WIDTH_M, LINE_WIDTH_M, MAX_TILT_RAD, PSF_SIGMA_PX
 from .chart import ChartImage, Curve, Panel, draw_charts
-from .console import EXIT_OK, Parser, UsageError, check_writable, run
+from .console import EXIT_OK, OTHER_STATUSES, Parser, UsageError, check_writable, run
 
 _DESCRIPTION = """\
 Print how well height, pitch and roll can be known at all: the Cramer-Rao bound of a stereo frame with the
 two solid lines of a lane, the rig in its middle, and where a road point straight ahead is placed with them.
 """
-_EPILOG = """\
-exit status: 0 printed; 2 bad usage, unreadable input, or the cameras see too little of the lines.
+_EPILOG = f"""\
+exit status: 0 printed; 2 bad usage, unreadable input, or the cameras see too little of the lines;
+{OTHER_STATUSES}
 The bound counts pixel noise alone; lane yaw, positions, widths and grey levels of the lines are unknown.
 A road that is not flat, or a rig calibrated wrongly, comes on top, in every frame alike.
 """

@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,7 +18,7 @@ import cv2
 from ..bags import StereoTopics, stereo_pairs
 from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
-from ..core.errors import SelfcalError
+from ..core.errors import SelfcalError, printable
 from ..files.atomic_file import write_atomically
 from ..files.exports import export_paths, write_exports
 from ..files.parameter_file import chosen_config, load_frames
@@ -41,10 +42,15 @@ from .console import (
     Progress,
     UsageError,
     check_writable,
+    one_line,
     run,
 )
 from .replay_options import replay_parser
 from .report import as_dict, as_json, table_header, table_row, table_summary
+
+# What the name of a topic may hold in a recording, and that of a file should not.
+_NO_FILE_NAME = re.compile(r"[^\w.-]", re.ASCII)
+_LONGEST_NAME = 100  # of the 255 bytes that file systems allow, with the name and the ending of the output
 
 # Outputs of which --all writes one for every pair.
 _FILES = ("output", "picture", "csv", "report")
@@ -78,21 +84,25 @@ def _replay(argv: list[str]) -> int:
     )
     if arguments.all_pairs:
         return _replay_all(arguments, settings)
-    replay = _replay_one(arguments, settings)
+    replay, unwritten = _replay_one(arguments, settings)
     report = as_json if arguments.json else table_summary
     sys.stdout.write(report(replay))
-    return _status(replay)
+    return _status(replay, unwritten)
 
 
-def _replay_one(arguments: argparse.Namespace, settings: _Settings) -> Replay:
-    """Calibrate one pair, and write its files before the end of its table: a reader of that may go away."""
+def _replay_one(arguments: argparse.Namespace, settings: _Settings) -> tuple[Replay, list[str]]:
+    """Calibrate one pair, and write its files before the end of its table: a reader of that may go away.
+
+    Returns:
+        The outcome, and why files of it could not be written: a sentence each.
+    """
     a = arguments
     with open_source(
         a.bags, a.left, a.right, a.tolerance_s, settings.rig, settings.selection, a.raw
     ) as source:
         replay = _run_with_output(source, settings.config, arguments)
-        _write_files(source, replay, arguments, settings.frames)
-    return replay
+        unwritten = _write_files(source, replay, arguments, settings.frames)
+    return replay, unwritten
 
 
 def _replay_all(arguments: argparse.Namespace, settings: _Settings) -> int:
@@ -104,16 +114,16 @@ def _replay_all(arguments: argparse.Namespace, settings: _Settings) -> int:
         files = {option: _of_pair(getattr(arguments, option), name) for option in _FILES}
         topics = {"left": pair.left.name, "right": pair.right.name}
         try:
-            replay = _replay_one(argparse.Namespace(**vars(arguments) | files | topics), settings)
-        except SelfcalError as error:
-            outcomes.append({"name": name, **topics, "accepted": False, "error": str(error)})
-            sys.stderr.write(f"replay: {name}: {' '.join(str(error).split())}\n")
+            replay, unwritten = _replay_one(argparse.Namespace(**vars(arguments) | files | topics), settings)
+        except (SelfcalError, OSError) as error:
+            outcomes.append({"name": name, **topics, "accepted": False, "error": one_line(error)})
+            sys.stderr.write(f"replay: {name}: {one_line(error)}\n")
             status = EXIT_BAD_INPUT
             continue
         outcomes.append({"name": name, **topics, **as_dict(replay)})
         if not arguments.json:
             sys.stdout.write(f"{table_summary(replay)}\n")
-        status = max(status, _status(replay))
+        status = max(status, _status(replay, unwritten))
     if arguments.json:
         sys.stdout.write(json.dumps({"pairs": outcomes}, allow_nan=False) + "\n")
     return status
@@ -124,9 +134,10 @@ def pair_names(pairs: Sequence[StereoTopics]) -> list[str]:
     names = []
     for pair in pairs:
         both = zip(pair.left.base.split("/")[:-1], pair.right.base.split("/")[:-1], strict=False)
-        names.append("_".join(left for left, right in both if left and left == right))
-    distinct = len(set(names)) == len(names) and all(names)
-    return names if distinct else [f"pair{number}" for number in range(1, len(pairs) + 1)]
+        common = "_".join(left for left, right in both if left and left == right)
+        names.append(_NO_FILE_NAME.sub("_", common))
+    usable = len(set(names)) == len(names) and all(0 < len(name) <= _LONGEST_NAME for name in names)
+    return names if usable else [f"pair{number}" for number in range(1, len(pairs) + 1)]
 
 
 def _of_pair(path: Path | None, name: str) -> Path | None:
@@ -134,10 +145,11 @@ def _of_pair(path: Path | None, name: str) -> Path | None:
     return path and path.with_name(f"{path.stem}.{name}{path.suffix}")
 
 
-def _status(replay: Replay) -> int:
-    if replay.damage is not None:
+def _status(replay: Replay, unwritten: Sequence[str]) -> int:
+    problems = list(unwritten) if replay.damage is None else [replay.damage, *unwritten]
+    if problems:
         sys.stdout.flush()
-        sys.stderr.write(f"replay: {replay.damage}\n")
+        sys.stderr.write("".join(f"replay: {printable(problem)}\n" for problem in problems))
         return EXIT_BAD_INPUT
     return EXIT_OK if replay.estimate.accepted else EXIT_NOT_ACCEPTED
 
@@ -176,16 +188,16 @@ def _run_with_output(source: FrameSource, config: CalibratorConfig, arguments: a
         done += 1
         progress.clear()
         if not arguments.json:
-            sys.stdout.write(table_row(row))
+            sys.stdout.write(table_row(row, source.counted))
             sys.stdout.flush()
         progress.show(done)
 
     if not arguments.json:
         names, counts = (source.left_name, source.right_name), source.n_images
         for side, name, count in zip(("left", "right"), names, counts, strict=True):
-            sys.stdout.write(f"{side:<5} {name} ({count} images)\n")
-        sys.stdout.write("".join(f"{note}\n" for note in source.notes))
-        sys.stdout.write(table_header())
+            sys.stdout.write(f"{side:<5} {printable(name)} ({count} images)\n")
+        sys.stdout.write("".join(f"{printable(note)}\n" for note in source.notes))
+        sys.stdout.write(table_header(source.counted))
     progress.show(0)
     try:
         return calibrate_recording(source, config, on_row, arguments.jobs)
@@ -195,22 +207,43 @@ def _run_with_output(source: FrameSource, config: CalibratorConfig, arguments: a
 
 def _write_files(
     source: FrameSource, replay: Replay, arguments: argparse.Namespace, frames: tuple[str, str]
-) -> None:
-    """Write what the options ask for; no result that rests on a part of a damaged recording."""
-    estimate, rig = replay.estimate, replay.rig
-    if arguments.output is not None and estimate.accepted and replay.damage is None:
-        # The folders above the recording are nobody's business.
-        write_result(arguments.output, estimate, rig, source=source.name, seed=replay.config.seed)
-        assert estimate.extrinsics is not None
-        write_exports(arguments.output, arguments.exports, estimate.extrinsics, rig, *frames)
-    if arguments.csv is not None:
-        write_atomically(arguments.csv, as_csv(replay.rows).encode())
-    if arguments.picture is not None:
-        _write_picture(arguments.picture, source, replay)
-    if arguments.report is not None:
-        from ..report.page import render_report  # noqa: PLC0415 - jinja2 is for who asks for a report
+) -> list[str]:
+    """Write what the options ask for; no result that rests on a part of a damaged recording.
 
-        write_atomically(arguments.report, render_report(source, replay).encode())
+    Returns:
+        Why files could not be written, a sentence each: one of them costs neither the others nor the numbers.
+    """
+    writers: dict[str, Callable[[Path], None]] = {
+        "output": lambda path: _write_result(path, source, replay, arguments.exports, frames),
+        "csv": lambda path: write_atomically(path, as_csv(replay.rows).encode()),
+        "picture": lambda path: _write_picture(path, source, replay),
+        "report": lambda path: _write_report(path, source, replay),
+    }
+    problems = []
+    for option, write in writers.items():
+        path = getattr(arguments, option)
+        if path is not None:
+            try:
+                write(path)
+            except (SelfcalError, OSError) as error:
+                problems.append(str(error))
+    return problems
+
+
+def _write_result(
+    path: Path, source: FrameSource, replay: Replay, exports: Sequence[str], frames: tuple[str, str]
+) -> None:
+    estimate, rig = replay.estimate, replay.rig
+    if estimate.extrinsics is not None and estimate.accepted and replay.damage is None:
+        # The folders above the recording are nobody's business.
+        write_result(path, estimate, rig, source=source.name, seed=replay.config.seed)
+        write_exports(path, exports, estimate.extrinsics, rig, *frames)
+
+
+def _write_report(path: Path, source: FrameSource, replay: Replay) -> None:
+    from ..report.page import render_report  # noqa: PLC0415 - jinja2 is for who asks for a report
+
+    write_atomically(path, render_report(source, replay).encode())
 
 
 def _write_picture(path: Path, source: FrameSource, replay: Replay) -> None:

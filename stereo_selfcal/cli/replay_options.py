@@ -9,7 +9,7 @@ from pathlib import Path
 from ..core.errors import ConfigError
 from ..files.exports import EXPORTS, parse_exports
 from ..offline import default_jobs
-from .console import Parser
+from .console import OTHER_STATUSES, Parser
 
 _DESCRIPTION = """\
 Find height, pitch and roll of a stereo camera from a recording of a straight road.
@@ -19,9 +19,10 @@ rectified images of both cameras (raw ones: --raw); several are one drive, in th
 Or it is a folder of image pairs, left/NAME.png and right/NAME.png, with a rig file. Every frame
 is calibrated; the accepted ones are fused.
 """
-_EPILOG = """\
-exit status: 0 calibrated; 1 no frame was accepted; 2 bad usage or unreadable input, also when a
-recording is damaged after some frames, which are shown all the same.
+_EPILOG = f"""\
+exit status: 0 calibrated; 1 no frame was accepted; 2 bad usage, unreadable input or an output that
+cannot be written, also when a recording is damaged after some frames, which are shown all the same;
+{OTHER_STATUSES}
 p_road = R_z(0) R_y(pitch) R_x(roll) p_camera + [0, 0, height], REP-103: pitch > 0 is nose down,
 roll > 0 is right side down.
 """

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..core.drive.drive import Drive, DriveSegment, clock
+from ..core.errors import printable
 from ..core.geometry.pose import POSE_COMPONENTS, POSE_NAMES, Extrinsics
 from ..core.geometry.uncertainty import UncertaintyTerm
 from ..offline import AttemptSummary, FrameRow, Replay
@@ -19,27 +20,40 @@ _VERDICT_WIDTH = 21  # the longest reject reason and a space
 _LABEL_WIDTH = _STAMP_WIDTH + 2 + _VERDICT_WIDTH
 # Components of a pose with the widths of their columns: two spaces and the heading.
 _POSE_COLUMNS = tuple((component, len(component.heading) + 2) for component in POSE_COMPONENTS)
-_HEADER = f"{'stamp [s]':>{_STAMP_WIDTH}}  {'verdict':<{_VERDICT_WIDTH}}" + "".join(
+_HEADINGS = f"  {'verdict':<{_VERDICT_WIDTH}}" + "".join(
     f"{component.heading:>{width}}" for component, width in _POSE_COLUMNS
 )
+_RULE = f"{'-' * (_STAMP_WIDTH + len(_HEADINGS))}\n"
 
 
-def table_header() -> str:
-    """Return the two lines over the table."""
-    return f"{_HEADER}\n{'-' * len(_HEADER)}\n"
+def table_header(counted: bool = False) -> str:
+    """Return the two lines over the table.
+
+    Args:
+        counted: Whether the frames have names and no stamps.
+    """
+    return f"{'image' if counted else 'stamp [s]':>{_STAMP_WIDTH}}{_HEADINGS}\n{_RULE}"
 
 
-def table_row(row: FrameRow) -> str:
-    """Return the line of one frame: its stamp, or the end of its name where it has one."""
-    stamp = row.name[-_STAMP_WIDTH:] or f"{row.stamp_s:.6f}"
-    return _line(f"{stamp:>{_STAMP_WIDTH}}  {row.reason or 'accepted':<{_VERDICT_WIDTH}}", row.extrinsics)
+def table_row(row: FrameRow, counted: bool = False) -> str:
+    """Return the line of one frame: its stamp, or the end of its name.
+
+    Args:
+        row: The frame.
+        counted: Whether it has a name and no stamp.
+    """
+    name = printable(row.name)
+    if len(name) > _STAMP_WIDTH:
+        name = f"...{name[3 - _STAMP_WIDTH :]}"
+    label = name if counted else f"{row.stamp_s:.6f}"
+    return _line(f"{label:>{_STAMP_WIDTH}}  {row.reason or 'accepted':<{_VERDICT_WIDTH}}", row.extrinsics)
 
 
 def table_summary(replay: Replay) -> str:
     """Return the lines under the table: mean and spread over the accepted frames, the fused estimate."""
     rows, estimate, drive = replay.rows, replay.estimate, replay.drive
     accepted = [row.extrinsics for row in rows if row.extrinsics is not None]
-    text = f"{'-' * len(_HEADER)}\n{len(accepted)} of {len(rows)} frames accepted\n"
+    text = f"{_RULE}{len(accepted)} of {len(rows)} frames accepted\n"
     refused = Counter(row.reason for row in rows if row.reason is not None)
     for reason, count in refused.most_common():
         text += f"  {count} x {reason}\n"
@@ -54,7 +68,8 @@ def table_summary(replay: Replay) -> str:
             text += _line("its standard deviation", estimate.std, spread=True)
         if estimate.uncertainty:
             text += f"its variance: {variance_line(estimate.uncertainty)}\n"
-    text += f"{_moves(drive)}{estimate.message}\n" + "".join(f"{remark}\n" for remark in replay.remarks)
+    text += f"{_moves(drive)}{printable(estimate.message)}\n"
+    text += "".join(f"{printable(remark)}\n" for remark in replay.remarks)
     if replay.damage is not None:
         text += f"THE RECORDING IS DAMAGED AND ENDED EARLY, after {len(rows)} frames\n"
     return text

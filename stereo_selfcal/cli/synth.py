@@ -9,16 +9,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ..core.errors import printable
 from ..synth.bag import STORAGES, TRUTH_FILE, write_bag, write_named_bags
 from ..synth.scenes import NAMED_SCENES, NamedScene, custom_scene, named_scene
-from .console import EXIT_OK, Parser, Progress, UsageError, run
+from .console import EXIT_OK, OTHER_STATUSES, Parser, Progress, UsageError, run
 
 _DESCRIPTION = f"""\
 Write a synthetic stereo recording of a straight road (rosbag2) with its truth in OUT_BAG/{TRUTH_FILE}.
 
 Topics: /stereo/left|right/image_rect (mono8) and camera_info. Same options, same bytes.
 """
-_EPILOG = "exit status: 0 written; 2 bad usage, or OUT_BAG exists already (nothing is overwritten)."
+_EPILOG = f"""\
+exit status: 0 written; 2 bad usage, or OUT_BAG exists already (nothing is overwritten);
+{OTHER_STATUSES}
+"""
 
 # Options of a scene made to order: (option, type, keyword of custom_scene, factor to its unit, help).
 _DEG = math.pi / 180
@@ -49,7 +53,7 @@ def _synth(argv: list[str]) -> int:
         if arguments.out_bag is not None or arguments.named is not None or _made_to_order(arguments):
             raise UsageError("--named-all stands alone: it takes no OUT_BAG and no other option; see --help")
         for path in write_named_bags(arguments.named_all):
-            sys.stdout.write(f"{path}\n")
+            sys.stdout.write(f"{printable(str(path))}\n")
         return EXIT_OK
     if arguments.out_bag is None:
         raise UsageError("OUT_BAG is missing; see --help")
@@ -59,7 +63,7 @@ def _synth(argv: list[str]) -> int:
         write_bag(arguments.out_bag, scene, arguments.storage, progress.show)
     finally:
         progress.clear()
-    sys.stdout.write(f"{arguments.out_bag}: {scene.description}; {scene.n_frames} frames\n")
+    sys.stdout.write(f"{printable(str(arguments.out_bag))}: {scene.description}; {scene.n_frames} frames\n")
     return EXIT_OK
 
 

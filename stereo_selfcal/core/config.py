@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
-from .errors import ConfigError
+from .errors import ConfigError, shortened
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +178,7 @@ class CalibratorConfig:
         sections: dict[str, dict[str, Any]] = {}
         for name, value in flatten(values).items():
             if name not in known:
-                raise ConfigError(f"unknown setting {name!r}: the settings are {', '.join(known)}")
+                raise ConfigError(f"unknown setting {shortened(name)}: the settings are {', '.join(known)}")
             section, _, leaf = name.rpartition(".")
             sections.setdefault(section, {})[leaf] = _checked(name, value, known[name])
         changes = sections.pop("", {})
@@ -204,7 +204,7 @@ def _checked(name: str, value: Any, setting: Setting) -> int | float:
     number = isinstance(value, numbers.Real) and not isinstance(value, bool)
     if not number or (setting.whole and not float(value).is_integer()):
         kind = "a whole number" if setting.whole else "a number"
-        raise ConfigError(f"{name} is {value!r}: {kind} is needed")
+        raise ConfigError(f"{name} is {shortened(value)}: {kind} is needed")
     if not setting.low <= value <= setting.high:
         raise ConfigError(
             f"{name} is {value}: it must lie in {setting.low} ... {setting.high} {setting.unit}".rstrip()

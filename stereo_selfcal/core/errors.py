@@ -47,6 +47,8 @@ def printable(text: str) -> str:
     Args:
         text: Any text; spaces and printable characters of any script stay as they are.
     """
+    if text.isprintable():
+        return text
     return "".join(
         letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text
     )

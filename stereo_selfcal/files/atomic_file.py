@@ -12,22 +12,24 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ..core.errors import OutputError
+from ..core.errors import OutputError, printable
 
 _TEMPORARY = re.compile(r"\.stereo_selfcal\.[0-9a-f]{16}\.tmp")
 _REJECTED = ".rejected"
 # Far more than bad files ever come together; only to end the search for a free name.
 _MOST_REJECTED = 1000
+_RIGHTS = stat.S_IRWXU | stat.S_IRWXG | stat.S_IRWXO
 # A new temporary file can be taken for a leftover only before it is locked, a matter of microseconds.
 _LOCK_ATTEMPTS = 5
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+# There is no room: on the disk, of the user, in a file.
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def write_atomically(path: Path | str, content: bytes) -> None:
     """Replace a file in one step: whoever reads it, at whatever moment, finds the old or the new one.
 
-    Once this returns the new content survives a power cut. What a killed writer left beside the file
-    is removed.
+    Once this returns the new content survives a power cut. The new file has the mode of the old one, and its
+    owner and group where that is allowed. What a killed writer left beside the file is removed.
 
     Args:
         path: The file; its folder must exist. A link is followed.
@@ -40,14 +42,16 @@ def write_atomically(path: Path | str, content: bytes) -> None:
         target = Path(os.path.realpath(path))
         # A rename would put a file in the place of a device such as /dev/null.
         if os.path.lexists(target) and not target.is_file():
-            raise OutputError(f"{path} cannot be written: it is not a file; give the name of a file")
+            raise OutputError(f"{_shown(path)} cannot be written: it is not a file; give the name of a file")
         remove_leftovers(target)
         _replace(target, content)
     except (OSError, ValueError) as error:  # ValueError: a NUL character in the name
         remedy = "choose a writable folder that exists"
-        if getattr(error, "errno", None) in _FULL:
+        if getattr(error, "errno", None) in FULL:
             remedy = "make room, or choose another folder"
-        raise OutputError(f"{path} cannot be written: {_detail(error)}; {remedy}") from error
+        elif getattr(error, "errno", None) == errno.ENAMETOOLONG:
+            remedy = "choose a shorter name"
+        raise OutputError(f"{_shown(path)} cannot be written: {_detail(error)}; {remedy}") from error
 
 
 def remove_leftovers(file: Path | str) -> None:
@@ -80,7 +84,9 @@ def set_aside(path: Path | str) -> Path:
     try:
         target = Path(os.path.realpath(path))
         if not stat.S_ISREG(target.lstat().st_mode):
-            raise OutputError(f"{path} cannot be kept aside: it is not a file; give the name of a file")
+            raise OutputError(
+                f"{_shown(path)} cannot be kept aside: it is not a file; give the name of a file"
+            )
         aside = _reserve(target)
         try:
             target.replace(aside)
@@ -90,7 +96,7 @@ def set_aside(path: Path | str) -> Path:
             raise
     except (OSError, ValueError) as error:
         raise OutputError(
-            f"{path} cannot be kept aside: {_detail(error)}; move it away, or choose another name"
+            f"{_shown(path)} cannot be kept aside: {_detail(error)}; move it away, or choose another name"
         ) from error
     _sync_folder(target.parent)
     return aside
@@ -101,6 +107,7 @@ def _replace(target: Path, content: bytes) -> None:
         view = memoryview(content)
         while view:
             view = view[os.write(descriptor, view) :]
+        _keep_rights(target, descriptor)
         os.fsync(descriptor)  # before the rename, or a power cut could leave the new name without content
         temporary.replace(target)
     _sync_folder(target.parent)
@@ -115,7 +122,9 @@ def _temporary_file(target: Path) -> Iterator[tuple[Path, int]]:
     """
     for _ in range(_LOCK_ATTEMPTS):
         temporary = target.with_name(f".stereo_selfcal.{secrets.token_hex(8)}.tmp")
-        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        # Before it has the rights of the old file nobody else may read it.
+        rights = 0o600 if target.exists() else 0o666
+        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, rights)
         try:
             if _own(descriptor):
                 yield temporary, descriptor
@@ -127,6 +136,26 @@ def _temporary_file(target: Path) -> Iterator[tuple[Path, int]]:
         finally:
             os.close(descriptor)
     raise OSError(errno.EBUSY, "its temporary files are taken away by another process")
+
+
+def _keep_rights(target: Path, descriptor: int) -> None:
+    """Give a new file the mode of the old one, and its owner and group where this process may."""
+    try:
+        old = target.stat()
+    except FileNotFoundError:
+        return
+    new = os.fstat(descriptor)
+    if (old.st_uid, old.st_gid) != (new.st_uid, new.st_gid):
+        for owner in (old.st_uid, -1):  # the group alone, where the owner cannot be kept
+            with suppress(OSError):
+                os.fchown(descriptor, owner, old.st_gid)
+                break
+    mode = stat.S_IMODE(old.st_mode) & _RIGHTS
+    if os.fstat(descriptor).st_gid != old.st_gid:
+        # Of another group nobody may do more than anybody.
+        mode &= ~stat.S_IRWXG | (mode & stat.S_IRWXO) << 3
+    with suppress(OSError):  # a file system without modes
+        os.fchmod(descriptor, mode)
 
 
 def _own(descriptor: int) -> bool:
@@ -170,6 +199,10 @@ def _sync_folder(folder: Path) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+
+def _shown(path: Path | str) -> str:
+    return printable(str(path))
 
 
 def _detail(error: Exception) -> str:

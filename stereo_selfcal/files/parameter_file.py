@@ -2,50 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from ..core.config import CalibratorConfig, flatten
-from ..core.errors import ConfigError
+from ..core.errors import ConfigError, printable, shortened
 from .node_settings import NODE_NAME, NODE_SETTINGS, is_calibrator_setting
+from .safe_yaml import UnreadableFileError, parse_yaml, read_text
+
+__all__ = ["UnreadableFileError"]
 
 ANY_NODE = "/**"
 PARAMETERS = "ros__parameters"
-_WILDCARDS = (ANY_NODE, "*", "**", "/*")
+_ANY_NODE = (ANY_NODE, "/*")  # other patterns may match this node or not, by its namespace
 # A file may hold the parameters of a whole vehicle; those of Nav2, a big one, are 20 kB. PyYAML was
 # measured to read 1 MB in 1.2 s.
 _MOST_BYTES = 1_000_000
-_GREATEST_INTEGER = 2**63  # an integer parameter has 64 bits
-
-
-class _Loader(yaml.SafeLoader):  # type: ignore[misc]
-    """Loader that refuses what rcl does not know either.
-
-    A few lines of aliases can stand for gigabytes, and Python refuses to print an integer of 5 000 digits.
-    """
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        if self.check_event(yaml.AliasEvent):
-            mark = self.peek_event().start_mark
-            raise yaml.composer.ComposerError(None, None, "aliases (*name) are not allowed", mark)
-        return super().compose_node(parent, index)
-
-    def construct_yaml_int(self, node: Any) -> int:
-        value = int(super().construct_yaml_int(node))
-        if not -_GREATEST_INTEGER <= value < _GREATEST_INTEGER:
-            problem = "a whole number has more than 64 bits"
-            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
-        return value
-
-
-_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
-
-
-class UnreadableFileError(ConfigError):
-    """A file cannot be read at all, so nothing is known of what is in it."""
+_MOST_SHOWN = 5  # names of nodes in an error
 
 
 def load_calibrator_config(path: Path | str) -> CalibratorConfig:
@@ -66,7 +40,7 @@ def load_calibrator_config(path: Path | str) -> CalibratorConfig:
     try:
         return CalibratorConfig.from_mapping(settings)
     except ConfigError as error:
-        raise ConfigError(f"{path}: {error}") from error
+        raise ConfigError(f"{printable(str(path))}: {error}") from error
 
 
 def chosen_config(path: Path | None, seed: int | None) -> CalibratorConfig:
@@ -94,12 +68,16 @@ def load_frames(path: Path | str | None) -> tuple[str, str]:
     road, camera = (given.get(name, values[name]) for name in names)
     for name, value in zip(names, (road, camera), strict=True):
         if not isinstance(value, str) or not value.strip():
-            raise ConfigError(f"{path}: {name} is {value!r}: the name of a frame is needed")
+            raise ConfigError(
+                f"{printable(str(path))}: {name} is {shortened(value)}: the name of a frame is needed"
+            )
     return str(road), str(camera)
 
 
 def node_parameters(path: Path | str, most_bytes: int = _MOST_BYTES) -> dict[str, Any]:
     """Return the parameters a file has for this node, nested as they are written.
+
+    As in ROS, those under the name of the node win over those for any node, wherever they stand.
 
     Args:
         path: The file.
@@ -107,56 +85,78 @@ def node_parameters(path: Path | str, most_bytes: int = _MOST_BYTES) -> dict[str
 
     Raises:
         UnreadableFileError: The file cannot be read.
-        ConfigError: It is no parameter file.
+        ConfigError: It is no parameter file, or has the parameters of several such nodes.
     """
-    document = _parsed(path, _text(path, most_bytes))
-    nodes = {str(name): value for name, value in document.items()} if isinstance(document, Mapping) else {}
-    ours = [name for name in nodes if name in _WILDCARDS]
-    ours += [name for name in nodes if name.rpartition("/")[2] == NODE_NAME]
-    if not ours:
+    text = read_text(path, most_bytes, "parameter file")
+    shown = printable(str(path))
+    if not text:
+        raise ConfigError(f"{shown} is empty: '{ANY_NODE}:' with '{PARAMETERS}:' is needed")
+    nodes = dict(_nodes(parse_yaml(path, text)))
+    for_any = [name for name in nodes if name in _ANY_NODE]
+    named = [name for name in nodes if name.rpartition("/")[2] == NODE_NAME]
+    patterns = [name for name in nodes if "*" in name and name not in (*for_any, *named)]
+    if len(named) > 1 or len(for_any) > 1 or patterns:
+        several = [*for_any, *named, *patterns] if patterns or len(for_any) > 1 else named
         raise ConfigError(
-            f"{path} is no parameter file: '{ANY_NODE}:' or '{NODE_NAME}:' with '{PARAMETERS}:' is needed"
+            f"{shown} has several names that can be those of this node ({_listed(several)}): give a file "
+            f"with one of them, besides '{ANY_NODE}:'"
+        )
+    if not for_any and not named:
+        others = f", and it has {_listed(nodes)}" if nodes else ""
+        raise ConfigError(
+            f"{shown} is no parameter file: '{ANY_NODE}:' or '{NODE_NAME}:' with '{PARAMETERS}:' is needed"
+            f"{others}"
         )
     merged: dict[str, Any] = {}
-    for name in ours:
-        section = nodes[name]
-        parameters = section.get(PARAMETERS) if isinstance(section, Mapping) else None
+    for name in (*for_any, *named):
+        parameters = nodes[name]
         if not isinstance(parameters, Mapping):
-            raise ConfigError(f"{path}: '{name}:' has no '{PARAMETERS}:' with parameters in it")
+            raise ConfigError(f"{shown}: '{printable(name)}:' has no '{PARAMETERS}:' with parameters in it")
+        _check_once(shown, parameters)
         merged = _merged(merged, parameters)
     return merged
 
 
-def _text(path: Path | str, most_bytes: int) -> str:
-    try:
-        with Path(path).open("rb") as file:
-            content = file.read(most_bytes + 1)
-    except (OSError, ValueError) as error:  # ValueError: a NUL character in the name
-        detail = getattr(error, "strerror", None) or str(error)
-        raise UnreadableFileError(f"{path} cannot be read: {detail.lower()}") from error
-    if not content:
-        raise ConfigError(f"{path} is empty: '{ANY_NODE}:' with '{PARAMETERS}:' is needed")
-    if len(content) > most_bytes:
-        raise ConfigError(
-            f"{path} is no parameter file: it is larger than {most_bytes} bytes, which is the most allowed"
-        )
-    try:
-        return content.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path} cannot be read: it is not a text file") from error
+def _nodes(document: Any, above: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield names of nodes with their parameters; as in ROS, namespaces may be levels of their own."""
+    if not isinstance(document, Mapping):
+        return
+    for key, section in document.items():
+        name = f"{above}/{str(key).lstrip('/')}" if above or str(key).startswith("/") else str(key)
+        if isinstance(section, Mapping) and PARAMETERS not in section:
+            below = list(_nodes(section, name))
+            if below:
+                yield from below
+                continue
+        if isinstance(section, Mapping) and PARAMETERS in section:
+            yield name, section[PARAMETERS]
+        elif not above:
+            yield name, None
 
 
-def _parsed(path: Path | str, text: str) -> Any:
-    try:
-        return yaml.load(text, Loader=_Loader)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" in line {mark.line + 1}" if mark else ""
-        detail = getattr(error, "problem", None) or " ".join(str(error).split())
-        raise ConfigError(f"{path} is not YAML{where}: {detail}") from error
-    except Exception as error:
-        detail = " ".join(f"{type(error).__name__}: {error}".split())
-        raise ConfigError(f"{path} is not YAML that can be read: {detail}") from error
+def _check_once(shown: str, parameters: Mapping[str, Any]) -> None:
+    """Refuse a parameter that is written with dots and in levels at once: the last one would win."""
+    seen: set[str] = set()
+    for name in _dotted(parameters):
+        if name in seen:
+            raise ConfigError(
+                f"{shown}: {shortened(name)} is there twice, with dots and in levels: give it once"
+            )
+        seen.add(name)
+
+
+def _dotted(parameters: Mapping[str, Any], above: str = "") -> Iterator[str]:
+    for name, value in parameters.items():
+        if isinstance(value, Mapping):
+            yield from _dotted(value, f"{above}{name}.")
+        else:
+            yield f"{above}{name}"
+
+
+def _listed(names: Iterable[str]) -> str:
+    shown = [printable(name) for name in names]
+    more = f" and {len(shown) - _MOST_SHOWN} more" if len(shown) > _MOST_SHOWN else ""
+    return ", ".join(shown[:_MOST_SHOWN]) + more
 
 
 def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:

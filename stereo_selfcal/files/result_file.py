@@ -15,7 +15,7 @@ import yaml
 
 from .. import __version__
 from ..core.camera.rig import StereoRig
-from ..core.errors import ConfigError, OutputError
+from ..core.errors import ConfigError, OutputError, printable
 from ..core.results import CalibrationResult
 from .atomic_file import remove_leftovers, set_aside, write_atomically
 from .node_settings import NODE_NAME, RESULT_PREFIX
@@ -128,7 +128,9 @@ def format_result(result: CalibrationResult, rig: StereoRig, source: str, seed: 
         raise OutputError(f"a result that cannot be right is not written: {error}") from error
     document = {ANY_NODE: {PARAMETERS: parameters}}
     body: str = yaml.dump(document, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=math.inf)
-    return _EQUATION + body
+    # PyYAML writes letters as they are that turn the text around them about; all texts are quoted.
+    escaped = (printable(letter) if letter > "\x7f" else letter for letter in body)
+    return _EQUATION + "".join(escaped)
 
 
 def write_result(

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 
-import yaml
-
 from ..core.camera.rig import StereoRig
-from ..core.errors import RigError
+from ..core.errors import ConfigError, RigError, printable
+from .safe_yaml import parse_json, parse_yaml, read_text
+
+# Seven numbers, and whatever is said of them.
+_MOST_BYTES = 65_536
 
 
 def read_rig_file(path: Path) -> StereoRig:
@@ -18,16 +19,17 @@ def read_rig_file(path: Path) -> StereoRig:
     Raises:
         RigError: It cannot be read, or does not describe a rig.
     """
+    shown = printable(str(path))
     try:
-        text = path.read_text(encoding="utf-8")
-        # PyYAML reads most of JSON, but takes the 1e3 of JSON for a word.
-        values = json.loads(text) if path.suffix == ".json" else yaml.safe_load(text)
-    except (OSError, ValueError, yaml.YAMLError) as error:
-        detail = error.strerror if isinstance(error, OSError) else error
-        raise RigError(f"rig file {path}: cannot be read ({detail})") from error
+        text = read_text(path, _MOST_BYTES, "rig file")
+        values = (parse_json if path.suffix.lower() == ".json" else parse_yaml)(path, text)
+    except ConfigError as error:
+        cause = error.__cause__
+        detail = cause.strerror if isinstance(cause, OSError) else str(error).removeprefix(f"{shown} ")
+        raise RigError(f"rig file {shown}: cannot be read ({detail})") from error
     if not isinstance(values, Mapping):
-        raise RigError(f"rig file {path}: holds no keys; it needs {', '.join(StereoRig.__slots__)}")
+        raise RigError(f"rig file {shown}: holds no keys; it needs {', '.join(StereoRig.__slots__)}")
     try:
         return StereoRig.from_mapping(values)
     except RigError as error:
-        raise RigError(f"rig file {path}: {error}") from error
+        raise RigError(f"rig file {shown}: {error}") from error

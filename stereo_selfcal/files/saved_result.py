@@ -226,8 +226,7 @@ def _number(
     given = _field(section, name, prefix)
     full_name = f"{prefix}.{name}" if prefix else name
     try:
-        # Text, as YAML 1.1 takes the 1e-5 for a word that rcl takes for a number.
-        value = math.nan if isinstance(given, bool) else float(given)
+        value = math.nan if isinstance(given, bool | str) else float(given)
     except (TypeError, ValueError, OverflowError):
         value = math.nan
     if not math.isfinite(value):

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from ..bags.order import natural_key
 from ..offline.folder import is_image_folder
 
 _STORAGE_SUFFIXES = (".mcap", ".db3")
@@ -35,7 +36,7 @@ def _below(path: Path) -> Iterator[Path]:
         if path.suffix in _BAG_SUFFIXES:
             yield path
         return
-    entries = sorted(path.iterdir())
+    entries = sorted(path.iterdir(), key=lambda entry: natural_key(entry.name))
     if (path / "metadata.yaml").exists() or is_image_folder(path) or _one_recording(entries):
         yield path
         return

@@ -12,6 +12,7 @@ from typing import Any
 
 from ..core.errors import OutputError
 from ..files.atomic_file import write_atomically
+from ..offline.csv_table import harmless
 from .outcome import COLUMN_KINDS, COLUMNS, FLOAT, BagOutcome
 
 CSV, PARQUET = ".csv", ".parquet"
@@ -50,7 +51,7 @@ def csv_of(outcomes: Sequence[BagOutcome]) -> str:
     writer.writerow(COLUMNS)
     for outcome in outcomes:
         values = outcome.to_mapping()
-        writer.writerow(["" if values[name] is None else values[name] for name in COLUMNS])
+        writer.writerow(["" if values[name] is None else harmless(values[name]) for name in COLUMNS])
     return text.getvalue()
 
 

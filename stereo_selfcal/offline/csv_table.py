@@ -5,14 +5,21 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 from collections.abc import Iterable
+from typing import Any
 
+from ..core.errors import printable
 from ..core.evidence.gates import GATES
 from ..core.geometry.pose import POSE_NAMES, STD_NAMES
 from .rows import FrameRow
 
 # What every gate measured; the units are those of docs/offline.md.
 _GATE_COLUMNS = {gate.key: f"gate_{gate.key}" for gate in GATES}
+
+# Where a spreadsheet takes the rest of a cell for a formula, signs of full width too; also behind a
+# semicolon, as that ends a cell in many countries.
+_FORMULA = re.compile("(^|;)(?=[=+@\uff1d\uff0b\uff20\uff0d-])")
 
 COLUMNS = (
     "stamp_s",
@@ -39,8 +46,24 @@ def as_csv(rows: Iterable[FrameRow]) -> str:
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n", restval="")
     writer.writeheader()
-    writer.writerows(map(_cells, rows))
+    for row in rows:
+        writer.writerow({name: harmless(value) for name, value in _cells(row).items()})
     return text.getvalue()
+
+
+def harmless(value: Any) -> Any:
+    """Return the value of a cell such that no spreadsheet computes it and no terminal obeys it.
+
+    Args:
+        value: A number, which stays what it is, or a text, which may come from outside: a name, a message.
+    """
+    if not isinstance(value, str):
+        return value
+    try:
+        float(value)
+    except ValueError:
+        return _FORMULA.sub("\\1'", printable(value))
+    return value.strip()
 
 
 def _cells(row: FrameRow) -> dict[str, object]:

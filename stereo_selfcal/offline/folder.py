@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import re
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 
 from ..bags import BagError, Selection, StereoFrame, readable
+from ..bags.order import natural_key
 from ..core.camera.image_messages import decode_compressed
 from ..core.camera.pairing import stamp_to_s
 from ..core.camera.rig import StereoRig
-from ..core.errors import ImageError
+from ..core.errors import ImageError, printable
 from ..core.types import Image
+from .image_stamps import image_stamps
 from .recording import FrameSource
 
 DEFAULT_FOLDERS = ("left", "right")
@@ -19,17 +21,13 @@ DEFAULT_FOLDERS = ("left", "right")
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff")
 
 _NS_PER_S = 1_000_000_000
-# Nanoseconds since 1970 have had 19 digits since 2001; a number of a frame never has that many.
-_NANOSECONDS = re.compile(r"\d{19}")
-_SECONDS = re.compile(r"(\d+)\.(\d{1,9})")
+_SHOWN = 3  # names of each folder, where none is in both
 
 
 class FolderSource(FrameSource):
     """Image pairs in two folders, paired by their file names and read in the order of these.
 
-    A name of 19 digits is a time stamp in nanoseconds, one with a decimal point is one in seconds
-    (the datasets of EuRoC and TUM have such names). Where one name is neither, frame n has the stamp
-    n seconds.
+    The names tell the stamps (:mod:`.image_stamps`).
 
     Args:
         path: The folder with the two folders in it.
@@ -39,7 +37,8 @@ class FolderSource(FrameSource):
         selection: Which frames are used, None for all.
 
     Raises:
-        BagError: There are no two folders with images of the same names.
+        BagError: There are no two folders with images of the same names, or it is not certain which image
+            comes after which.
     """
 
     def __init__(
@@ -55,33 +54,35 @@ class FolderSource(FrameSource):
         self.left_name, self.right_name = folders_of(left, right)
         files = [_images_in(path / folder) for folder in (self.left_name, self.right_name)]
         self.n_images = len(files[0]), len(files[1])
-        names = sorted(files[0].keys() & files[1].keys())
+        names = sorted(files[0].keys() & files[1].keys(), key=natural_key)
         if not names:
-            shown = (", ".join(sorted(each)[:3]) or "none" for each in files)
+            shown = (
+                ", ".join(map(printable, sorted(each, key=natural_key)[:_SHOWN])) or "none" for each in files
+            )
             raise BagError(
                 f"{path}: no image of {self.left_name} has the name of one of {self.right_name} "
                 f"({' ...; '.join(shown)} ...): give both images of a pair one name"
             )
-        stamps_ns = [_stamp_ns(name) for name in names]
-        self.notes = ("stamps are in the names of the images",)
-        if None in stamps_ns:
-            self.notes = ("the names of the images are no stamps: frame n is at n seconds",)
-            stamps_ns = [index * _NS_PER_S for index in range(len(names))]
-        # Of names of different lengths the order is not that of the stamps.
-        self._pairs = sorted(
+        try:
+            stamps = image_stamps(names)
+        except BagError as error:
+            raise BagError(f"{path}: {error}") from error
+        self.notes = (stamps.note,)
+        self.counted = stamps.counted
+        self._pairs = [
             (stamp_ns, files[0][name], files[1][name])
-            for stamp_ns, name in zip(stamps_ns, names, strict=True)
-            if stamp_ns is not None
-        )
+            for name, stamp_ns in zip(stamps.names, stamps.stamps_ns, strict=True)
+        ]
         self.start_ns = self._pairs[0][0]
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences about the images that are in no frame."""
+        """Sentences about stamps that are none, and about the images that are in no frame."""
+        remarks = self.notes if self.counted else ()
         alone = [count - len(self._pairs) for count in self.n_images]
-        if not any(alone):
-            return ()
-        return (f"{alone[0]} left and {alone[1]} right images have no partner of the same name",)
+        if any(alone):
+            remarks += (f"{alone[0]} left and {alone[1]} right images have no partner of the same name",)
+        return remarks
 
     def frames(self) -> Iterator[StereoFrame]:
         """Yield the selected frames in the order of their stamps."""
@@ -119,20 +120,29 @@ def is_image_folder(path: Path, left: str | None = None, right: str | None = Non
 
 
 def _images_in(folder: Path) -> dict[str, Path]:
-    """Return the images of a folder by their names without suffix."""
-    files = [file for file in folder.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES]
-    return {file.stem: file for file in sorted(files)}
+    """Return the images of a folder by their names without suffix; not what the system has hidden there.
 
-
-def _stamp_ns(name: str) -> int | None:
-    if _NANOSECONDS.fullmatch(name):
-        return int(name)
-    seconds = _SECONDS.fullmatch(name)
-    return seconds and int(seconds[1]) * _NS_PER_S + int(seconds[2].ljust(9, "0"))
+    Raises:
+        BagError: The folder cannot be read, or two images differ in their suffix only.
+    """
+    images: dict[str, Path] = {}
+    try:
+        files = sorted(folder.iterdir())
+    except OSError as error:
+        raise BagError(f"{folder}: cannot be read ({error.strerror})") from error
+    for file in files:
+        if file.suffix.lower() not in IMAGE_SUFFIXES or file.name.startswith("."):
+            continue
+        other = images.setdefault(file.stem, file)
+        if other is not file:
+            raise BagError(f"{folder}: {other.name} and {file.name} have one name: take one of them away")
+    return images
 
 
 def _read(path: Path) -> Image:
     try:
+        if not stat.S_ISREG(path.stat().st_mode):  # opening a pipe would wait for a writer
+            raise ImageError(f"{path.name} cannot be read (it is not a file)")
         content = path.read_bytes()
     except OSError as error:
         raise ImageError(f"{path.name} cannot be read ({error.strerror})") from error

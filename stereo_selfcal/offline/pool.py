@@ -23,6 +23,7 @@ from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
 from ..core.errors import SelfcalError
 from ..core.results import CalibrationResult
+from ..search_path import SAFE_PATH
 from .frame import FrameHead, calibrate_frame_slim
 
 # A worker is ready after about a second, in which as many frames are done here. Recordings of at most twice
@@ -33,6 +34,10 @@ _AHEAD = 3
 # The C library gives memory back after every frame and asks for it again, page by page: a tenth of the time
 # of a frame. Workers keep it: arrays of up to 32 MiB (glibc takes no more), 256 MiB in all.
 _MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(32 * 2**20), "MALLOC_TRIM_THRESHOLD_": str(256 * 2**20)}
+
+
+# What a terminal or a service manager sends to all processes of a program, to end it.
+_OURS = {signal.SIGINT, signal.SIGHUP, signal.SIGTERM}
 
 
 class WorkerError(SelfcalError):
@@ -121,7 +126,8 @@ def _death_reported(head: FrameHead) -> Iterator[None]:
 def _workers(jobs: int, rig: StereoRig, config: CalibratorConfig) -> Iterator[ProcessPoolExecutor]:
     # Spawned, as a fork of a process with threads may hang.
     context = multiprocessing.get_context("spawn")
-    resource_tracker.ensure_running()  # starting it later would undo the mask of _for_workers
+    with _for_workers():  # with an own mask, or starting it later would undo this one
+        resource_tracker.ensure_running()
     workers = ProcessPoolExecutor(jobs, context, _start_worker, (rig, config))
     try:
         yield workers
@@ -131,14 +137,14 @@ def _workers(jobs: int, rig: StereoRig, config: CalibratorConfig) -> Iterator[Pr
 
 @contextmanager
 def _for_workers() -> Iterator[None]:
-    """Start processes with one thread of BLAS that keep their memory, without SIGINT: ending them is ours.
+    """Start processes with one thread of BLAS that keep their memory, without signals: ending them is ours.
 
     They inherit the variables and the mask of signals.
     """
     variables = dict(os.environ)
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _OURS)
     one_thread()
-    for name, value in _MEMORY.items():
+    for name, value in (_MEMORY | {SAFE_PATH: "1"}).items():
         os.environ.setdefault(name, value)
     try:
         yield

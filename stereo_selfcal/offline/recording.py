@@ -24,6 +24,7 @@ class FrameSource(ABC):
         rig: Intrinsics and baseline of the rectified pair.
         selection: Which frames are used.
         notes: Notes on the frames, one sentence each.
+        counted: Whether the frames have no stamps: frame n is at n seconds.
     """
 
     name: str
@@ -34,6 +35,7 @@ class FrameSource(ABC):
     rig: StereoRig
     selection: Selection
     notes: tuple[str, ...] = ()
+    counted: bool = False
 
     @property
     def count(self) -> int | None:

@@ -16,6 +16,7 @@ import numpy as np
 from .. import __version__
 from ..core.config import CalibratorConfig
 from ..core.drive.drive import FIRST_CLOCK_S, DriveSegment, clock
+from ..core.errors import printable
 from ..core.geometry.pose import POSE_COMPONENTS, Extrinsics, PoseComponent
 from ..offline import FrameRow, FrameSource, Replay
 from .choice import refusals
@@ -42,7 +43,7 @@ def render_report(source: FrameSource, replay: Replay) -> str:
         source: The recording, open: the frames that are shown are read again.
         replay: What was made of it.
     """
-    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, finalize=_shown)
     template = (files(__package__) / "templates" / _TEMPLATE).read_text(encoding="utf-8")
     rows, drive = replay.rows, replay.drive
     page = environment.from_string(template).render(
@@ -62,6 +63,11 @@ def render_report(source: FrameSource, replay: Replay) -> str:
         settings=_settings(replay.config),
     )
     return str(page)
+
+
+def _shown(value: Any) -> Any:
+    """Return a value of the page: names may hold what turns the text around them about, or is no UTF-8."""
+    return printable(value) if type(value) is str else value  # not of Markup, which is ours
 
 
 def _verdict(replay: Replay) -> dict[str, Any]:

@@ -22,13 +22,14 @@ from std_srvs.srv import Trigger
 from ..bags import StereoBag, StereoFrame
 from ..core.calibrator import Calibrator
 from ..core.config import CalibratorConfig
-from ..core.errors import OutputError, SelfcalError
+from ..core.errors import OutputError, SelfcalError, printable
 from ..core.geometry.pose import POSE_COMPONENTS, Extrinsics
 from ..files.atomic_file import write_atomically
 from ..files.node_settings import NODE_NAME
 from ..files.result_file import load_result
 from ..files.saved_result import SavedResult
 from ..pictures.overview import draw_overview
+from ..unforeseen import unforeseen
 from .player import BagPlayer
 
 DEFAULT_BAG = Path("bags/straight_road")
@@ -222,9 +223,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: Arguments without the program name, None for those of the process.
 
     Returns:
-        Exit status: 0 calibrated; 1 refused; 2 bad usage, unreadable input or a node that failed.
+        Exit status: 0 calibrated; 1 refused; 2 bad usage, unreadable input or a node that failed; 3 what was
+        not foreseen.
     """
-    parser = argparse.ArgumentParser(prog="demo", description=__doc__.replace("``", ""))
+    parser = argparse.ArgumentParser(
+        prog="demo",
+        description=__doc__.replace("``", ""),
+        epilog="exit status: 0 calibrated; 1 refused; 2 bad usage, unreadable input or a node that failed; "
+        "3 something unforeseen, with a traceback",
+    )
     parser.add_argument("--bag", type=Path, default=DEFAULT_BAG, help="rosbag2 folder (default: %(default)s)")
     parser.add_argument(
         "--output-dir",
@@ -236,11 +243,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return run_demo(arguments.bag, arguments.output_dir)
     except SelfcalError as error:
-        sys.stderr.write(f"demo: {error}\n")
+        sys.stderr.write(f"demo: {printable(str(error))}\n")
         return _EXIT_BAD_INPUT
     except KeyboardInterrupt:
         sys.stderr.write("demo: interrupted\n")
         return 128 + signal.SIGINT
+    except Exception as error:  # noqa: BLE001 - whatever it is, it is told with its traceback and a status
+        return unforeseen("demo", error)
 
 
 if __name__ == "__main__":

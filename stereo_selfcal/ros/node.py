@@ -12,8 +12,9 @@ import rclpy
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.utilities import remove_ros_args
 
-from ..core.errors import ConfigError, SelfcalError
+from ..core.errors import ConfigError, SelfcalError, printable
 from ..files.node_settings import NODE_NAME
+from ..unforeseen import unforeseen
 from .memory import spare_what_stays, use_one_heap
 from .selfcal import SelfcalNode
 
@@ -97,13 +98,16 @@ def main(args: Sequence[str] | None = None) -> int:
         args: Arguments without the program name, None for those of the process.
 
     Returns:
-        Exit status: 0 after Ctrl-C or SIGTERM, 2 after a wrong argument or parameter.
+        Exit status: 0 after Ctrl-C or SIGTERM, 2 after a wrong argument or parameter, 3 after what was not
+        foreseen.
     """
     arguments = list(sys.argv[1:] if args is None else args)
     parser = argparse.ArgumentParser(
         prog="node",
         description="Calibrate a stereo camera on request: subscribes to left and right image_rect and "
         "their camera_info, answers ~/calibrate. Parameters, remappings: --ros-args -p NAME:=VALUE -r A:=B.",
+        epilog="exit status: 0 ended by Ctrl-C or SIGTERM; 2 wrong arguments or parameters; 3 something "
+        "unforeseen, with a traceback",
     )
     try:
         parser.parse_args(_without_ros_arguments(arguments))
@@ -111,8 +115,10 @@ def main(args: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         pass
     except SelfcalError as error:
-        sys.stderr.write(f"{NODE_NAME}: {error}\n")
+        sys.stderr.write(f"{NODE_NAME}: {printable(str(error))}\n")
         return _EXIT_BAD_USAGE
+    except Exception as error:  # noqa: BLE001 - whatever it is, it is told with its traceback and a status
+        return unforeseen(NODE_NAME, error)
     return 0
 
 

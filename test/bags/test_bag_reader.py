@@ -4,6 +4,7 @@ import os
 
 import numpy as np
 import pytest
+import yaml
 from bag_making import FIRST_NS, KINDS, PERIOD_NS, RIG, Camera, cameras, make_bag, make_split_bag, picture
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -394,3 +395,18 @@ def test_damaged_bytes_give_frames_or_one_error(tmp_path, recording_bytes, suffi
                 assert frame.left.dtype == np.uint8
     except BagError as error:
         assert "\n" not in str(error)
+
+
+@pytest.mark.parametrize("kind", ["mcap", "sqlite3"])
+@pytest.mark.parametrize("metadata", [True, False])
+def test_files_of_one_recording_are_read_in_the_order_of_time_not_of_letters(tmp_path, kind, metadata):
+    bag = make_split_bag(tmp_path / "bag", cameras(), kind, n_files=11, n_frames=1)
+    file = bag / "metadata.yaml"
+    content = yaml.safe_load(file.read_text())
+    content["rosbag2_bagfile_information"]["relative_file_paths"].sort()  # bag_10 before bag_2
+    file.write_text(yaml.safe_dump(content))
+    if not metadata:
+        file.unlink()
+    with StereoBag(bag) as opened:
+        stamps = [round(frame.stamp_s, 6) for frame in opened.frames()]
+    assert stamps == sorted(stamps) and len(stamps) == 11

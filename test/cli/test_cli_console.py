@@ -2,6 +2,7 @@
 
 import io
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -51,9 +52,18 @@ def test_failures_become_a_line_and_a_status(error, status, line, capsys):
     assert capsys.readouterr() == ("", line)
 
 
-def test_programming_errors_are_not_hidden():
-    with pytest.raises(ZeroDivisionError):
-        run("tool", raising(ZeroDivisionError()), [])
+def test_what_was_not_foreseen_is_told_with_its_traceback_and_status_3(capsys):
+    try:
+        raise KeyError("the cause\x1b[2J")
+    except KeyError as error:
+        unknown = ZeroDivisionError("by\nnothing")
+        unknown.__cause__ = error
+    assert run("tool", raising(unknown), []) == 3
+    out, err = capsys.readouterr()
+    lines = err.splitlines()
+    assert out == "" and lines[0] == "Traceback (most recent call last):"
+    assert "KeyError: 'the cause\\x1b[2J'" in lines and lines[-2] == "ZeroDivisionError: by\\nnothing"
+    assert re.fullmatch(r"tool: this was not foreseen \(ZeroDivisionError\).* please report .*", lines[-1])
 
 
 class Terminal(io.StringIO):
@@ -124,6 +134,78 @@ def test_ctrl_c_is_quiet():
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=20)
     assert (process.returncode, err) == (130, "tool: interrupted\n")
+
+
+@pytest.mark.parametrize(
+    ("how", "line"),
+    [(signal.SIGHUP, "ended, as the terminal is gone (SIGHUP)"), (signal.SIGTERM, "ended by SIGTERM")],
+)
+def test_sighup_and_sigterm_end_it_cleanly_and_take_temporary_files_away(tmp_path, how, line):
+    rest = f"""
+    import os, tempfile
+    from stereo_selfcal.files import atomic_file
+    os.fsync = lambda _: (sys.stdout.write("writing\\n"), sys.stdout.flush(), time.sleep(60))
+    with tempfile.TemporaryDirectory(dir={str(tmp_path)!r}):
+        atomic_file.write_atomically({str(tmp_path / "out.yaml")!r}, b"new")"""
+    with start(rest) as process:
+        assert process.stdout.readline() == "begun\n" and process.stdout.readline() == "writing\n"
+        assert len(list(tmp_path.iterdir())) == 2
+        process.send_signal(how)
+        _, err = process.communicate(timeout=20)
+    assert (process.returncode, err) == (128 + how, f"tool: {line}\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_nohup_ignores_stays_ignored():
+    rest = "sys.stdin.read()"
+    program = PROGRAM.format(rest=rest).replace(
+        "def work", "signal.signal(signal.SIGHUP, signal.SIG_IGN)\ndef work"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout.readline() == "begun\n"
+        process.send_signal(signal.SIGHUP)
+        process.stdin.close()
+        assert process.wait(timeout=20) == 0
+
+
+def test_a_terminal_that_is_gone_does_not_change_the_status():
+    leader, follower = os.openpty()
+    with subprocess.Popen(
+        [sys.executable, "-c", PROGRAM.format(rest="time.sleep(60)")],
+        cwd=ROOT,
+        stdin=follower,
+        stdout=follower,
+        stderr=follower,
+        start_new_session=True,
+    ) as process:
+        os.close(follower)
+        assert os.read(leader, 100).startswith(b"begun")
+        os.close(leader)
+        process.send_signal(signal.SIGHUP)
+        assert process.wait(timeout=20) == 129
+
+
+def test_handlers_of_a_caller_are_put_back():
+    before = signal.getsignal(signal.SIGTERM)
+    assert run("tool", lambda argv: int(signal.getsignal(signal.SIGTERM) is before), []) == 0
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.mark.parametrize("name", ["n" * 300, "a\0b"])
+def test_a_name_that_no_file_can_have_is_refused_before_the_work(tmp_path, name):
+    with pytest.raises(UsageError, match=r"--report .*cannot be written"):
+        check_writable(tmp_path / name, "--report")
+
+
+def test_a_full_disk_is_told_as_one(tmp_path, monkeypatch):
+    def full(**_options):
+        raise OSError(28, os.strerror(28))
+
+    monkeypatch.setattr("tempfile.TemporaryFile", full)
+    with pytest.raises(UsageError, match=r"No space left on device.*; make room, or"):
+        check_writable(tmp_path / "out.html", "--report")
 
 
 @pytest.mark.parametrize("flush", ["sys.stdout.flush()", ""])

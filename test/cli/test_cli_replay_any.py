@@ -14,7 +14,7 @@ from fake_calibrator import use_fake
 from stereo_selfcal.bags import part as part_module
 from stereo_selfcal.bags import reader as reader_module
 from stereo_selfcal.cli.replay import main
-from stereo_selfcal.core.errors import ImageError
+from stereo_selfcal.core.errors import ImageError, OutputError
 from stereo_selfcal.core.evidence.gates import GATES
 
 
@@ -279,3 +279,40 @@ def test_damage_after_some_frames_is_said_everywhere(cut_off, calibrator, capsys
     content = as_json(capsys, cut_off, "--max-frames", 4, "--output", output)
     assert "ended_early" not in content
     assert "provenance" in output.read_text()
+
+
+@pytest.mark.parametrize("json_wanted", [False, True])
+def test_a_file_that_cannot_be_written_costs_neither_the_others_nor_the_numbers(
+    bag, calibrator, capsys, tmp_path, monkeypatch, json_wanted
+):
+    def fill(path, content):
+        if path.suffix in (".csv", ".yaml"):
+            raise OutputError(f"{path} cannot be written: no space left on device; make room")
+        path.write_bytes(content)
+
+    monkeypatch.setattr("stereo_selfcal.cli.replay.write_atomically", fill)
+    monkeypatch.setattr("stereo_selfcal.files.result_file.write_atomically", fill)
+    options = [f"--{kind}={tmp_path / name}" for kind, name in OUTPUTS.items()]
+    assert main([str(bag), *options, *(["--json"] if json_wanted else [])]) == 2
+    out, err = capsys.readouterr()
+    assert (json.loads(out)["accepted"]) if json_wanted else ("fused estimate" in out)
+    assert [line.split(" cannot")[0].rpartition("/")[2] for line in err.splitlines()] == ["o.yaml", "o.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["o.html", "o.png"]
+
+
+OUTPUTS = {"output": "o.yaml", "csv": "o.csv", "picture": "o.png", "report": "o.html"}
+
+
+@pytest.mark.parametrize("option", OUTPUTS)
+def test_a_name_too_long_for_an_output_is_told_before_the_work(bag, calibrator, capsys, tmp_path, option):
+    path = tmp_path / (300 * "n" + OUTPUTS[option])
+    assert main([str(bag), f"--{option}", str(path)]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and f"replay: --{option} " in err and "choose a shorter name" in err
+    assert calibrator.made == []
+
+
+def test_a_recording_with_a_name_too_long_is_one_line(capsys, tmp_path):
+    assert main([str(tmp_path / (300 * "n"))]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1 and "name too long" in err

@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from stereo_selfcal.core.errors import OutputError
+from stereo_selfcal.core.errors import OutputError, printable
 from stereo_selfcal.files import atomic_file
 from stereo_selfcal.files.atomic_file import remove_leftovers, set_aside, write_atomically
 
@@ -51,7 +51,7 @@ def test_link_is_followed(tmp_path):
     [
         (lambda folder: folder / "missing" / "out.yaml", "no such file or directory"),
         (lambda folder: folder, "is not a file"),
-        (lambda folder: folder / ("n" * 300), "name too long"),
+        (lambda folder: folder / ("n" * 300), "name too long; choose a shorter name"),
         (lambda folder: folder / "a\0b", "null"),
         (lambda _: "/proc/out.yaml", "cannot be written"),
         (lambda _: "/dev/null", "is not a file"),
@@ -61,7 +61,7 @@ def test_unwritable_path_is_named_with_the_remedy(tmp_path, make, words):
     path = make(tmp_path)
     with pytest.raises(OutputError) as error:
         write_atomically(path, b"new")
-    assert str(path) in str(error.value) and words in str(error.value)
+    assert printable(str(path)) in str(error.value) and words in str(error.value)
     assert names(tmp_path) == []
 
 
@@ -293,3 +293,60 @@ def test_failing_rename_leaves_no_reserved_name(tmp_path, monkeypatch):
     with pytest.raises(OutputError, match="input/output error"):
         set_aside(tmp_path / "out.yaml")
     assert names(tmp_path) == ["out.yaml"]
+
+
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o664, 0o444, 0o755])
+def test_a_replaced_file_keeps_its_mode(tmp_path, mode):
+    path = tmp_path / "out.yaml"
+    path.write_text("old")
+    path.chmod(mode)
+    (tmp_path / "link").symlink_to(path)
+    for name in ("out.yaml", "link"):
+        write_atomically(tmp_path / name, b"new")
+        assert stat.S_IMODE(path.stat().st_mode) == mode and path.read_bytes() == b"new"
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root may give files away")
+def test_a_replaced_file_keeps_its_owner_and_group(tmp_path):
+    path = tmp_path / "out.yaml"
+    path.write_text("old")
+    os.chown(path, 12, 34)
+    write_atomically(path, b"new")
+    assert (path.stat().st_uid, path.stat().st_gid) == (12, 34)
+
+
+def test_where_the_group_cannot_be_kept_the_new_one_gets_no_more_than_anybody(tmp_path, monkeypatch):
+    def refuse(*_args):
+        raise PermissionError(1, "Operation not permitted")
+
+    path = tmp_path / "out.yaml"
+    path.write_text("old")
+    path.chmod(0o674)
+    real = os.stat_result
+    monkeypatch.setattr(os, "fchown", refuse)
+    stat_of = type(path).stat
+
+    def other_group(self, **options):
+        found = stat_of(self, **options)
+        return real([*found[:5], found.st_gid + 1, *found[6:]]) if self.name == "out.yaml" else found
+
+    monkeypatch.setattr(type(path), "stat", other_group)
+    write_atomically(path, b"new")
+    monkeypatch.undo()
+    assert stat.S_IMODE(path.stat().st_mode) == 0o644
+
+
+def test_nobody_else_can_read_a_private_file_while_it_is_replaced(tmp_path, monkeypatch):
+    path = tmp_path / "out.yaml"
+    path.write_text("old")
+    path.chmod(0o600)
+    seen = []
+    write = os.write
+
+    def look(descriptor, content):
+        seen.append(stat.S_IMODE(os.fstat(descriptor).st_mode))
+        return write(descriptor, content)
+
+    monkeypatch.setattr(os, "write", look)
+    write_atomically(path, b"new")
+    assert seen == [0o600]

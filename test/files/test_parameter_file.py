@@ -1,5 +1,6 @@
 """Parameter files: which settings are read, and what is refused in one sentence."""
 
+import os
 import time
 
 import pytest
@@ -150,3 +151,64 @@ def test_frame_without_a_name_is_refused(tmp_path, name):
     path.write_text(f"/**: {{ros__parameters: {{camera_frame: {name}}}}}")
     with pytest.raises(ConfigError, match=r"config\.yaml: camera_frame is .* name of a frame"):
         load_frames(path)
+
+
+CONFIG = "{ros__parameters: {seed: 3}}"
+
+
+def filled(text):
+    """Write the name of the node for NODE, and its parameters for CONFIG."""
+    return text.replace("NODE", "stereo_selfcal").replace("CONFIG", CONFIG)
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("/front/NODE: CONFIG\n/rear/NODE: CONFIG", "/front/NODE, /rear/NODE"),
+        ("front: {NODE: CONFIG}\nrear: {NODE: CONFIG}", "front/NODE, rear/NODE"),
+        ("/**: CONFIG\nNODE: CONFIG\n/car/NODE: CONFIG", "NODE, /car/NODE"),
+        ("/**: CONFIG\n/*: CONFIG", r"/\*\*, /\*"),
+        ("/**: CONFIG\n/car/**: CONFIG", r"/\*\*, /car/\*\*"),
+        ("/car/*: CONFIG", r"/car/\*"),
+        ("NODE: CONFIG\n/*/NODE: CONFIG", r"NODE, /\*/NODE"),
+    ],
+)  # fmt: skip
+def test_parameters_of_several_such_nodes_are_refused_with_their_names(tmp_path, text, names):
+    with pytest.raises(ConfigError, match=rf"config\.yaml has several names .*\({filled(names)}\): give a"):
+        config_from(tmp_path, filled(text))
+
+
+@pytest.mark.parametrize("text", ["car: {NODE: CONFIG}", "/car: {front: {NODE: CONFIG}}", "/*: CONFIG"])
+def test_namespaces_may_be_levels_of_their_own_as_in_ros(tmp_path, text):
+    assert config_from(tmp_path, filled(text)).seed == 3
+
+
+def test_a_file_of_other_nodes_names_them(tmp_path):
+    with pytest.raises(ConfigError, match=r"'/\*\*:' or .* is needed, and it has front_cal, a/b"):
+        config_from(tmp_path, f"front_cal: {CONFIG}\na: {{b: {CONFIG}}}")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("/**: CONFIG\n/**: {ros__parameters: {frames: 2}}", r"in line 2: '/\*\*' is there twice"),
+        ("/**:\n  ros__parameters:\n    seed: 1\n    seed: 2", "in line 4: 'seed' is there twice"),
+        ("/**: {ros__parameters: {fitness: {k: 1}, fitness.k: 2}}", "'fitness.k' is there twice"),
+        ("/**: CONFIG\n---\n/**: CONFIG", r"has a second document in line 2 \(---\)"),
+        ("/**: {ros__parameters: {<<: {seed: 4}, seed: 3}}", "merge keys"),
+    ],
+)  # fmt: skip
+def test_of_two_values_none_wins_in_silence(tmp_path, text, words):
+    with pytest.raises(ConfigError, match=rf"config\.yaml.*{words}"):
+        config_from(tmp_path, filled(text))
+
+
+def test_numbers_are_those_of_ros_which_takes_1e3_for_one(tmp_path):
+    config = config_from(tmp_path, "/**: {ros__parameters: {fitness: {k: 1e-05}, search.height_max_m: 3e0}}")
+    assert (config.fitness.k, config.search.height_max_m) == (1e-5, 3.0)
+
+
+def test_a_pipe_is_no_parameter_file(tmp_path):
+    os.mkfifo(tmp_path / "x.yaml")
+    with pytest.raises(ConfigError, match=r"x\.yaml cannot be read: it is not a file"):
+        load_calibrator_config(tmp_path / "x.yaml")

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from result_making import RIG, a_result, write
 
 from stereo_selfcal import ConfigError, StereoRig
+from stereo_selfcal.core.errors import OutputError
 from stereo_selfcal.files.result_file import format_result, load_result, result_parameters
 from stereo_selfcal.files.saved_result import check_fits
 
@@ -48,7 +49,12 @@ FAULTS = [
     ("schema: 1", "schema: '1'", "provenance.schema is '1': a whole number is needed"),
     ("schema: 1", "scheme: 1", "provenance.schema is missing"),
     ("stamp: ", "stamp: .nan #", "provenance.stamp is nan"),
-    ("stamp: ", "stamp: 1e300 #", "provenance.stamp is '1e300': it must lie in"),
+    ("stamp: ", "stamp: .inf #", "provenance.stamp is inf: a finite number is needed"),
+    ("stamp: ", "stamp: -.inf #", "provenance.stamp is -inf: a finite number is needed"),
+    ("stamp: ", "stamp: nan #", "provenance.stamp is 'nan': a finite number is needed"),
+    ("stamp: ", "stamp: '5' #", "provenance.stamp is '5': a finite number is needed"),
+    ("stamp: ", "stamp: 2200000000.0 #", "provenance.stamp is 2200000000.0: it must lie in"),
+    ("stamp: ", "stamp: 1e300 #", "provenance.stamp is 1e.300: it must lie in"),
     ("frames: 3", "frames: 0", "provenance.frames is 0: it must lie in 1"),
     ("frames: 3", "frames: 3.5", "provenance.frames is 3.5: a whole number is needed"),
     ("seed: 7", "seed: -1", "provenance.seed is -1"),
@@ -176,3 +182,12 @@ def test_any_damage_is_told_or_harmless(tmp_path_factory, damage):
         assert all(abs(angle) < math.pi / 3 for angle in saved.extrinsics.as_array()[1:])
         assert np.all(saved.std.as_array() > 0)
         result_parameters(saved.as_result())
+
+
+@pytest.mark.parametrize("stamp_s", [math.nan, math.inf, -math.inf, 1e300])
+def test_a_stamp_that_is_none_is_not_written(tmp_path, stamp_s):
+    write(tmp_path / "out.yaml")
+    before = (tmp_path / "out.yaml").read_bytes()
+    with pytest.raises(OutputError, match=r"not written: provenance\.stamp is"):
+        write(tmp_path / "out.yaml", a_result(stamp_s=stamp_s))
+    assert (tmp_path / "out.yaml").read_bytes() == before

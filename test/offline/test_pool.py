@@ -172,7 +172,7 @@ def alive(pid):
 
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
-@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGKILL])
 def test_no_child_outlives_its_parent(tmp_path, end):
     program = tmp_path / "program.py"
     program.write_text(PROGRAM)
@@ -187,13 +187,14 @@ def test_no_child_outlives_its_parent(tmp_path, end):
     ) as process:
         children = [int(pid) for pid in process.stdout.readline().split()]
         assert len(children) == 2
-        if end is signal.SIGINT:
-            os.killpg(process.pid, end)  # as a terminal does
-        else:
+        if end is signal.SIGKILL:
             process.send_signal(end)
+        else:
+            os.killpg(process.pid, end)  # as a terminal does
         _, err = process.communicate(timeout=60)
-    if end is signal.SIGINT:
-        assert (process.returncode, err) == (130, "tool: interrupted\n")
+    if end is not signal.SIGKILL:
+        assert process.returncode == 128 + end
+        assert err.startswith(("tool: interrupted", "tool: ended")) and err.count("\n") == 1
     until = time.monotonic() + 30
     while any(map(alive, children)) and time.monotonic() < until:
         time.sleep(0.05)

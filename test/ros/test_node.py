@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import threading
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -138,3 +139,15 @@ def test_help_and_wrong_arguments(capsys):
             main(arguments)
         assert end.value.code == status
     assert "~/calibrate" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("module", ["node", "demo"])
+def test_what_the_node_does_not_foresee_is_status_3(capsys, monkeypatch, module):
+    def fail(*_arguments):
+        raise ZeroDivisionError("by nothing")
+
+    name = "_run" if module == "node" else "run_demo"
+    monkeypatch.setattr(f"stereo_selfcal.ros.{module}.{name}", fail)
+    assert import_module(f"stereo_selfcal.ros.{module}").main([]) == 3
+    err = capsys.readouterr().err
+    assert "Traceback" in err and "ZeroDivisionError: by nothing" in err and "please report" in err

@@ -8,8 +8,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-from ..errors import RigError
+from ..errors import RigError, printable, shortened
 from .camera_info import CameraModel, pair_geometry, projections_differ
+
+_LONGEST_KEY = 40  # letters that are shown of an unknown one
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +48,11 @@ class StereoRig:
             given = getattr(self, field.name)
             # numbers.Real includes the scalars of NumPy.
             if isinstance(given, bool) or not isinstance(given, numbers.Real):
-                raise RigError(f"rig.{field.name} is {given!r}, a number is needed")
-            value = float(given)
+                raise RigError(f"rig.{field.name} is {shortened(given)}, a number is needed")
+            try:
+                value = float(given)
+            except OverflowError:  # a whole number of more than 308 digits
+                value = math.inf
             if not math.isfinite(value):
                 raise RigError(f"rig.{field.name} is {value}, a finite number is needed")
             whole = field.name in ("width", "height")
@@ -143,7 +148,7 @@ class StereoRig:
         """
         names = [field.name for field in fields(cls)]
         missing = [name for name in names if name not in values]
-        unknown = [str(name) for name in values if name not in names]
+        unknown = [printable(str(name)[:_LONGEST_KEY]) for name in values if name not in names]
         if missing or unknown:
             parts = [f"lacks {', '.join(missing)}"] if missing else []
             parts += [f"has unknown {', '.join(unknown)}"] if unknown else []

@@ -1,0 +1,34 @@
+"""Where modules are looked for: not in the folder that happens to be the current one.
+
+``python -m`` puts that folder first, and a folder of recordings from elsewhere may hold a ``yaml.py``.
+"""
+
+import os
+import sys
+
+# Variable that keeps the current folder off the path of `python -c`, by which worker processes are started;
+# for Python 3.11 and later.
+SAFE_PATH = "PYTHONSAFEPATH"
+_PACKAGE = __name__.partition(".")[0]
+
+
+def leave_current_folder() -> None:
+    """Take the current folder off the path, if ``python -m`` of this package has put it there.
+
+    The folder of the package itself goes to the end: worker processes find the package by it, and what is
+    installed comes first.
+    """
+    words = sys.orig_argv
+    ours = any(
+        word.partition("-m")[2].partition(".")[0] == _PACKAGE  # -mNAME
+        or (word.partition(".")[0] == _PACKAGE and words[index - 1].endswith("m"))  # -m NAME, -Im NAME
+        for index, word in enumerate(words)
+    )
+    if not ours or sys.argv[:1] != ["-m"] or getattr(sys.flags, "safe_path", False) or not sys.path:
+        return
+    folder = sys.path.pop(0)
+    home = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))  # noqa: PTH120, PTH100 - pathlib is no builtin
+    if folder not in ("", os.getcwd()):  # noqa: PTH109
+        sys.path.insert(0, folder)
+    elif home not in sys.path:
+        sys.path.append(home)
