@@ -1,0 +1,84 @@
+"""CameraInfo as a stream beside the images: which message holds for which image."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any, NamedTuple
+
+from .camera_info import is_uncalibrated
+from .pairing import message_stamp_ns
+
+
+class _Entry(NamedTuple):
+    stamp_ns: int
+    arrived_ns: int
+    info: Any
+
+
+class CameraInfoHistory:
+    """The recent CameraInfo of one camera. Not safe for concurrent use; the caller locks.
+
+    An image has the CameraInfo of its own stamp; without one, the last one before it. Images from before the
+    first calibrated CameraInfo have that one: a driver that starts may send zeros at first.
+
+    Args:
+        keep_ns: How long a CameraInfo is kept after a newer one has arrived [ns]; longer than an image may
+            arrive later than its CameraInfo.
+    """
+
+    def __init__(self, keep_ns: int) -> None:
+        self._keep_ns = keep_ns
+        self._entries: deque[_Entry] = deque()
+        self._calibrated = False
+
+    @property
+    def last(self) -> Any | None:
+        """The message that arrived last, None where none came."""
+        return self._entries[-1].info if self._entries else None
+
+    @property
+    def follows_images(self) -> bool:
+        """Whether there have been several stamps, so that the one of an image may be yet to come."""
+        return len(self._entries) > 1 and self._entries[0].stamp_ns != self._entries[-1].stamp_ns
+
+    def add(self, info: Any, arrived_ns: int) -> None:
+        """Take a message.
+
+        Args:
+            info: Anything with the fields of sensor_msgs/CameraInfo.
+            arrived_ns: When it arrived or was recorded [ns]; never less than that of the one before.
+        """
+        if not self._calibrated:
+            self._entries.clear()  # what came before the first calibrated one says nothing
+            self._calibrated = not is_uncalibrated(info)
+        self._entries.append(_Entry(message_stamp_ns(info), arrived_ns, info))
+        while len(self._entries) > 1 and self._entries[1].arrived_ns < arrived_ns - self._keep_ns:
+            self._entries.popleft()
+
+    def has(self, stamp_ns: int) -> bool:
+        """Whether there is a message of this stamp."""
+        return any(entry.stamp_ns == stamp_ns for entry in self._entries)
+
+    def at(self, stamp_ns: int, arrived_ns: int) -> Any | None:
+        """Return the message that holds for an image, None where none has come yet.
+
+        Where all stamps are later than the image's, the clocks differ, and the order of arrival decides.
+
+        Args:
+            stamp_ns: Stamp of the image [ns].
+            arrived_ns: When it arrived [ns], by the clock of :meth:`add`.
+        """
+        best: _Entry | None = None
+        for entry in self._entries:
+            if entry.stamp_ns <= stamp_ns and (best is None or entry.stamp_ns >= best.stamp_ns):
+                best = entry
+        if best is None:
+            for entry in self._entries:
+                if best is None or entry.arrived_ns <= arrived_ns:
+                    best = entry
+        return None if best is None else best.info
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._entries.clear()
+        self._calibrated = False
