@@ -62,6 +62,9 @@ class Source:
     def state(self):
         return self.states.popleft() if len(self.states) > 1 else self.states[0]
 
+    def camera_infos_of(self, _pair):
+        return self.camera_infos
+
     def publishers(self, topic):
         return 1 if "left" in topic else 0
 
@@ -224,7 +227,10 @@ def test_parameters_win_over_camera_info():
             (info(), None),
             "no CameraInfo on /right/camera_info (0 publishers): publish it or set the parameters",
         ),
-        ((info(k=[0.0] * 9), info()), "left CameraInfo is uncalibrated (K[0] = 0)"),
+        (
+            (info(k=[0.0] * 9, p=[0.0] * 12), info()),
+            "left CameraInfo is uncalibrated (K[0] = 0 and P[0] = 0)",
+        ),
         ((info(), info()), "baseline of zero"),
     ],
 )

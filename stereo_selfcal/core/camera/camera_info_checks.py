@@ -122,14 +122,14 @@ def check_claim(
 def rectification_moves_px(camera: CameraModel) -> float:
     """Return how far a pixel of the raw image lies from its place in the rectified one, at most [px].
 
-    A CameraInfo without K says nothing about the raw image: 0. Where it cannot be computed (an unknown
-    distortion model, impossible numbers), it is infinite.
+    A CameraInfo with P alone says nothing about the raw image: 0. Where it cannot be computed (an unknown
+    distortion model, D or R without K, impossible numbers), it is infinite.
 
     Args:
         camera: The camera.
     """
     if not camera.k[0]:
-        return 0.0
+        return math.inf if any(camera.d) or _is_turned(camera) else 0.0
     d = np.array(camera.d)
     if not all(map(math.isfinite, (*camera.d, *camera.r))):
         return math.inf
@@ -162,11 +162,16 @@ def _project(model: str, rays: Any, k: Any, d: Any) -> Any:
 def _why_raw(camera: CameraModel) -> str:
     """Return which matrices say that an image has still to be rectified."""
     why = ["D is not zero"] if any(camera.d) else []
-    if len(camera.r) == 9 and any(camera.r) and not np.allclose(camera.r, np.eye(3).ravel(), atol=_SAME_PX):
+    if _is_turned(camera):
         why.append("R is not the identity")
-    if not _same_matrix(camera):
+    if camera.k[0] and not _same_matrix(camera):
         why.append("K is not P")
     return ", ".join(why)
+
+
+def _is_turned(camera: CameraModel) -> bool:
+    given = len(camera.r) == 9 and any(camera.r)
+    return given and not np.allclose(camera.r, np.eye(3).ravel(), atol=_SAME_PX)
 
 
 def _same_matrix(camera: CameraModel) -> bool:

@@ -9,7 +9,7 @@ from .camera_info import is_uncalibrated
 from .pairing import message_stamp_ns
 
 
-class _Entry(NamedTuple):
+class _ArrivedInfo(NamedTuple):
     stamp_ns: int
     arrived_ns: int
     info: Any
@@ -24,12 +24,13 @@ class CameraInfoHistory:
     Args:
         keep_ns: How long a CameraInfo is kept after a newer one has arrived [ns]; longer than an image may
             arrive later than its CameraInfo.
+        calibrated: Whether there was a calibrated one before.
     """
 
-    def __init__(self, keep_ns: int) -> None:
+    def __init__(self, keep_ns: int, calibrated: bool = False) -> None:
         self._keep_ns = keep_ns
-        self._entries: deque[_Entry] = deque()
-        self._calibrated = False
+        self._entries: deque[_ArrivedInfo] = deque()
+        self._calibrated = calibrated
 
     @property
     def last(self) -> Any | None:
@@ -37,9 +38,9 @@ class CameraInfoHistory:
         return self._entries[-1].info if self._entries else None
 
     @property
-    def follows_images(self) -> bool:
-        """Whether there have been several stamps, so that the one of an image may be yet to come."""
-        return len(self._entries) > 1 and self._entries[0].stamp_ns != self._entries[-1].stamp_ns
+    def last_stamp_ns(self) -> int | None:
+        """Stamp of the message that arrived last [ns]."""
+        return self._entries[-1].stamp_ns if self._entries else None
 
     def add(self, info: Any, arrived_ns: int) -> None:
         """Take a message.
@@ -51,7 +52,7 @@ class CameraInfoHistory:
         if not self._calibrated:
             self._entries.clear()  # what came before the first calibrated one says nothing
             self._calibrated = not is_uncalibrated(info)
-        self._entries.append(_Entry(message_stamp_ns(info), arrived_ns, info))
+        self._entries.append(_ArrivedInfo(message_stamp_ns(info), arrived_ns, info))
         while len(self._entries) > 1 and self._entries[1].arrived_ns < arrived_ns - self._keep_ns:
             self._entries.popleft()
 
@@ -68,15 +69,16 @@ class CameraInfoHistory:
             stamp_ns: Stamp of the image [ns].
             arrived_ns: When it arrived [ns], by the clock of :meth:`add`.
         """
-        best: _Entry | None = None
-        for entry in self._entries:
-            if entry.stamp_ns <= stamp_ns and (best is None or entry.stamp_ns >= best.stamp_ns):
-                best = entry
-        if best is None:
-            for entry in self._entries:
-                if best is None or entry.arrived_ns <= arrived_ns:
-                    best = entry
-        return None if best is None else best.info
+        older = [entry for entry in self._entries if entry.stamp_ns <= stamp_ns]
+        if older:
+            newest_ns = max(entry.stamp_ns for entry in older)
+            older = [entry for entry in older if entry.stamp_ns == newest_ns]
+        # Of several with one stamp (or with none that is right) the last one that had arrived.
+        found: Any | None = None
+        for entry in older or self._entries:
+            if found is None or entry.arrived_ns <= arrived_ns:
+                found = entry.info
+        return found
 
     def clear(self) -> None:
         """Forget all."""

@@ -123,8 +123,8 @@ def _negative_baseline(left: CameraModel, right: CameraModel, baseline_m: float)
         fx_b = abs(left.p[3] - right.p[3])
         remedy = (
             f"0 and {-fx_b:.6g} (-fx * baseline) are needed; if the left images are those of the left "
-            "camera, the sign of P[3] is wrong: correct it in the calibration; if they are those of the right "
-            "one, left and right are swapped: exchange the topics"
+            "camera, the sign of P[3] is wrong: correct it in the calibration; if they are those of the "
+            "right one, left and right are swapped: exchange the topics"
         )
     return CameraInfoError(InfoReason.CAMERAS_SWAPPED, f"{text}: {remedy}")
 
