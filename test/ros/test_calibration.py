@@ -18,6 +18,7 @@ from stereo_selfcal.ros.pair_source import InputState, Topics, no_pair_reason
 
 RIG = {"width": 4, "height": 3, "fx": 5.0, "fy": 5.0, "cx": 1.5, "cy": 1.0, "baseline_m": 0.2}
 ARRIVED = PairCounts(10, 10)
+RAW_TOPICS = Topics("/left/image_raw", "/right/image_raw", "/left/camera_info", "/right/camera_info")
 TOPICS = Topics("/left/image_rect", "/right/image_rect", "/left/camera_info", "/right/camera_info")
 
 
@@ -183,6 +184,7 @@ def test_raw_images_are_rectified(monkeypatch):
     left.k[2] += 1.0
     columns = bytes([60, 70, 80, 90] * 3)
     source = Source(pair(left=image_of(columns), right=image_of(columns)), infos=(left, right))
+    source.topics = RAW_TOPICS
     assert CalibrationCall(source, without_rig(rectified=False)).run().result is not None
     assert shown[0][0].tolist()[0] == [70, 80, 90, 0]
     assert shown[0][1].tolist()[0] == [60, 70, 80, 90]
