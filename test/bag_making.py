@@ -84,7 +84,7 @@ def make_bag(path: Path, cameras, n_frames=3, kind="mcap", rig=RIG, other_topics
         writer.set_compression(Writer1.CompressionFormat[kind[5:].upper()])
     with writer:
         connections = {}
-        for topic, msgtype in [*_topics(cameras), *other_topics]:
+        for topic, msgtype in dict.fromkeys([*_topics(cameras), *other_topics]):  # two may share a topic
             connections[topic] = writer.add_connection(topic, msgtype, typestore=types)
         for index in range(first, first + n_frames):
             for camera in cameras:

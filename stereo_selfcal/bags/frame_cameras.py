@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..core.camera.camera_difference import find_differences, values_text
+from ..core.camera.camera_difference import check_steady, find_differences, values_text
 from ..core.camera.camera_info import CameraModel, is_uncalibrated
 from ..core.camera.camera_info_checks import check_claim
 from ..core.camera.camera_info_history import CameraInfoHistory
@@ -87,10 +87,15 @@ class FrameCameras:
         Args:
             histories: Those of the left and of the right camera.
             message: The message; both cameras may share one topic.
+
+        Raises:
+            CameraInfoError: The messages of a topic alternate.
         """
-        for history, topic, first in zip(histories, self.topics, self._first, strict=True):
+        cameras = zip(("left", "right"), histories, self.topics, self._first, strict=True)
+        for side, history, topic, first in cameras:
             if topic.name == message.topic and message.recorded_ns >= first.recorded_ns:
                 history.add(message.content, message.recorded_ns)
+                check_steady(history, topic.name, side, self._rectified)
 
     def histories(self, start_ns: int | None) -> tuple[CameraInfoHistory, CameraInfoHistory]:
         """Return the CameraInfo of both cameras up to a time, to go on from there.
@@ -100,7 +105,7 @@ class FrameCameras:
         """
         made = []
         for topic, first in zip(self.topics, self._first, strict=True):
-            history = CameraInfoHistory(_KEEP_NS, calibrated=True)
+            history = CameraInfoHistory(_KEEP_NS, self._rectified, calibrated=True)
             before = None if start_ns is None else self._last_before(topic, start_ns, first.recorded_ns)
             if before is not None:
                 history.add(before.content, before.recorded_ns)

@@ -9,6 +9,7 @@ from typing import Any
 
 from rclpy.node import Node
 
+from ..core.camera.camera_difference import check_steady
 from ..core.camera.camera_info_history import CameraInfoHistory
 from ..core.camera.pairing import StampedPair
 from ..core.geometry.homography import SIDES, Side
@@ -26,12 +27,18 @@ _LATE_S = 0.1
 
 
 class CameraInfos:
-    """Keeps the CameraInfo of each camera; safe to be used by several threads."""
+    """Keeps the CameraInfo of each camera; safe to be used by several threads.
 
-    def __init__(self) -> None:
+    Args:
+        rectified: Whether the images are rectified.
+    """
+
+    def __init__(self, rectified: bool = True) -> None:
         self._lock = threading.Condition()
         self._late = False
-        self._kept: dict[Side, CameraInfoHistory] = {side: CameraInfoHistory(_KEEP_NS) for side in SIDES}
+        self._kept: dict[Side, CameraInfoHistory] = {
+            side: CameraInfoHistory(_KEEP_NS, rectified) for side in SIDES
+        }
 
     @property
     def last(self) -> tuple[Any, Any]:
@@ -70,6 +77,16 @@ class CameraInfos:
             left, right = (h.at(stamp, now_ns) for h, stamp in zip(both, stamps_ns, strict=True))
         return left, right
 
+    def check(self, topics: Topics, rectified: bool) -> None:
+        """Refuse CameraInfo of a topic that alternates.
+
+        Raises:
+            CameraInfoError: It does, as that of two publishers on one topic.
+        """
+        with self._lock:
+            for side, topic in zip(SIDES, (topics.left_info, topics.right_info), strict=True):
+                check_steady(self._kept[side], topic, side, rectified)
+
     def clear(self) -> None:
         """Forget all."""
         with self._lock:
@@ -92,7 +109,8 @@ class StereoInput:
     def __init__(self, node: Node, config: NodeConfig) -> None:
         self._node = node
         self._intake = ImageIntake(config)
-        self._infos = CameraInfos()
+        self._rectified = config.rectified  # it never changes
+        self._infos = CameraInfos(config.rectified)
         self._subscriptions = CameraSubscriptions(
             node,
             config,
@@ -146,8 +164,14 @@ class StereoInput:
         return self._infos.last
 
     def camera_infos_of(self, pair: StampedPair[Any]) -> tuple[Any, Any]:
-        """Return the CameraInfo that hold for the images of a pair, None where none came."""
-        return self._infos.of(pair)
+        """Return the CameraInfo that hold for the images of a pair, None where none came.
+
+        Raises:
+            CameraInfoError: That of a topic alternates.
+        """
+        infos = self._infos.of(pair)
+        self._infos.check(self.topics, self._rectified)
+        return infos
 
     def configure(self, config: NodeConfig) -> None:
         """Take over changed parameters."""

@@ -5,6 +5,7 @@ import pytest
 from bag_making import FIRST_NS, PERIOD_NS, RIG, Camera, cameras, make_bag, picture
 
 from stereo_selfcal.bags import BagError, Selection, StereoBag
+from stereo_selfcal.core.camera.camera_info import CameraInfoError
 from stereo_selfcal.core.camera.rectifier import StereoRectifier
 from stereo_selfcal.offline import open_source
 
@@ -152,3 +153,17 @@ def test_frames_of_one_rig_share_their_cameras(tmp_path):
         frames = list(source.frames())
     assert isinstance(frames[0].cameras, StereoRectifier)
     assert frames[0].cameras is frames[1].cameras is frames[2].cameras
+
+
+@pytest.mark.parametrize("shift_ns", [0, 7_000_000])
+def test_two_publishers_on_one_topic_are_refused(tmp_path, shift_ns):
+    """With the stamps of the images, and with others that no frame would take."""
+    other = [
+        Camera(side, image="", info_changes=projection(60.0, side), stamp_shift_ns=shift_ns)
+        for side in ("left", "right")
+    ]
+    path = make_bag(tmp_path / "bag", [*cameras(), *other], n_frames=6)
+    with open_source([path]) as source, pytest.raises(CameraInfoError) as error:
+        list(source.frames())
+    assert "alternates between fx of the left camera 50 and fx of the left camera 60" in str(error.value)
+    assert "on /stereo/left/camera_info, as if two cameras" in str(error.value)

@@ -87,7 +87,7 @@ def test_a_change_before_frames_that_are_all_refused_leaves_no_answer():
 
 
 def test_alternating_rigs_give_no_answer():
-    with pytest.raises(RigError, match=r"alternates between .* fx 480.*"):
+    with pytest.raises(RigError, match="alternates between fx 480"):
         assembled(WIDE, LONG, WIDE, LONG, WIDE)
 
 
@@ -133,4 +133,4 @@ def test_workers_and_stretches_see_each_frame_with_its_own_rig(tmp_path):
 def test_two_publishers_on_one_topic_are_refused_on_the_command_line(tmp_path, capsys):
     path = make_road_bag(tmp_path / "bag", 4, lambda index: None if index % 2 else 480.0)
     assert main([str(path), "--json", "--jobs", "1"]) == 2
-    assert "CameraInfo alternates between fx 480" in capsys.readouterr().err
+    assert "CameraInfo alternates between fx of the left camera 480" in capsys.readouterr().err

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from .camera_info import CameraModel
+from ..errors import RigError
+from .camera_info import CameraInfoError, CameraModel, InfoReason
+from .camera_info_history import CameraInfoHistory
 
 # Elements of P and K that have a name of their own.
 _P_NAMES = {0: "fx", 2: "cx", 3: "P[3]", 5: "fy", 6: "cy"}
@@ -56,6 +58,44 @@ def changes_text(differences: Sequence[Difference]) -> str:
 def values_text(differences: Sequence[Difference], after: bool) -> str:
     """Return the values of one side alone, ``fx 480``."""
     return _listed([f"{each.name} {each.after if after else each.before}" for each in differences])
+
+
+def alternating_error(values: tuple[str, str], times: str) -> CameraInfoError:
+    """Return the error of two CameraInfo that alternate.
+
+    Args:
+        values: What each has that the other has not.
+        times: How often and when, in words.
+    """
+    return CameraInfoError(
+        InfoReason.ALTERNATING,
+        f"CameraInfo alternates between {values[0]} and {values[1]}, {times}, as if two cameras were "
+        "publishing on one topic: leave one of them",
+    )
+
+
+def check_steady(history: CameraInfoHistory, topic: str, side: str, rectified: bool) -> None:
+    """Refuse CameraInfo of a topic that alternates.
+
+    Args:
+        history: The recent ones.
+        topic: Name of the topic.
+        side: "left" or "right".
+        rectified: Whether the images are rectified.
+
+    Raises:
+        CameraInfoError: It alternates.
+    """
+    found = history.alternating
+    if found is None:
+        return
+    try:
+        models = [CameraModel.read(info, side, rectified) for info in found]
+    except RigError as error:
+        raise alternating_error(("usable values", f"others ({error})"), f"on {topic}") from error
+    differences = find_differences(models[:1], models[1:])
+    values = values_text(differences, after=False), values_text(differences, after=True)
+    raise alternating_error(values, f"on {topic}")
 
 
 def _listed(items: list[str]) -> str:

@@ -317,6 +317,19 @@ def _not_finite(side: str, name: str) -> CameraInfoError:
     return CameraInfoError(InfoReason.NOT_FINITE, f"{side} CameraInfo has NaN or infinity in {name}")
 
 
+def used_values(info: Any, rectified: bool) -> tuple[Any, ...] | None:
+    """Return what is used of a CameraInfo, None where it cannot be right.
+
+    Args:
+        info: Anything with the fields of sensor_msgs/CameraInfo.
+        rectified: Whether its images are rectified; False: they are raw.
+    """
+    try:
+        return CameraModel.read(info, "", rectified).used
+    except RigError:
+        return None
+
+
 def is_uncalibrated(info: Any) -> bool:
     """Whether a CameraInfo has neither K nor P, as one of a camera that was never calibrated."""
     return not any(value and value[0] for value in (_values(info, "k"), _values(info, "p")))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Any, NamedTuple
 
-from .camera_info import is_uncalibrated
+from .camera_info import is_uncalibrated, used_values
 from .pairing import message_stamp_ns
 
 
@@ -13,6 +13,10 @@ class _ArrivedInfo(NamedTuple):
     stamp_ns: int
     arrived_ns: int
     info: Any
+
+
+# So many messages in turn that are only two: A, B, A, B. Cameras that were changed do not come back twice.
+_ALTERNATING = 4
 
 
 class CameraInfoHistory:
@@ -24,11 +28,13 @@ class CameraInfoHistory:
     Args:
         keep_ns: How long a CameraInfo is kept after a newer one has arrived [ns]; longer than an image may
             arrive later than its CameraInfo.
+        rectified: Whether the images are rectified; of the CameraInfo of raw ones more is used.
         calibrated: Whether there was a calibrated one before.
     """
 
-    def __init__(self, keep_ns: int, calibrated: bool = False) -> None:
-        self._keep_ns = keep_ns
+    def __init__(self, keep_ns: int, rectified: bool = True, calibrated: bool = False) -> None:
+        self._keep_ns, self._rectified = keep_ns, rectified
+        self._turns: deque[tuple[tuple[Any, ...] | None, _ArrivedInfo]] = deque(maxlen=_ALTERNATING)
         self._entries: deque[_ArrivedInfo] = deque()
         self._calibrated = calibrated
 
@@ -50,11 +56,27 @@ class CameraInfoHistory:
             arrived_ns: When it arrived or was recorded [ns]; never less than that of the one before.
         """
         if not self._calibrated:
+            self._turns.clear()
             self._entries.clear()  # what came before the first calibrated one says nothing
             self._calibrated = not is_uncalibrated(info)
         self._entries.append(_ArrivedInfo(message_stamp_ns(info), arrived_ns, info))
+        used = used_values(info, self._rectified)
+        if not self._turns or self._turns[-1][0] != used:
+            self._turns.append((used, self._entries[-1]))
         while len(self._entries) > 1 and self._entries[1].arrived_ns < arrived_ns - self._keep_ns:
             self._entries.popleft()
+
+    @property
+    def alternating(self) -> tuple[Any, Any] | None:
+        """Two messages that have alternated lately, as those of two publishers on one topic; else None."""
+        if len(self._turns) < _ALTERNATING:
+            return None
+        values = [used for used, _ in self._turns]
+        newest = self._turns[-1][1]
+        lately = self._turns[0][1].arrived_ns >= self._entries[-1].arrived_ns - self._keep_ns
+        if not lately or values[0] != values[2] or values[1] != values[3]:
+            return None
+        return self._turns[-2][1].info, newest.info
 
     def has(self, stamp_ns: int) -> bool:
         """Whether there is a message of this stamp."""
@@ -82,5 +104,6 @@ class CameraInfoHistory:
 
     def clear(self) -> None:
         """Forget all."""
+        self._turns.clear()
         self._entries.clear()
         self._calibrated = False

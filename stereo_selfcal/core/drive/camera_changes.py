@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..camera.camera_difference import Difference, changes_text, find_differences, values_text
-from ..camera.camera_info import CameraInfoError, InfoReason
+from ..camera.camera_difference import (
+    Difference,
+    alternating_error,
+    changes_text,
+    find_differences,
+    values_text,
+)
 from ..camera.rectifier import StereoRectifier
 from ..camera.rig import StereoRig
 from .drive import clock
@@ -13,6 +18,8 @@ from .drive import clock
 # So many cameras in turn that are only two: A, B, A, B. A mount or a lens that was changed does not come back
 # twice, two publishers on one topic do with nearly every frame.
 _ALTERNATING = 4
+# Within this time. A driver that is started twice may send the same wrong CameraInfo first each time.
+_WITHIN_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +63,7 @@ class CameraFollower:
     def __init__(self) -> None:
         self.current: StereoRectifier | None = None
         self.changes: tuple[CameraChange, ...] = ()
-        self._turns: list[StereoRectifier] = []
+        self._turns: list[tuple[StereoRectifier, float]] = []
 
     def follow(self, cameras: StereoRectifier, stamp_s: float) -> CameraChange | None:
         """Take the cameras of the next frame; return their change, None where they are the same.
@@ -71,22 +78,22 @@ class CameraFollower:
         before, self.current = self.current, cameras
         if before is not None and before.sees_as(cameras):
             return None
-        self._turns = [*self._turns, cameras][-_ALTERNATING:]
+        self._turns = [*self._turns, (cameras, stamp_s)][-_ALTERNATING:]
         if before is None:
             return None
         differences = find_differences(before.cameras or (), cameras.cameras or ())
         change = CameraChange(stamp_s, before.rig, cameras.rig, differences)
         self.changes = (*self.changes, change)
-        if (
-            len(self._turns) == _ALTERNATING
-            and self._turns[0].sees_as(self._turns[2])
-            and (self._turns[1].sees_as(cameras))
-        ):
+        if self._alternates():
             first_s = self.changes[-_ALTERNATING + 1].at_s
-            raise CameraInfoError(
-                InfoReason.ALTERNATING,
-                f"CameraInfo alternates between {values_text(differences, after=False)} and "
-                f"{values_text(differences, after=True)}, {_ALTERNATING - 1} times from {clock(first_s)} to "
-                f"{clock(stamp_s)}, as if two cameras were publishing on one topic: leave one of them",
+            values = values_text(differences, after=False), values_text(differences, after=True)
+            raise alternating_error(
+                values, f"{_ALTERNATING - 1} times from {clock(first_s)} to {clock(stamp_s)}"
             )
         return change
+
+    def _alternates(self) -> bool:
+        if len(self._turns) < _ALTERNATING:
+            return False
+        (a, start_s), (b, _), (c, _), (d, end_s) = self._turns
+        return abs(end_s - start_s) <= _WITHIN_S and a.sees_as(c) and b.sees_as(d)

@@ -11,9 +11,9 @@ MS = 1_000_000
 
 def info(name, stamp_ms, calibrated=True):
     stamp = SimpleNamespace(sec=stamp_ms // 1000, nanosec=stamp_ms % 1000 * MS)
-    first = 500.0 if calibrated else 0.0
+    first = float(ord(name[0])) if calibrated else 0.0
     header = SimpleNamespace(stamp=stamp)
-    return SimpleNamespace(name=name, header=header, k=[first] * 9, p=[first] * 12)
+    return SimpleNamespace(name=name, header=header, width=64, height=48, k=[first] * 9, p=[first] * 12)
 
 
 def history(*infos, keep_ms=10_000):
@@ -73,3 +73,28 @@ def test_one_that_came_once_stays():
     assert at(made, 10_000_000, 10_000_000) == "A"
     made.clear()
     assert at(made, 10_000_000, 10_000_000) is None and made.last is None
+
+
+@pytest.mark.parametrize(
+    ("names", "found"),
+    [
+        ("ABAB", ("A", "B")),
+        ("AABBAB", ("A", "B")),
+        ("ABABA", ("B", "A")),
+        ("ABA", None),
+        ("ABCABC", None),
+        ("AAAA", None),
+    ],
+)
+def test_two_that_alternate_are_found_whatever_their_stamps(names, found):
+    made = history(*((name, 100, 100 + i) for i, name in enumerate(names)))
+    alternating = made.alternating
+    assert (alternating and tuple(each.name for each in alternating)) == found
+
+
+def test_what_alternated_long_ago_is_forgotten():
+    made = history(*((name, 100, 100 + i) for i, name in enumerate("ABAB")), keep_ms=1000)
+    made.add(info("B", 1100), 1100 * MS)
+    assert made.alternating is not None
+    made.add(info("B", 1200), 1200 * MS)
+    assert made.alternating is None

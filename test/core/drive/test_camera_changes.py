@@ -66,6 +66,10 @@ def test_two_rigs_that_alternate_are_refused_with_both():
             follower.follow(each, 100.0 + i)
     assert caught.value.reason is InfoReason.ALTERNATING
     assert len(followed(a, b, a)[1].changes) == 2
+    follower = CameraFollower()
+    for stamp_s, each in ((100.0, a), (100.1, b), (700.0, a), (700.1, b)):  # a driver that was started twice
+        follower.follow(each, stamp_s)
+    assert len(follower.changes) == 3
     assert len(followed(a, b, cameras(490.0), b, a, b, cameras(500.0))[1].changes) == 6
 
 
