@@ -178,7 +178,7 @@ NOT_ON_THE_WAY = {
     "numerics/robust, numerics/derivatives, numerics/statistics": "robust fits, derivatives, medians",
     "geometry/pose, geometry/plane, geometry/rays, geometry/homography": "frames, signs and projections",
     "drive/drive, drive/motion, drive/changes": "the whole of a drive",
-    "camera/topic_names, camera/camera_difference, drive/camera_changes": "names of topics, changes of cameras",
+    "camera/topic_names, camera/camera_difference, drive/camera_changes": "topics, changes of cameras",
     "drive/drift, drive/watch, drive/states": "the watch over an active calibration",
     "analysis/cramer_rao": "the limit of what a rig can reach",
 }

@@ -222,6 +222,9 @@ def _messages(types, camera, index, stamp_ns, rig, ros1):
 def camera_info(types, camera, header, rig, ros1, changes):
     shift = -rig.fx * rig.baseline_m if camera.side == "right" else 0.0
     values = {
+        "distortion_model": "plumb_bob",
+        "binning_x": 0,
+        "binning_y": 0,
         "d": np.zeros(5),
         "k": np.array([rig.fx, 0, rig.cx, 0, rig.fy, rig.cy, 0, 0, 1.0]),
         "r": np.eye(3).reshape(-1),
@@ -235,9 +238,6 @@ def camera_info(types, camera, header, rig, ros1, changes):
         header=header,
         height=rig.height,
         width=rig.width,
-        distortion_model="plumb_bob",
-        binning_x=0,
-        binning_y=0,
         roi=region,
-        **{(name.upper() if ros1 else name): value for name, value in values.items()},
+        **{(name.upper() if ros1 and len(name) == 1 else name): value for name, value in values.items()},
     )

@@ -196,16 +196,16 @@ class FrameCameras:
         for path, message in firsts:
             try:
                 models.append((path, CameraModel.read(message.content, side, self._rectified)))
-            except RigError as error:
-                raise BagError(f"{path}: {error}") from error
+            except RigError:  # reported with its frames
+                continue
         for path, model in models[1:]:
             if model.used != models[0][1].used:
                 differences = find_differences([models[0][1]], [model])
                 raise BagError(
                     f"the bags are of different rigs: by CameraInfo {models[0][0]} has "
                     f"{values_text(differences, after=False)}, {path} has "
-                    f"{values_text(differences, after=True)}; calibrate each alone, or give the rig of all "
-                    "with --rig"
+                    f"{values_text(differences, after=True)}; calibrate each alone"
+                    f"{', or give the rig of all with --rig' if self._rectified else ''}"
                 )
 
     def _last_before(self, topic: Topic, start_ns: int, first_ns: int) -> Message | None:
