@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core.camera.camera_difference import check_steady, find_differences, values_text
-from ..core.camera.camera_info import CameraModel, is_uncalibrated
+from ..core.camera.camera_info import CameraModel, content_of, is_uncalibrated
 from ..core.camera.camera_info_checks import check_claim
 from ..core.camera.camera_info_history import CameraInfoHistory
 from ..core.camera.rectifier import StereoRectifier
@@ -60,7 +60,7 @@ class FrameCameras:
         self._name, self._read, self._images, self._rectified = name, read, images, rectified
         self.topics = topics
         self.remarks: tuple[str, ...] = ()
-        self._last: tuple[tuple[Any, Any], StereoRectifier] | None = None
+        self._last: tuple[tuple[bytes | None, bytes | None], StereoRectifier] | None = None
         self._first = self._first_calibrated(bags)
         self.first = self.cameras_of(self.first_infos)
 
@@ -136,7 +136,8 @@ class FrameCameras:
         Raises:
             BagError: They cannot be right, or the images are not what they are said to be.
         """
-        if self._last is not None and all(a is b for a, b in zip(infos, self._last[0], strict=True)):
+        contents = content_of(infos[0]), content_of(infos[1])
+        if self._last is not None and None not in contents and contents == self._last[0]:
             return self._last[1]
         try:
             cameras = StereoRectifier.from_camera_info(*infos, self._rectified)
@@ -156,7 +157,7 @@ class FrameCameras:
             ) from error
         if self._last is not None and cameras == self._last[1]:
             cameras = self._last[1]
-        self._last = infos, cameras
+        self._last = contents, cameras
         return cameras
 
     def _first_calibrated(self, bags: Sequence[tuple[Path, Read]]) -> tuple[Message, Message]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 from typing import Literal
@@ -205,9 +205,18 @@ def find_stereo_pairs(topics: Iterable[Topic], raw: bool = False) -> list[Stereo
 def _images(topics: Iterable[Topic]) -> tuple[list[Topic], list[Topic]]:
     """Return the image topics, and those of them that show a scene."""
     images = [t for t in topics if t.msgtype in (IMAGE, COMPRESSED_IMAGE)]
-    return images, [
+    used = [
         t for t in images if t.count > 0 and not _NO_CAMERA_IMAGE.search(t.name) and not _other_transport(t)
     ]
+    return images, [topic for topic in used if not _is_copy(topic, {each.name for each in used})]
+
+
+def _is_copy(topic: Topic, names: Collection[str]) -> bool:
+    """Whether a transport that is not known here sends the images of another of these topics."""
+    if topic.msgtype != COMPRESSED_IMAGE or topic.name.endswith(COMPRESSED_SUFFIX):
+        return False
+    image = topic.name.rpartition("/")[0]
+    return image in names or image + COMPRESSED_SUFFIX in names
 
 
 def _other_transport(topic: Topic) -> bool:

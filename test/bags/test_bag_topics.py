@@ -14,7 +14,7 @@ from stereo_selfcal.bags.topics import (
     find_stereo_topics,
 )
 
-TRANSPORTS = ("/compressed", "/compressedDepth", "/zstd", "/theora")
+TRANSPORTS = ("/compressed", "/compressedDepth", "/zstd", "/theora", "/jxl")
 
 
 def topics(*names, count=5):
@@ -69,6 +69,9 @@ def both(*names):
             "/s/{}/image_raw",
         ),
         (both("/s/{}/image_raw/compressed", "/s/{}/image_raw/zstd"), "/s/{}/image_raw/compressed"),
+        (both("/s/{}/image_raw", "/s/{}/image_raw/jxl"), "/s/{}/image_raw"),  # one that is not known here
+        (both("/s/{}/image_raw/compressed", "/s/{}/image_raw/jxl"), "/s/{}/image_raw/compressed"),
+        (both("/s/{}/jxl"), "/s/{}/jxl"),
         # Left and right before numbers.
         (["/cam0/image", "/cam1/image", *both("/s/{}/image")], "/s/{}/image"),
     ],

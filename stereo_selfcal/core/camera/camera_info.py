@@ -330,6 +330,23 @@ def used_values(info: Any, rectified: bool) -> tuple[Any, ...] | None:
         return None
 
 
+def content_of(info: Any) -> bytes | None:
+    """Return the values of a ROS 2 message without its header as bytes, None of anything else.
+
+    Args:
+        info: Anything with the fields of sensor_msgs/CameraInfo.
+    """
+    try:
+        roi = info.roi
+        numbers = (info.width, info.height, info.binning_x, info.binning_y)
+        region = (roi.x_offset, roi.y_offset, roi.width, roi.height)
+        arrays = (info.d, info.k, info.r, info.p)
+        text = f"{numbers} {region} {info.distortion_model} ".encode(errors="surrogatepass")
+        return text + b"".join(values.tobytes() for values in arrays)
+    except AttributeError:
+        return None
+
+
 def is_uncalibrated(info: Any) -> bool:
     """Whether a CameraInfo has neither K nor P, as one of a camera that was never calibrated."""
     return not any(value and value[0] for value in (_values(info, "k"), _values(info, "p")))

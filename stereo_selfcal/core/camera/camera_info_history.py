@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Any, NamedTuple
 
-from .camera_info import is_uncalibrated, used_values
+from .camera_info import content_of, is_uncalibrated, used_values
 from .pairing import message_stamp_ns
 
 
@@ -35,6 +35,7 @@ class CameraInfoHistory:
     def __init__(self, keep_ns: int, rectified: bool = True, calibrated: bool = False) -> None:
         self._keep_ns, self._rectified = keep_ns, rectified
         self._turns: deque[tuple[tuple[Any, ...] | None, _ArrivedInfo]] = deque(maxlen=_ALTERNATING)
+        self._content: bytes | None = None
         self._entries: deque[_ArrivedInfo] = deque()
         self._calibrated = calibrated
 
@@ -56,13 +57,16 @@ class CameraInfoHistory:
             arrived_ns: When it arrived or was recorded [ns]; never less than that of the one before.
         """
         if not self._calibrated:
-            self._turns.clear()
+            self._forget_turns()
             self._entries.clear()  # what came before the first calibrated one says nothing
             self._calibrated = not is_uncalibrated(info)
         self._entries.append(_ArrivedInfo(message_stamp_ns(info), arrived_ns, info))
-        used = used_values(info, self._rectified)
-        if not self._turns or self._turns[-1][0] != used:
-            self._turns.append((used, self._entries[-1]))
+        content = content_of(info)
+        if content is None or content != self._content:  # nearly all are equal, which is cheap to see
+            self._content = content
+            used = used_values(info, self._rectified)
+            if not self._turns or self._turns[-1][0] != used:
+                self._turns.append((used, self._entries[-1]))
         while len(self._entries) > 1 and self._entries[1].arrived_ns < arrived_ns - self._keep_ns:
             self._entries.popleft()
 
@@ -104,6 +108,10 @@ class CameraInfoHistory:
 
     def clear(self) -> None:
         """Forget all."""
-        self._turns.clear()
+        self._forget_turns()
         self._entries.clear()
         self._calibrated = False
+
+    def _forget_turns(self) -> None:
+        self._turns.clear()
+        self._content = None
