@@ -66,7 +66,7 @@ ROWS = (
             Box(
                 "core/camera/camera_info",
                 ("intrinsics, baseline", "and their faults"),
-                ("camera_info_checks", "rig"),
+                ("camera_info_checks", "camera_info_history", "pair_geometry", "rig"),
             ),
             Box("core/camera/image_messages", ("8-bit grey values",)),
             Box("core/camera/rectifier", ("rectified images", "of one rig")),
@@ -178,6 +178,7 @@ NOT_ON_THE_WAY = {
     "numerics/robust, numerics/derivatives, numerics/statistics": "robust fits, derivatives, medians",
     "geometry/pose, geometry/plane, geometry/rays, geometry/homography": "frames, signs and projections",
     "drive/drive, drive/motion, drive/changes": "the whole of a drive",
+    "camera/topic_names, camera/camera_difference, drive/camera_changes": "topics, changes of cameras",
     "drive/drift, drive/watch, drive/states": "the watch over an active calibration",
     "analysis/cramer_rao": "the limit of what a rig can reach",
 }

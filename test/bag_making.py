@@ -1,6 +1,7 @@
 """Writes small recordings of every kind, good and bad, for the tests of reading and replaying."""
 
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -48,6 +49,8 @@ class Camera:
     step_too_small: bool = False
     stamp_shift_ns: int = 0
     info_changes: dict[str, Any] = field(default_factory=dict)
+    info_of: Callable[[int], dict[str, Any] | None] = lambda index: {}  # changes of a frame; None: no message
+    info_delay_ns: int = 0
 
     def __post_init__(self):
         suffix = "/compressed" if self.compressed else ""
@@ -81,7 +84,7 @@ def make_bag(path: Path, cameras, n_frames=3, kind="mcap", rig=RIG, other_topics
         writer.set_compression(Writer1.CompressionFormat[kind[5:].upper()])
     with writer:
         connections = {}
-        for topic, msgtype in [*_topics(cameras), *other_topics]:
+        for topic, msgtype in dict.fromkeys([*_topics(cameras), *other_topics]):  # two may share a topic
             connections[topic] = writer.add_connection(topic, msgtype, typestore=types)
         for index in range(first, first + n_frames):
             for camera in cameras:
@@ -89,7 +92,8 @@ def make_bag(path: Path, cameras, n_frames=3, kind="mcap", rig=RIG, other_topics
                 for topic, message in _messages(types, camera, index, stamp_ns, rig, ros1):
                     msgtype = connections[topic].msgtype
                     data = (types.serialize_ros1 if ros1 else types.serialize_cdr)(message, msgtype)
-                    writer.write(connections[topic], stamp_ns, data)
+                    delay_ns = camera.info_delay_ns if topic == camera.info else 0
+                    writer.write(connections[topic], stamp_ns + delay_ns, data)
     return path.with_suffix(".bag") if ros1 else path
 
 
@@ -186,8 +190,9 @@ def _messages(types, camera, index, stamp_ns, rig, ros1):
     stamp = types.types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
     seq = {"seq": index} if ros1 else {}
     header = types.types["std_msgs/msg/Header"](stamp=stamp, frame_id=camera.side, **seq)
-    if camera.info:
-        yield camera.info, camera_info(types, camera, header, rig, ros1)
+    changes = camera.info_of(index)
+    if camera.info and changes is not None:
+        yield camera.info, camera_info(types, camera, header, rig, ros1, changes)
     if camera.image and camera.compressed:
         _, content = cv2.imencode(f".{camera.compressed}", picture(camera.side, index, rig))
         kind = types.types["sensor_msgs/msg/CompressedImage"]
@@ -214,14 +219,18 @@ def _messages(types, camera, index, stamp_ns, rig, ros1):
         )
 
 
-def camera_info(types, camera, header, rig, ros1):
+def camera_info(types, camera, header, rig, ros1, changes):
     shift = -rig.fx * rig.baseline_m if camera.side == "right" else 0.0
     values = {
+        "distortion_model": "plumb_bob",
+        "binning_x": 0,
+        "binning_y": 0,
         "d": np.zeros(5),
         "k": np.array([rig.fx, 0, rig.cx, 0, rig.fy, rig.cy, 0, 0, 1.0]),
         "r": np.eye(3).reshape(-1),
         "p": np.array([rig.fx, 0, rig.cx, shift, 0, rig.fy, rig.cy, 0, 0, 0, 1.0, 0]),
     } | camera.info_changes
+    values |= changes
     region = types.types["sensor_msgs/msg/RegionOfInterest"](
         x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
     )
@@ -229,9 +238,6 @@ def camera_info(types, camera, header, rig, ros1):
         header=header,
         height=rig.height,
         width=rig.width,
-        distortion_model="plumb_bob",
-        binning_x=0,
-        binning_y=0,
         roi=region,
-        **{(name.upper() if ros1 else name): value for name, value in values.items()},
+        **{(name.upper() if ros1 and len(name) == 1 else name): value for name, value in values.items()},
     )

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..core.camera.rectifier import StereoRectifier
 from ..core.errors import ImageError
 from ..core.types import Image
 from .errors import BagError
@@ -26,6 +27,9 @@ class StereoFrame:
         recorded_ns: When the left image was recorded [ns]: where the frame is found again.
         name: Name of the left image where it has one, "" in a bag.
         problem: Why an image could not be converted, in one line; both are empty then.
+        cameras: The cameras that the images were rectified for, by their CameraInfo; None where there is one
+            rig for all frames.
+        rig_problem: Why there are no cameras for the frame, in one line.
     """
 
     stamp_s: float
@@ -34,6 +38,16 @@ class StereoFrame:
     recorded_ns: int = 0
     name: str = ""
     problem: str = ""
+    cameras: StereoRectifier | None = None
+    rig_problem: str = ""
+
+    def seen_by(self, cameras: StereoRectifier) -> StereoFrame:
+        """Return the frame as cameras see it: rectified, with their rig."""
+        if self.problem:
+            return self
+        cameras = cameras.for_images(self.left, self.right)
+        left, right = cameras.apply(self.left, self.right)
+        return replace(self, left=left, right=right, cameras=cameras)
 
     @classmethod
     def from_images(

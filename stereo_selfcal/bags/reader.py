@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections import deque
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 from heapq import merge
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TypeVar
+from typing import Any, NamedTuple
 
 from ..core.camera.image_messages import message_to_grey
 from ..core.camera.pairing import StampedPair, StampPairer, message_stamp_ns, stamp_to_s
@@ -17,11 +20,10 @@ from ..core.errors import ImageError, RigError
 from ..core.types import Image
 from .errors import BagError
 from .frame import StereoFrame, readable
+from .frame_cameras import LATE_NS, FrameCameras
 from .part import Message, Part, recordings_at
 from .selection import Selection
-from .topics import CAMERA_INFO, StereoTopics, Topic, find_stereo_pairs, find_stereo_topics
-
-T = TypeVar("T")
+from .topics import StereoTopics, Topic, find_camera_info, find_stereo_pairs, find_stereo_topics
 
 # Images of one camera that may be recorded ahead of the other's; more than the node keeps, as a
 # recorder writes topics in bursts. It bounds the memory.
@@ -30,6 +32,13 @@ _QUEUE_SIZE = 30
 # Margin around a stretch of a recording. With it, the images find the same partners as in the whole
 # recording. A full queue at 10 Hz is shorter.
 _MARGIN_NS = 4_000_000_000
+
+
+class _Found(NamedTuple):
+    """A pair of images, and the CameraInfo of both where it is followed."""
+
+    pair: StampedPair[Message]
+    infos: tuple[Any, Any] | None
 
 
 class StereoBag:
@@ -50,6 +59,8 @@ class StereoBag:
         right: str | None = None,
         tolerance_s: float = 0.0,
         raw: bool = False,
+        left_info: str | None = None,
+        right_info: str | None = None,
     ) -> None:
         """Open a recording and find its cameras.
 
@@ -60,6 +71,8 @@ class StereoBag:
             right: Image topic of the right camera, None to find it.
             tolerance_s: Greatest difference of the header stamps of a pair [s]; 0 means equal stamps.
             raw: Whether raw images are looked for, not rectified ones.
+            left_info: CameraInfo topic of the left camera, None to find it.
+            right_info: The same of the right camera.
 
         Raises:
             BagError: The recording cannot be read or has no unambiguous stereo pair.
@@ -67,7 +80,10 @@ class StereoBag:
         self.paths = tuple(Path(each) for each in ([path] if isinstance(path, str | Path) else path))
         self.remarks: tuple[str, ...] = ()
         self._tolerance_s = tolerance_s
-        self._parts = _open(self.paths)
+        self._info_names = left_info, right_info
+        self._cameras: FrameCameras | None = None
+        self._bags = _open(self.paths)
+        self._parts = [part for _, parts in self._bags for part in parts]
         try:
             self.topics = find_stereo_topics(_topics(self._parts), left, right, raw)
         except BagError as error:
@@ -103,35 +119,57 @@ class StereoBag:
         return max(part.end_ns for part in self._parts)
 
     def read_rig(self) -> StereoRig:
-        """Return the rig from the first CameraInfo of each camera.
+        """Return the rig from the first calibrated CameraInfo of each camera.
 
         Raises:
             BagError: A CameraInfo is missing, or does not describe a rectified pair.
         """
-        return self._from_camera_infos(StereoRig.from_camera_info)
+        try:
+            return StereoRig.from_camera_info(*self._frame_cameras(True).first_infos)
+        except RigError as error:
+            raise BagError(f"{self._name}: {error}") from error
 
-    def read_rectifier(self, rectified: bool = True) -> StereoRectifier:
-        """Return what makes images of one rig of the recorded ones, by the first CameraInfo of each camera.
+    def follow_cameras(self, rectified: bool = True, selection: Selection | None = None) -> StereoRectifier:
+        """Rectify the frames that are read from now on, each by its own CameraInfo.
 
         Args:
             rectified: Whether the images are rectified; False: they are raw.
+            selection: Which frames are going to be read.
+
+        Returns:
+            The cameras at the start of the selection.
 
         Raises:
             BagError: A CameraInfo is missing, or cannot be right.
         """
-        return self._from_camera_infos(
-            lambda left, right: StereoRectifier.from_camera_info(left, right, rectified)
-        )
+        self._cameras = self._frame_cameras(rectified)
+        start_ns = 0 if selection is None else selection.start_ns
+        return self._cameras.at_start(self.start_ns + start_ns if start_ns > 0 else None)
 
-    def _from_camera_infos(self, read: Callable[[Any, Any], T]) -> T:
-        left, right = (self._first_info(topic) for topic in (self.topics.left, self.topics.right))
+    @property
+    def info_remarks(self) -> tuple[str, ...]:
+        """Sentences about the CameraInfo that is followed."""
+        return () if self._cameras is None else self._cameras.remarks
+
+    def _frame_cameras(self, rectified: bool) -> FrameCameras:
+        def read(
+            parts: Sequence[Part], topic: Topic, start_ns: int | None, stop_ns: int | None
+        ) -> Iterator[Message]:
+            return _in_order(parts, [topic], start_ns, stop_ns)
+
+        images = self.topics.left, self.topics.right
         try:
-            return read(left, right)
-        except RigError as error:
-            raise BagError(
-                f"{self._name}: {error} (topics {self.topics.left.camera_info} and "
-                f"{self.topics.right.camera_info}, or give --rig)"
-            ) from error
+            infos = find_camera_info(_topics(self._parts), self.topics, *self._info_names)
+        except BagError as error:
+            raise BagError(f"{self._name}: {error}") from error
+        return FrameCameras(
+            self._name,
+            [(path, partial(read, parts)) for path, parts in self._bags],
+            partial(read, self._parts),
+            (images[0].name, images[1].name),
+            infos,
+            rectified,
+        )
 
     def frames(self, selection: Selection | None = None) -> Iterator[StereoFrame]:
         """Yield the paired images in the order of the recording.
@@ -148,7 +186,7 @@ class StereoBag:
             None if selection.start_ns <= 0 else start_ns - _MARGIN_NS,
             None if end_ns is None else self.start_ns + end_ns + _MARGIN_NS,
         )
-        chosen = selection.choose(pairs, lambda pair: pair.left.recorded_ns - self.start_ns)
+        chosen = selection.choose(pairs, lambda found: found.pair.left.recorded_ns - self.start_ns)
         n_frames = 0
         for frame in readable(map(self._frame, chosen), self._name):
             n_frames += 1
@@ -165,18 +203,20 @@ class StereoBag:
         Raises:
             BagError: There is none, or the recording is damaged.
         """
-        for pair in self._pairs(recorded_ns - _MARGIN_NS, recorded_ns + _MARGIN_NS):
-            if pair.left.recorded_ns == recorded_ns:
-                return self._frame(pair)
+        for found in self._pairs(recorded_ns - _MARGIN_NS, recorded_ns + _MARGIN_NS):
+            if found.pair.left.recorded_ns == recorded_ns:
+                return self._frame(found)
         raise BagError(f"{self._name}: there is no frame recorded at {recorded_ns} ns")
 
-    def _pairs(self, start_ns: int | None, stop_ns: int | None) -> Iterator[StampedPair[Message]]:
+    def _pairs(self, start_ns: int | None, stop_ns: int | None) -> Iterator[_Found]:
         # One tolerance is enough to say both: zero asks for equal stamps.
         pairer: StampPairer[Message] = StampPairer(self._tolerance_s > 0, self._tolerance_s, _QUEUE_SIZE)
-        for message in self._messages((self.topics.left, self.topics.right), start_ns, stop_ns):
-            add = pairer.add_left if message.topic == self.topics.left.name else pairer.add_right
-            yield from add(message_stamp_ns(message.content), message)
-        yield from pairer.flush()
+        if self._cameras is None:
+            for message in self._messages((self.topics.left, self.topics.right), start_ns, stop_ns):
+                yield from (_Found(pair, None) for pair in self._add(pairer, message))
+            yield from (_Found(pair, None) for pair in pairer.flush())
+        else:
+            yield from self._with_infos(self._cameras, pairer, start_ns, stop_ns)
         counts = pairer.counts
         if start_ns is None and stop_ns is None:
             said = self.topics.left.count, self.topics.right.count
@@ -189,35 +229,60 @@ class StereoBag:
                 f"{nearest}, at most {self._tolerance_s:g} s allowed; see --approximate-sync-tolerance"
             )
 
-    def _frame(self, pair: StampedPair[Message]) -> StereoFrame:
-        return StereoFrame.from_images(
+    def _add(self, pairer: StampPairer[Message], message: Message) -> list[StampedPair[Message]]:
+        add = pairer.add_left if message.topic == self.topics.left.name else pairer.add_right
+        return add(message_stamp_ns(message.content), message)
+
+    def _with_infos(
+        self, cameras: FrameCameras, pairer: StampPairer[Message], start_ns: int | None, stop_ns: int | None
+    ) -> Iterator[_Found]:
+        """Yield pairs with their CameraInfo, which may be recorded a little later than they are."""
+        histories = cameras.histories(start_ns)
+        waiting: deque[StampedPair[Message]] = deque()
+
+        def found(pair: StampedPair[Message]) -> _Found:
+            both = pair.left.recorded_ns, pair.right.recorded_ns
+            return _Found(pair, cameras.infos_at(histories, (pair.left_stamp_ns, pair.right_stamp_ns), both))
+
+        def is_ready(pair: StampedPair[Message], now_ns: int) -> bool:
+            if len(waiting) > _QUEUE_SIZE or now_ns > pair.right.recorded_ns + LATE_NS:
+                return True
+            return histories[0].has(pair.left_stamp_ns) and histories[1].has(pair.right_stamp_ns)
+
+        topics = (self.topics.left, self.topics.right, *cameras.topics)
+        for message in self._messages(topics, start_ns, stop_ns):
+            if message.topic not in (self.topics.left.name, self.topics.right.name):
+                cameras.add(histories, message)
+            else:
+                waiting.extend(self._add(pairer, message))
+            while waiting and is_ready(waiting[0], message.recorded_ns):
+                yield found(waiting.popleft())
+        waiting.extend(pairer.flush())
+        yield from map(found, waiting)
+
+    def _frame(self, found: _Found) -> StereoFrame:
+        pair = found.pair
+        frame = StereoFrame.from_images(
             stamp_to_s(pair.stamp_ns),
             lambda: _grey(self.topics.left, pair.left.content),
             lambda: _grey(self.topics.right, pair.right.content),
             pair.left.recorded_ns,
         )
+        if self._cameras is None or found.infos is None:
+            return frame
+        try:
+            return frame.seen_by(self._cameras.cameras_of(found.infos))
+        except BagError as error:
+            return replace(frame, rig_problem=str(error))
 
     @property
     def _name(self) -> str:
         return _name(self.paths)
 
-    def _first_info(self, topic: Topic) -> Any:
-        """Return the first CameraInfo of the camera that publishes ``topic``."""
-        info = Topic(topic.camera_info, CAMERA_INFO, 0)
-        for message in self._messages([info]):
-            return message.content
-        present = sorted({t.name for t in _topics(self._parts) if t.msgtype == CAMERA_INFO})
-        raise BagError(
-            f"{self._name}: no CameraInfo on {info.name} for {topic.name}; "
-            f"CameraInfo topics: {', '.join(present) or 'none'}; give the rig with --rig"
-        )
-
     def _messages(
         self, topics: Collection[Topic], start_ns: int | None = None, stop_ns: int | None = None
     ) -> Iterator[Message]:
-        """Yield messages in the order of the recording; of two at one time that of the earlier bag first."""
-        streams = (part.messages(topics, start_ns, stop_ns) for part in self._parts)
-        return merge(*streams, key=lambda message: message.recorded_ns)
+        return _in_order(self._parts, topics, start_ns, stop_ns)
 
 
 def remarks_on(read: tuple[int, int], said: tuple[int, int], pairs: int) -> tuple[str, ...]:
@@ -250,7 +315,7 @@ def stereo_pairs(paths: Sequence[Path], raw: bool = False) -> list[StereoTopics]
     Raises:
         BagError: A bag cannot be read, or there is no stereo pair.
     """
-    parts = _open(paths)
+    parts = [part for _, each in _open(paths) for part in each]
     try:
         return find_stereo_pairs(_topics(parts), raw)
     except BagError as error:
@@ -260,16 +325,28 @@ def stereo_pairs(paths: Sequence[Path], raw: bool = False) -> list[StereoTopics]
             part.close()
 
 
-def _open(paths: Sequence[Path]) -> list[Part]:
-    parts: list[Part] = []
+def _open(paths: Sequence[Path]) -> list[tuple[Path, list[Part]]]:
+    """Return the bags, each with its parts: the files of one without metadata.yaml."""
+    bags: list[tuple[Path, list[Part]]] = []
     try:
         for path in _distinct(paths):
-            parts += [Part(target) for target in recordings_at(path)]
+            bags.append((path, []))
+            for target in recordings_at(path):
+                bags[-1][1].append(Part(target))
     except BaseException:
-        for part in parts:
-            part.close()
+        for _, parts in bags:
+            for part in parts:
+                part.close()
         raise
-    return parts
+    return bags
+
+
+def _in_order(
+    parts: Iterable[Part], topics: Collection[Topic], start_ns: int | None, stop_ns: int | None
+) -> Iterator[Message]:
+    """Yield messages in the order of the recording; of two at one time that of the earlier bag first."""
+    streams = (part.messages(topics, start_ns, stop_ns) for part in parts)
+    return merge(*streams, key=lambda message: message.recorded_ns)
 
 
 def _topics(parts: Iterable[Part]) -> list[Topic]:

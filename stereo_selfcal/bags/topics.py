@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from typing import Literal
 
+from ..core.camera.topic_names import RAW_WORDS, RECTIFIED_WORDS, says_rectified, words_of
 from .errors import BagError
 from .order import natural_key
 
@@ -18,6 +20,8 @@ CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 
 # image_transport's suffix of a CompressedImage topic; camera_info belongs to the topic without it.
 COMPRESSED_SUFFIX = "/compressed"
+# Transports that send a CompressedImage as well, of something else than a picture of one of OpenCV's formats.
+_OTHER_TRANSPORTS = ("/compressedDepth", "/zstd", "/theora", "/ffmpeg", "/foxglove")
 
 # "left" as a word: left/, image_left, left0, but neither "leftover" nor "cleft".
 _LEFT = re.compile(r"(?<![a-z])left(?![a-z])", re.IGNORECASE)
@@ -26,12 +30,12 @@ _SIDE = re.compile(r"(?<![a-z])(left|right)(?![a-z])", re.IGNORECASE)
 _NUMBERED = re.compile(r"(?<![a-z])((?:cam|camera|infra|image)_?)(\d+)(?=[/_]|$)", re.IGNORECASE)
 # Image topics that show no scene in grey values.
 _NO_CAMERA_IMAGE = re.compile(r"(?<![a-z])(depth|disparity|compressedDepth)(?![a-z])", re.IGNORECASE)
-# Words that image_proc appends to one camera's image; without them the names are equal.
-_QUALIFIER = re.compile(
-    r"_?(?<![a-z])(rectified|rect|raw|mono|gray|grey|color|colour)(?![a-z])", re.IGNORECASE
-)
-_COLOUR = re.compile("colou?r")
-_GREY = re.compile("mono|gr[ae]y")
+_COLOUR_WORDS = frozenset({"color", "colour"})
+_GREY_WORDS = frozenset({"mono", "gray", "grey"})
+# Words that say how an image of a camera was processed; without them the names of its images are equal.
+_QUALIFIERS = RECTIFIED_WORDS | RAW_WORDS | _COLOUR_WORDS | _GREY_WORDS
+# Words for any image or CameraInfo; the others tell cameras apart.
+_GENERIC = _QUALIFIERS | {"image", "img", "camera", "cam", "info", "data", "camerainfo"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +59,7 @@ class Topic:
 
     @property
     def camera_info(self) -> str:
-        """Name of the CameraInfo topic that belongs to this image: its sibling ``camera_info``."""
+        """Name that the CameraInfo topic of this image has by convention: its sibling ``camera_info``."""
         return f"{self.base.rpartition('/')[0]}/camera_info"
 
 
@@ -111,6 +115,78 @@ def find_stereo_topics(
     return best[0]
 
 
+def find_camera_info(
+    topics: Iterable[Topic], pair: StereoTopics, left: str | None = None, right: str | None = None
+) -> tuple[Topic, Topic]:
+    """Return the CameraInfo topics of the left and the right camera.
+
+    By convention it is called ``camera_info`` and lies beside the image. Others are found by what their names
+    have in common with the image's besides words such as image and rect: ``left_camera_info`` beside
+    ``left_image_rect``.
+
+    Args:
+        topics: All topics of the recording.
+        pair: The image topics.
+        left: Name of the left CameraInfo topic, None to find it.
+        right: The same of the right one.
+
+    Raises:
+        BagError: There is none, or several could be meant; all there are are listed.
+    """
+    infos = [topic for topic in topics if topic.msgtype == CAMERA_INFO]
+    sides: tuple[tuple[Side, Topic, str | None], ...] = (
+        ("left", pair.left, left),
+        ("right", pair.right, right),
+    )
+    found = [
+        _info_of(infos, image, side) if name is None else _named_info(infos, name, side)
+        for side, image, name in sides
+    ]
+    return found[0], found[1]
+
+
+def _named_info(infos: Sequence[Topic], name: str, side: Side) -> Topic:
+    full = f"/{name.strip('/')}"
+    for topic in infos:
+        if topic.name == full and topic.count:
+            return topic
+    raise BagError(f"--{side}-info {name}: no message on such a CameraInfo topic; {_listed_infos(infos)}")
+
+
+def _info_of(infos: Sequence[Topic], image: Topic, side: Side) -> Topic:
+    """Return the CameraInfo topic of an image that nobody has named."""
+    used = [topic for topic in infos if topic.count]
+    for name in (image.camera_info, f"{image.base}/camera_info"):
+        for topic in used:
+            if topic.name == name:
+                return topic
+    of_camera = [topic for topic in used if _camera_words(topic.name) == _camera_words(image.base)]
+    if of_camera:
+        near = max(_common_parts(topic.name, image.base) for topic in of_camera)
+        nearest = [topic for topic in of_camera if _common_parts(topic.name, image.base) == near]
+        if len(nearest) == 1:
+            return nearest[0]
+    raise BagError(
+        f"no CameraInfo on {image.camera_info} for {image.name}; {_listed_infos(used)}; name it with "
+        f"--{side}-info, or give the rig with --rig"
+    )
+
+
+def _listed_infos(infos: Iterable[Topic]) -> str:
+    return f"CameraInfo topics: {', '.join(sorted(topic.name for topic in infos)) or 'none'}"
+
+
+def _camera_words(name: str) -> list[str]:
+    """Return the words of a topic that tell its camera from others, in order."""
+    return [word for word in words_of(name) if word not in _GENERIC]
+
+
+def _common_parts(name: str, other: str) -> int:
+    """Return how many parts of two paths are equal from the start on."""
+    pairs = zip(name.split("/"), other.split("/"), strict=False)
+    return len(list(takewhile(lambda pair: pair[0] == pair[1], pairs)))
+
+
 def find_stereo_pairs(topics: Iterable[Topic], raw: bool = False) -> list[StereoTopics]:
     """Return the image topics of every stereo camera, ordered by name; as :func:`find_stereo_topics`.
 
@@ -129,7 +205,23 @@ def find_stereo_pairs(topics: Iterable[Topic], raw: bool = False) -> list[Stereo
 def _images(topics: Iterable[Topic]) -> tuple[list[Topic], list[Topic]]:
     """Return the image topics, and those of them that show a scene."""
     images = [t for t in topics if t.msgtype in (IMAGE, COMPRESSED_IMAGE)]
-    return images, [t for t in images if t.count > 0 and not _NO_CAMERA_IMAGE.search(t.name)]
+    used = [
+        t for t in images if t.count > 0 and not _NO_CAMERA_IMAGE.search(t.name) and not _other_transport(t)
+    ]
+    return images, [topic for topic in used if not _is_copy(topic, {each.name for each in used})]
+
+
+def _is_copy(topic: Topic, names: Collection[str]) -> bool:
+    """Whether a transport that is not known here sends the images of another of these topics."""
+    if topic.msgtype != COMPRESSED_IMAGE or topic.name.endswith(COMPRESSED_SUFFIX):
+        return False
+    image = topic.name.rpartition("/")[0]
+    return image in names or image + COMPRESSED_SUFFIX in names
+
+
+def _other_transport(topic: Topic) -> bool:
+    """Whether a topic is sent by a transport whose messages are no pictures."""
+    return topic.msgtype == COMPRESSED_IMAGE and topic.name.endswith(_OTHER_TRANSPORTS)
 
 
 def _named(images: Sequence[Topic], name: str, side: Side) -> Topic:
@@ -140,6 +232,11 @@ def _named(images: Sequence[Topic], name: str, side: Side) -> Topic:
             if topic.name == candidate:
                 if topic.count == 0:
                     raise BagError(f"--{side} {topic.name}: the recording has no message on it")
+                if _other_transport(topic):
+                    raise BagError(
+                        f"--{side} {topic.name}: of the transports, raw and compressed can be read; "
+                        "'ros2 run image_transport republish' makes them from this one"
+                    )
                 return topic
     listed = ", ".join(t.name for t in images) or "none"
     raise BagError(f"--{side} {name}: no such image topic in the recording; its image topics: {listed}")
@@ -148,7 +245,13 @@ def _named(images: Sequence[Topic], name: str, side: Side) -> Topic:
 def _no_images(images: Sequence[Topic]) -> str:
     if not images:
         return "the recording has no topic of type sensor_msgs/Image or CompressedImage"
-    return f"nothing usable among {', '.join(f'{t.name} ({t.count} messages)' for t in images)}"
+    listed = ", ".join(f"{t.name} ({t.count} messages)" for t in images)
+    if any(t.count and _other_transport(t) for t in images):
+        return (
+            f"nothing usable among {listed}; of the transports, raw and compressed can be read: play the "
+            "recording through 'ros2 run image_transport republish' and record that"
+        )
+    return f"nothing usable among {listed}"
 
 
 def _no_pair(usable: Sequence[Topic], left: str | None, right: str | None) -> str:
@@ -195,26 +298,37 @@ def _pairs_by_number(topics: Sequence[Topic]) -> list[StereoTopics]:
 
 def _rectification(topic: Topic, raw: bool) -> int:
     """Return 0 for a name that says rectified (``raw``: says raw), 2 for one that says the other, else 1."""
-    leaf = topic.base.rpartition("/")[2].lower()
-    says = "rect" in leaf, "raw" in leaf
+    says = says_rectified(topic.base)
     wanted, other = says[::-1] if raw else says
     return 0 if wanted else 2 if other else 1
 
 
 def _rank(pair: StereoTopics, raw: bool) -> tuple[int, bool, int]:
     """Order of preference among the topics of one camera, smallest first."""
-    leaf = pair.left.base.rpartition("/")[2].lower()
-    colour = 2 if _COLOUR.search(leaf) else 1 if _GREY.search(leaf) else 0
+    # Of a folder that has the camera's name, as camera_color_left, the colour is the camera's.
+    words = {word for part in _qualifying_parts(pair.left.base) for word in words_of(part)}
+    colour = 2 if words & _COLOUR_WORDS else 1 if words & _GREY_WORDS else 0
     return _rectification(pair.left, raw), pair.left.msgtype == COMPRESSED_IMAGE, colour
+
+
+def _qualifying_parts(name: str) -> list[str]:
+    """Return the last part of a path, and those before it that only say how the image was processed."""
+    *folders, leaf = name.split("/")
+    return [*(part for part in folders if part and set(words_of(part)) <= _QUALIFIERS), leaf]
+
+
+def _camera_of(name: str) -> str:
+    """Return the name of an image topic without what says how the image was processed."""
+    *folders, leaf = name.split("/")
+    kept = [part for part in folders if part and not set(words_of(part)) <= _QUALIFIERS]
+    return "/".join([*kept, "_".join(word for word in words_of(leaf) if word not in _QUALIFIERS)])
 
 
 def _best(pairs: Sequence[StereoTopics], raw: bool) -> list[StereoTopics]:
     """Return the preferred pair of every camera, only those of the preferred kind when there are any."""
     cameras: dict[str, list[StereoTopics]] = {}
     for pair in pairs:
-        namespace, _, leaf = pair.left.base.rpartition("/")
-        camera = f"{namespace}/{_QUALIFIER.sub('', leaf)} {_QUALIFIER.sub('', pair.right.base)}"
-        cameras.setdefault(camera, []).append(pair)
+        cameras.setdefault(f"{_camera_of(pair.left.base)} {_camera_of(pair.right.base)}", []).append(pair)
     chosen = []
     for group in cameras.values():
         first = min(_rank(pair, raw) for pair in group)

@@ -246,6 +246,8 @@ def _settings(arguments: argparse.Namespace) -> FleetSettings:
         None if arguments.rig is None else read_rig_file(arguments.rig),
         Selection(arguments.start, arguments.end, arguments.every, arguments.max_frames),
         arguments.raw,
+        arguments.left_info,
+        arguments.right_info,
     )
 
 

@@ -73,8 +73,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _replay(argv: list[str]) -> int:
     arguments = replay_parser().parse_args(argv)
-    if arguments.all_pairs and (arguments.left is not None or arguments.right is not None):
-        raise UsageError("--all takes every pair: it does not go with --left and --right")
+    of_one_pair = (arguments.left, arguments.right, arguments.left_info, arguments.right_info)
+    if arguments.all_pairs and any(topic is not None for topic in of_one_pair):
+        raise UsageError(
+            "--all takes every pair: it does not go with --left, --right, --left-info and --right-info"
+        )
     _check_outputs(arguments)
     settings = _Settings(
         frames=load_frames(arguments.config),
@@ -98,7 +101,15 @@ def _replay_one(arguments: argparse.Namespace, settings: _Settings) -> tuple[Rep
     """
     a = arguments
     with open_source(
-        a.bags, a.left, a.right, a.tolerance_s, settings.rig, settings.selection, a.raw
+        a.bags,
+        a.left,
+        a.right,
+        a.tolerance_s,
+        settings.rig,
+        settings.selection,
+        a.raw,
+        a.left_info,
+        a.right_info,
     ) as source:
         replay = _run_with_output(source, settings.config, arguments)
         unwritten = _write_files(source, replay, arguments, settings.frames)

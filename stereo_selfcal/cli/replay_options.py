@@ -75,6 +75,12 @@ def add_camera_options(parser: Parser) -> None:
     add = parser.add_argument
     add("--left", metavar="TOPIC", help="image topic of the left camera (default: found by type and name)")
     add("--right", metavar="TOPIC", help="image topic of the right camera; of image pairs: the folder")
+    add(
+        "--left-info",
+        metavar="TOPIC",
+        help="CameraInfo topic of the left camera (default: that of its images)",
+    )
+    add("--right-info", metavar="TOPIC", help="CameraInfo topic of the right camera")
     add("--rig", metavar="FILE", type=Path, help="rig file (YAML or JSON) instead of the CameraInfo topics")
     add(
         "--raw",

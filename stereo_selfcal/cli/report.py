@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
+from ..core.drive.camera_changes import CameraChange
 from ..core.drive.drive import Drive, DriveSegment, clock
 from ..core.errors import printable
 from ..core.geometry.pose import POSE_COMPONENTS, POSE_NAMES, Extrinsics
@@ -52,8 +53,8 @@ def table_row(row: FrameRow, counted: bool = False) -> str:
 def table_summary(replay: Replay) -> str:
     """Return the lines under the table: mean and spread over the accepted frames, the fused estimate."""
     rows, estimate, drive = replay.rows, replay.estimate, replay.drive
-    accepted = [row.extrinsics for row in rows if row.extrinsics is not None]
-    text = f"{_RULE}{len(accepted)} of {len(rows)} frames accepted\n"
+    accepted = [row.extrinsics for row in replay.rows_of_rig if row.extrinsics is not None]
+    text = f"{_RULE}{sum(row.accepted for row in rows)} of {len(rows)} frames accepted\n"
     refused = Counter(row.reason for row in rows if row.reason is not None)
     for reason, count in refused.most_common():
         text += f"  {count} x {reason}\n"
@@ -98,7 +99,8 @@ def as_json(replay: Replay) -> str:
 def as_dict(replay: Replay) -> dict[str, Any]:
     """Return what :func:`as_json` writes.
 
-    A damaged recording has one key more, ``ended_early``, and one with images in no frame ``remarks``.
+    A damaged recording has one key more, ``ended_early``, and one with images in no frame ``remarks``;
+    one whose CameraInfo changes has ``camera_changes``.
     """
     estimate, drive = replay.estimate, replay.drive
     extrinsics = estimate.extrinsics if estimate.accepted else None
@@ -124,11 +126,22 @@ def as_dict(replay: Replay) -> dict[str, Any]:
         ],
         "uncertainty": None if extrinsics is None else _uncertainty(estimate.uncertainty),
     }
+    if replay.camera_changes:
+        content["camera_changes"] = [_camera_change(change) for change in replay.camera_changes]
     if replay.damage is not None:
         content["ended_early"] = replay.damage
     if replay.remarks:
         content["remarks"] = list(replay.remarks)
     return content
+
+
+def _camera_change(change: CameraChange) -> dict[str, Any]:
+    return {
+        "at_s": change.at_s,
+        "message": change.message,
+        "before": change.before.to_mapping(),
+        "after": change.after.to_mapping(),
+    }
 
 
 def _segment(segment: DriveSegment) -> dict[str, Any]:

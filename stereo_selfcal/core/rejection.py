@@ -14,6 +14,7 @@ class RejectReason(Enum):
     IMAGE_TYPE = "image_type"
     IMAGE_UNREADABLE = "image_unreadable"
     IMAGE_SIZES_DIFFER = "image_sizes_differ"
+    CAMERA_INFO_UNUSABLE = "camera_info_unusable"
     RIG_SIZE_MISMATCH = "rig_size_mismatch"
     NO_LINES_FOUND = "no_lines_found"
     LINES_NOT_MATCHED = "lines_not_matched"

@@ -37,6 +37,8 @@ class FleetSettings:
         rig: The rig of all recordings, None for that of each.
         selection: Which frames are used of each.
         raw: Whether the images are to be undistorted and rectified.
+        left_info: CameraInfo topic of the left camera, None to find it.
+        right_info: The same of the right camera.
     """
 
     config: CalibratorConfig
@@ -46,6 +48,8 @@ class FleetSettings:
     rig: StereoRig | None = None
     selection: Selection = field(default_factory=Selection)
     raw: bool = False
+    left_info: str | None = None
+    right_info: str | None = None
 
     def to_mapping(self) -> dict[str, Any]:
         """Return all of it as plain values: equal settings give equal results."""
@@ -62,6 +66,7 @@ class FleetSettings:
                 self.selection.max_frames,
             ],
             "raw": self.raw,
+            "infos": [self.left_info, self.right_info],
         }
 
     def open(self, path: Path) -> FrameSource:
@@ -71,7 +76,15 @@ class FleetSettings:
             SelfcalError: It cannot be read.
         """
         return open_source(
-            [path], self.left, self.right, self.tolerance_s, self.rig, self.selection, self.raw
+            [path],
+            self.left,
+            self.right,
+            self.tolerance_s,
+            self.rig,
+            self.selection,
+            self.raw,
+            self.left_info,
+            self.right_info,
         )
 
 
@@ -217,7 +230,9 @@ def join(stretches: Sequence[Stretch], settings: FleetSettings) -> Calibrated:
     first = stretches[0]
     frames = [frame for stretch in stretches for frame in stretch.frames]
     replay = assemble_replay(frames, Calibrator(first.rig, settings.config))
-    remarks = first.remarks
+    # What was noticed in several stretches is said once.
+    found = dict.fromkeys(remark for stretch in stretches for remark in stretch.remarks)
+    remarks = (*replay.remarks, *found)
     if settings.selection.whole:  # nothing was amiss, so all images there are were read
         remarks += remarks_on(first.n_images, first.n_images, len(frames))
     return Calibrated(replace(replay, remarks=remarks), first.topics)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from ..bags import BagError, Selection, StereoBag, StereoFrame
+from ..core.camera.camera_info_checks import Finding
 from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
 from .recording import FrameSource
@@ -23,6 +23,8 @@ class BagSource(FrameSource):
         rig: The rig, None for that of the CameraInfo topics.
         selection: Which frames are used, None for all.
         raw: Whether the images are raw: they are undistorted and rectified with their CameraInfo.
+        left_info: CameraInfo topic of the left camera, None to find it.
+        right_info: The same of the right camera.
 
     Raises:
         BagError: A bag cannot be read, or there is no unambiguous stereo pair or no rig.
@@ -37,21 +39,31 @@ class BagSource(FrameSource):
         rig: StereoRig | None = None,
         selection: Selection | None = None,
         raw: bool = False,
+        left_info: str | None = None,
+        right_info: str | None = None,
     ) -> None:
+        if rig is not None and not (left_info is None and right_info is None):
+            raise BagError(
+                "a rig file stands in place of CameraInfo: leave out --rig or the CameraInfo topics"
+            )
         if raw and rig is not None:
             raise BagError(
                 "a rig file describes rectified cameras: K, D, R and P of raw ones come from CameraInfo; "
                 "leave out --rig or --raw"
             )
-        self._bag = StereoBag(paths, left, right, tolerance_s, raw)
+        self._bag = StereoBag(paths, left, right, tolerance_s, raw, left_info, right_info)
         try:
             topics = self._bag.topics
             self.name = " ".join(path.resolve().name for path in paths)
             self.left_name, self.right_name = topics.left.name, topics.right.name
             self.n_images = topics.left.count, topics.right.count
             self.start_ns = self._bag.start_ns
-            self._rectifier = self._bag.read_rectifier(not raw) if rig is None else StereoRectifier(rig)
-            self.rig = self._rectifier.rig
+            self._doubts: dict[Finding, None] = {}
+            if rig is None:
+                cameras = self._bag.follow_cameras(not raw, selection)
+                self._note(cameras)
+                rig = cameras.rig
+            self.rig = rig
             self.selection = selection or Selection()
         except BaseException:
             self.close()
@@ -64,20 +76,23 @@ class BagSource(FrameSource):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences about unusual values of the CameraInfo, and about images that are in no frame."""
-        return (*(doubt.message for doubt in self._rectifier.doubts), *self._bag.remarks)
+        """Sentences about the CameraInfo of the frames so far, and about images that are in no frame."""
+        return (*(doubt.message for doubt in self._doubts), *self._bag.info_remarks, *self._bag.remarks)
 
     def frames(self) -> Iterator[StereoFrame]:
         """Yield the selected frames in the order of the recording."""
-        return map(self._rectified, self._bag.frames(self.selection))
+        for frame in self._bag.frames(self.selection):
+            self._note(frame.cameras)
+            yield frame
 
     def frame_at(self, recorded_ns: int) -> StereoFrame:
         """Return one frame again."""
-        return self._rectified(self._bag.frame_at(recorded_ns))
+        return self._bag.frame_at(recorded_ns)
 
-    def _rectified(self, frame: StereoFrame) -> StereoFrame:
-        left, right = self._rectifier.apply(frame.left, frame.right)
-        return replace(frame, left=left, right=right)
+    def _note(self, cameras: StereoRectifier | None) -> None:
+        """Remember what is unusual about the cameras of a frame."""
+        if cameras is not None:
+            self._doubts |= dict.fromkeys(cameras.doubts)
 
     def close(self) -> None:
         """Close the bags."""

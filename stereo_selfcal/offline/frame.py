@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from ..bags import StereoFrame
 from ..core.calibrator import Calibrator
+from ..core.camera.rectifier import StereoRectifier
 from ..core.rejection import Bound, Rejection, RejectReason
 from ..core.results import CalibrationResult, rejected
 
@@ -18,21 +19,41 @@ class FrameHead:
         stamp_s: Header stamp of the left image [s].
         recorded_ns: When the left image was recorded [ns].
         name: Name of the left image where it has one.
+        cameras: The cameras of the frame, None where there is one rig for all or they are not usable.
     """
 
     stamp_s: float
     recorded_ns: int
     name: str
+    cameras: StereoRectifier | None = None
 
     @classmethod
     def of(cls, frame: StereoFrame) -> FrameHead:
         """Return the data of a frame without its images."""
-        return cls(frame.stamp_s, frame.recorded_ns, frame.name)
+        return cls(frame.stamp_s, frame.recorded_ns, frame.name, frame.cameras)
 
 
 def calibrate_frame(calibrator: Calibrator, frame: StereoFrame) -> CalibrationResult:
-    """Calibrate a frame; one whose images could not be converted is refused for that."""
+    """Calibrate a frame with the rig of its own cameras; refuse one without images or without cameras.
+
+    Args:
+        calibrator: Has the settings, and the rig of frames that come without cameras of their own.
+        frame: The frame.
+    """
+    if frame.rig_problem and not frame.problem:
+        unusable = Rejection(
+            RejectReason.CAMERA_INFO_UNUSABLE,
+            f"{{value}} of {{limit}} pairs of CameraInfo can be used ({frame.rig_problem})",
+            0,
+            Bound.LEAST,
+            1,
+            "",
+            "publish the CameraInfo of a stereo calibration with these images",
+        )
+        return rejected(unusable, frame.stamp_s)
     if not frame.problem:
+        if frame.cameras is not None and frame.cameras.rig != calibrator.rig:
+            calibrator = Calibrator(frame.cameras.rig, calibrator.config)
         return calibrator.calibrate_frame(frame.left, frame.right, frame.stamp_s)
     rejection = Rejection(
         RejectReason.IMAGE_UNREADABLE,

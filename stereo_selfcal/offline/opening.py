@@ -24,6 +24,8 @@ def open_source(
     rig: StereoRig | None = None,
     selection: Selection | None = None,
     raw: bool = False,
+    left_info: str | None = None,
+    right_info: str | None = None,
 ) -> FrameSource:
     """Open a recording.
 
@@ -35,16 +37,23 @@ def open_source(
         rig: The rig; None for that of the CameraInfo topics, or of a rig file beside the image folders.
         selection: Which frames are used, None for all.
         raw: Whether the images of bags are raw: they are undistorted and rectified with their CameraInfo.
+        left_info: CameraInfo topic of the left camera in bags, None to find it.
+        right_info: The same of the right camera.
 
     Raises:
         SelfcalError: It cannot be read, or has no unambiguous stereo pair or no rig.
     """
     folders = [path for path in paths if is_image_folder(path, left, right)]
     if not folders:
-        return BagSource(paths, left, right, tolerance_s, rig, selection, raw)
+        return BagSource(paths, left, right, tolerance_s, rig, selection, raw, left_info, right_info)
     if raw:
         raise BagError(
             f"{folders[0]}: raw images need CameraInfo, which a folder of images has not: rectify them"
+        )
+    if not (left_info is None and right_info is None):
+        raise BagError(
+            f"{folders[0]}: a folder of images has no CameraInfo topics: leave out --left-info and "
+            "--right-info"
         )
     if len(paths) > 1:
         raise BagError(f"{folders[0]}: a folder of images is a recording by itself: give it alone")

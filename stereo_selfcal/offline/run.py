@@ -10,6 +10,7 @@ from ..bags import BagError, StereoFrame
 from ..core.calibrator import Calibrator
 from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
+from ..core.drive.camera_changes import CameraChange, CameraFollower
 from ..core.drive.drive import Drive, estimate_drive
 from ..core.results import CalibrationResult
 from .frame import FrameHead, calibrate_frame
@@ -30,6 +31,8 @@ class Replay:
         damage: Reason why the recording ended early, in one line; None when all of it was read. The rows and
             the estimate are those of the frames before.
         remarks: Sentences about anomalies of the recording.
+        camera_changes: Changes of CameraInfo, in order; the estimate is of the frames since the last one.
+        since: Index of the first row since then.
     """
 
     rows: tuple[FrameRow, ...]
@@ -38,16 +41,23 @@ class Replay:
     config: CalibratorConfig
     damage: str | None = None
     remarks: tuple[str, ...] = ()
+    camera_changes: tuple[CameraChange, ...] = ()
+    since: int = 0
+
+    @property
+    def rows_of_rig(self) -> tuple[FrameRow, ...]:
+        """The rows of the rig: those since CameraInfo changed last."""
+        return self.rows[self.since :]
 
     @property
     def estimate(self) -> CalibrationResult:
-        """The accepted frames, fused: those since the mount was moved, if it was."""
+        """The accepted frames, fused: those since the mount or CameraInfo changed, if it did."""
         return self.drive.estimate
 
     @property
     def shown(self) -> FrameRow:
         """The frame for a single picture: the last accepted one, or the last one when none was."""
-        return next((row for row in reversed(self.rows) if row.accepted), self.rows[-1])
+        return next((row for row in reversed(self.rows_of_rig) if row.accepted), self.rows[-1])
 
 
 def calibrate_recording(
@@ -74,7 +84,7 @@ def calibrate_recording(
     calibrator = Calibrator(source.rig, config)
     with closing(calibrate_in_order(source.frames(), calibrator, jobs, source.count)) as frames:
         replay = assemble_replay(frames, calibrator, on_row)
-    return replace(replay, remarks=source.remarks)  # known when all is read
+    return replace(replay, remarks=(*replay.remarks, *source.remarks))  # known when all is read
 
 
 def assemble_replay(
@@ -86,16 +96,24 @@ def assemble_replay(
 
     Args:
         frames: Results of all frames, in order; where a BagError ends them, those before it count.
-        calibrator: A calibrator of the rig, which has seen no frame.
+        calibrator: A calibrator of the rig, which has seen no frame. Frames of other cameras begin anew with
+            one of their rig.
         on_row: Called after every frame.
 
     Raises:
-        SelfcalError: It ended before the first frame.
+        SelfcalError: It ended before the first frame, or CameraInfo alternates.
     """
     rows: list[FrameRow] = []
+    since = 0
     damage = None
+    follower = CameraFollower()
     try:
         for head, result in frames:
+            if head.cameras is not None:
+                change = follower.follow(head.cameras, head.stamp_s)
+                if change is not None or head.cameras.rig != calibrator.rig:
+                    calibrator = Calibrator(head.cameras.rig, calibrator.config)
+                since = since if change is None else len(rows)
             calibrator.remember(result)
             rows.append(FrameRow.from_result(result, head.stamp_s, head.recorded_ns, head.name))
             on_row(rows[-1])
@@ -106,8 +124,13 @@ def assemble_replay(
         damage = f"{error}; it ended early, after {n} frames: --max-frames {n} calibrates from these alone"
     if not rows:
         raise ValueError("a recording of no frames cannot be calibrated")
-    drive = estimate_drive([row for row in rows if row.accepted], calibrator.rig, calibrator.estimate)
-    return Replay(tuple(rows), drive, calibrator.rig, calibrator.config, damage)
+    drive = estimate_drive([row for row in rows[since:] if row.accepted], calibrator.rig, calibrator.estimate)
+    changes = follower.changes
+    if changes:
+        message = f"{drive.estimate.message}; {changes[-1].since}"
+        drive = replace(drive, estimate=replace(drive.estimate, message=message))
+    remarks = tuple(change.message for change in changes)
+    return Replay(tuple(rows), drive, calibrator.rig, calibrator.config, damage, remarks, changes, since)
 
 
 def look_again(

@@ -11,6 +11,7 @@ from ..offline import FrameRow
 _BEFORE_GATES = {
     RejectReason.IMAGE_EMPTY: "check the camera driver: there are no pixels, or too few",
     RejectReason.IMAGE_TYPE: "convert the images to 8-bit grey",
+    RejectReason.CAMERA_INFO_UNUSABLE: "publish the CameraInfo of a stereo calibration with these images",
     RejectReason.IMAGE_UNREADABLE: "check the camera driver and the disk the recording was made on",
     RejectReason.IMAGE_SIZES_DIFFER: "set both cameras to one size",
     RejectReason.RIG_SIZE_MISMATCH: "use the rig (CameraInfo) of these images",

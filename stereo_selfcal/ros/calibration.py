@@ -9,9 +9,10 @@ from typing import Any
 
 from ..core.calibrator import Calibrator
 from ..core.camera.image_messages import message_to_grey
-from ..core.camera.pairing import PairCounts, StampedPair
+from ..core.camera.pairing import PairCounts, StampedPair, stamp_to_s
 from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
+from ..core.drive.camera_changes import CameraFollower
 from ..core.errors import ImageError, RigError
 from ..core.results import CalibrationResult
 from ..core.types import Image
@@ -22,8 +23,6 @@ from .record import FrameReport, calibrate_timed
 _CLOCK_STEP_S = 1e-3  # a call that ends at once must not divide by zero
 # After this time without a pair, the camera is said to have stopped. It may send one image per second.
 _SILENCE_S = 1.5
-# The fields of a CameraInfo that identify a camera; the header changes with every message.
-_INFO_FIELDS = ("width", "height", "distortion_model", "d", "k", "r", "p")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,13 +64,11 @@ class CalibrationCall:
         self._report = report
         self._config = config
         self._calibrator: Calibrator | None = None
-        self._rectifier: StereoRectifier | None = None
+        self._follower = CameraFollower()
         self._rig_problem: str | None = None
         self._pairs = 0
         self._accepted = 0
         self._last_rejection = ""
-        self._cameras: tuple[tuple[str, ...], ...] = ()
-        self._camera_changes = 0
         self._last_pair: tuple[float, PairCounts] | None = None
 
     def run(self) -> CallOutcome:
@@ -83,11 +80,10 @@ class CalibrationCall:
             pair = self._source.next_pair(remaining_s)
             if pair is not None:
                 self._last_pair = time.monotonic(), self._source.state.counts
-                self._notice_other_cameras()
                 self._take(pair)
                 if self._calibrator is not None and self._accepted == self._config.frames:
                     estimate = self._calibrator.estimate
-                    message = estimate.message + self._doubts()
+                    message = estimate.message + self._changes() + self._doubts()
                     if estimate.accepted:
                         return CallOutcome(message, estimate, self._calibrator.rig, pair.stamp_ns)
                     return CallOutcome(message)
@@ -98,34 +94,28 @@ class CalibrationCall:
         elapsed_s = max(time.monotonic() - start_s, _CLOCK_STEP_S)
         return CallOutcome(self._failure(before, elapsed_s) + self._doubts())
 
-    def _notice_other_cameras(self) -> None:
-        """Start again when CameraInfo has changed: frames of two rigs must not be fused."""
-        cameras = tuple(_camera(info) for info in self._source.camera_infos)
-        if self._calibrator is not None and not self._config.rig and cameras != self._cameras:
-            self._camera_changes += 1
-            self._calibrator, self._accepted = None, 0
-        self._cameras = cameras
-
     def _take(self, pair: StampedPair[Any]) -> None:
         """Calibrate one pair, or remember why it could not be."""
         self._pairs += 1
-        if self._calibrator is None or self._rectifier is None:
-            try:
-                self._rectifier = self._find_rectifier()
-            except RigError as error:
-                self._rig_problem = str(error)
-                return
-            self._rig_problem = None
-            self._calibrator = Calibrator(self._rectifier.rig, self._config.calibrator)
+        try:
+            rectifier = self._find_rectifier(pair)
+        except RigError as error:
+            self._rig_problem = str(error)
+            return
         topics = self._source.topics
         try:
             left = _grey(pair.left, topics.left)
             right = _grey(pair.right, topics.right)
         except ImageError as error:
+            self._rig_problem = None
             self._last_rejection = str(error)
             return
-        left, right = self._rectifier.apply(left, right)
-        frame = calibrate_timed(self._calibrator, left, right, pair.stamp_ns)
+        rectifier = rectifier.for_images(left, right)
+        calibrator = self._calibrator_of(rectifier, pair.stamp_ns)
+        if calibrator is None:
+            return
+        left, right = rectifier.apply(left, right)
+        frame = calibrate_timed(calibrator, left, right, pair.stamp_ns)
         if self._report is not None:
             self._report(frame)
         result = frame.result
@@ -134,8 +124,29 @@ class CalibrationCall:
         else:
             self._last_rejection = result.message
 
-    def _find_rectifier(self) -> StereoRectifier:
-        rectifier = known_rectifier(self._source, self._config)
+    def _calibrator_of(self, rectifier: StereoRectifier, stamp_ns: int) -> Calibrator | None:
+        """Return the calibrator of a frame's rig; frames of two rigs must not be fused.
+
+        Args:
+            rectifier: Cameras of the frame.
+            stamp_ns: Its stamp [ns].
+
+        Returns:
+            A new one where CameraInfo has changed; None where two rigs alternate.
+        """
+        try:
+            changed = self._follower.follow(rectifier, stamp_to_s(stamp_ns)) is not None
+            self._rig_problem = None
+        except RigError as error:
+            self._rig_problem = str(error)
+            self._calibrator, self._accepted = None, 0
+            return None
+        if changed or self._calibrator is None:
+            self._calibrator, self._accepted = Calibrator(rectifier.rig, self._config.calibrator), 0
+        return self._calibrator
+
+    def _find_rectifier(self, pair: StampedPair[Any]) -> StereoRectifier:
+        rectifier = known_rectifier(self._source, self._config, pair)
         if rectifier is not None:
             return rectifier
         topics, (left, right) = self._source.topics, self._source.camera_infos
@@ -145,7 +156,13 @@ class CalibrationCall:
 
     def _doubts(self) -> str:
         """Return what is unusual about the CameraInfo, to be added to a message."""
-        return "" if self._rectifier is None else "".join(f"; {d.message}" for d in self._rectifier.doubts)
+        cameras = self._follower.current
+        return "" if cameras is None else "".join(f"; {doubt.message}" for doubt in cameras.doubts)
+
+    def _changes(self) -> str:
+        """Return the last change of CameraInfo, to be added to the message of a result."""
+        changes = self._follower.changes
+        return f"; {changes[-1].message}" if changes else ""
 
     def _failure(self, before: PairCounts, elapsed_s: float) -> str:
         """Return why the call ends without a result."""
@@ -155,8 +172,9 @@ class CalibrationCall:
         return self._reason_after_pairs(seen) + self._silence()
 
     def _reason_after_pairs(self, seen: str) -> str:
-        if self._camera_changes:
-            times = "once" if self._camera_changes == 1 else f"{self._camera_changes} times"
+        n_changes = len(self._follower.changes)
+        if n_changes:
+            times = "once" if n_changes == 1 else f"{n_changes} times"
             seen += f", CameraInfo changed {times} meanwhile"
         if self._rig_problem is not None:
             return f"{self._rig_problem} ({seen})"
@@ -176,12 +194,6 @@ class CalibrationCall:
         if silent_s < _SILENCE_S:
             return ""
         return f"; since then {no_pair_reason(self._source, self._config, counts, silent_s)}"
-
-
-def _camera(info: Any) -> tuple[str, ...]:
-    """Return the identity of a camera. It is text, in which NaN equals itself."""
-    values = (getattr(info, name, None) for name in _INFO_FIELDS)
-    return tuple(repr(value if isinstance(value, int | str | None) else list(value)) for value in values)
 
 
 def _grey(message: Any, topic: str) -> Image:

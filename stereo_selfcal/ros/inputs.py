@@ -3,32 +3,48 @@
 from __future__ import annotations
 
 import threading
+import time
 from dataclasses import replace
 from typing import Any
 
 from rclpy.node import Node
 
+from ..core.camera.camera_difference import check_steady
+from ..core.camera.camera_info_history import CameraInfoHistory
 from ..core.camera.pairing import StampedPair
-from ..core.geometry.homography import Side
+from ..core.geometry.homography import SIDES, Side
 from .config import NodeConfig
 from .intake import ImageFormat, ImageIntake, IntakeWindow
 from .memory import HeapTrimmer
 from .pair_source import InputState, Topics
 from .subscriptions import CameraSubscriptions
 
+# A CameraInfo is kept for as long as its images may wait for the calibrator.
+_KEEP_NS = 10_000_000_000
+# A CameraInfo may arrive later than its image by so much. After a wait in vain, none is waited for until
+# another one has come: some publishers send it only once.
+_LATE_S = 0.1
+
 
 class CameraInfos:
-    """Keeps the last CameraInfo of each camera; safe to be used by several threads."""
+    """Keeps the CameraInfo of each camera; safe to be used by several threads.
 
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._last: dict[Side, Any] = {}
+    Args:
+        rectified: Whether the images are rectified.
+    """
+
+    def __init__(self, rectified: bool = True) -> None:
+        self._lock = threading.Condition()
+        self._late = False
+        self._kept: dict[Side, CameraInfoHistory] = {
+            side: CameraInfoHistory(_KEEP_NS, rectified) for side in SIDES
+        }
 
     @property
     def last(self) -> tuple[Any, Any]:
         """That of the left and of the right camera, None where none came."""
         with self._lock:
-            return self._last.get("left"), self._last.get("right")
+            return self._kept["left"].last, self._kept["right"].last
 
     @property
     def missing(self) -> tuple[bool, bool]:
@@ -37,14 +53,45 @@ class CameraInfos:
         return left is None, right is None
 
     def keep(self, side: Side, message: Any) -> None:
-        """Keep a CameraInfo in place of the one before."""
+        """Keep a CameraInfo, and wake who waits for it."""
         with self._lock:
-            self._last[side] = message
+            self._kept[side].add(message, time.monotonic_ns())
+            self._late = False
+            self._lock.notify_all()
+
+    def of(self, pair: StampedPair[Any]) -> tuple[Any, Any]:
+        """Return those that hold for a pair, None where none came; wait a little for those of its stamps."""
+        stamps_ns = pair.left_stamp_ns, pair.right_stamp_ns
+        both = self._kept["left"], self._kept["right"]
+
+        def arrived() -> bool:
+            lasts = [history.last_stamp_ns for history in both]
+            return all(
+                last is not None and last >= stamp for last, stamp in zip(lasts, stamps_ns, strict=True)
+            )
+
+        with self._lock:
+            if not self._late:
+                self._late = not self._lock.wait_for(arrived, _LATE_S)
+            now_ns = time.monotonic_ns()
+            left, right = (h.at(stamp, now_ns) for h, stamp in zip(both, stamps_ns, strict=True))
+        return left, right
+
+    def check(self, topics: Topics, rectified: bool) -> None:
+        """Refuse CameraInfo of a topic that alternates.
+
+        Raises:
+            CameraInfoError: It does, as that of two publishers on one topic.
+        """
+        with self._lock:
+            for side, topic in zip(SIDES, (topics.left_info, topics.right_info), strict=True):
+                check_steady(self._kept[side], topic, side, rectified)
 
     def clear(self) -> None:
-        """Forget both."""
+        """Forget all."""
         with self._lock:
-            self._last.clear()
+            for history in self._kept.values():
+                history.clear()
 
 
 class StereoInput:
@@ -62,7 +109,8 @@ class StereoInput:
     def __init__(self, node: Node, config: NodeConfig) -> None:
         self._node = node
         self._intake = ImageIntake(config)
-        self._infos = CameraInfos()
+        self._rectified = config.rectified  # it never changes
+        self._infos = CameraInfos(config.rectified)
         self._subscriptions = CameraSubscriptions(
             node,
             config,
@@ -114,6 +162,16 @@ class StereoInput:
     def camera_infos(self) -> tuple[Any, Any]:
         """The last CameraInfo of the left and of the right camera, None where none came."""
         return self._infos.last
+
+    def camera_infos_of(self, pair: StampedPair[Any]) -> tuple[Any, Any]:
+        """Return the CameraInfo that hold for the images of a pair, None where none came.
+
+        Raises:
+            CameraInfoError: That of a topic alternates.
+        """
+        infos = self._infos.of(pair)
+        self._infos.check(self.topics, self._rectified)
+        return infos
 
     def configure(self, config: NodeConfig) -> None:
         """Take over changed parameters."""

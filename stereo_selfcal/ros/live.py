@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..core.camera.image_messages import message_to_grey
+from ..core.camera.pairing import StampedPair
 from ..core.camera.rig import StereoRig
 from ..core.errors import ImageError, RigError
 from ..core.types import Image
@@ -111,7 +112,7 @@ class LiveFrames:
             while not self._claimed.is_set() and not self._source.stopped:
                 pair = self._source.next_pair(_SLICE_S)
                 if pair is not None:
-                    return self._read(pair.left, pair.right, pair.stamp_ns)
+                    return self._read(pair)
                 elapsed_s = time.monotonic() - start_s
                 if elapsed_s >= timeout_s:
                     elapsed_s = max(elapsed_s, _CLOCK_STEP_S)
@@ -120,17 +121,18 @@ class LiveFrames:
         finally:
             self._source.end()
 
-    def _read(self, left: Any, right: Any, stamp_ns: int) -> LiveFrame | NoFrame:
-        images = []
-        for topic, message in zip(self._source.topics[:2], (left, right), strict=True):
+    def _read(self, pair: StampedPair[Any]) -> LiveFrame | NoFrame:
+        images, stamp_ns = [], pair.stamp_ns
+        for topic, message in zip(self._source.topics[:2], (pair.left, pair.right), strict=True):
             try:
                 images.append(message_to_grey(message))
             except ImageError as error:
                 return NoFrame(f"{topic}: {error}")
         try:
-            rectifier = known_rectifier(self._source, self._config())
+            rectifier = known_rectifier(self._source, self._config(), pair)
         except RigError as error:
             return LiveFrame(images[0], images[1], None, str(error), stamp_ns)
         if rectifier is None:
             return LiveFrame(images[0], images[1], None, missing_info(self._source), stamp_ns)
+        rectifier = rectifier.for_images(images[0], images[1])
         return LiveFrame(*rectifier.apply(images[0], images[1]), rectifier.rig, "", stamp_ns)

@@ -5,9 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
+from ..core.camera.camera_info_checks import check_claim
 from ..core.camera.pairing import PairCounts, StampedPair, suggest_tolerance_s
 from ..core.camera.rectifier import StereoRectifier
 from .config import NodeConfig
+
+_RECTIFIED_REMEDY = "set rectified: false, or rig.* if they are rectified after all"
+_RAW_REMEDY = "set rectified: true"
 
 
 class Topics(NamedTuple):
@@ -53,6 +57,9 @@ class PairSource(Protocol):
     def camera_infos(self) -> tuple[Any, Any]:
         """Last CameraInfo of both cameras, None where none came."""
 
+    def camera_infos_of(self, pair: StampedPair[Any]) -> tuple[Any, Any]:
+        """Return the CameraInfo that hold for the images of a pair, None where none came."""
+
     def publishers(self, topic: str) -> int:
         """Return how many publishers a topic has."""
 
@@ -60,19 +67,30 @@ class PairSource(Protocol):
         """Wait for the next pair and return it, None when none came in time."""
 
 
-def known_rectifier(source: PairSource, config: NodeConfig) -> StereoRectifier | None:
+def known_rectifier(
+    source: PairSource, config: NodeConfig, pair: StampedPair[Any] | None = None
+) -> StereoRectifier | None:
     """Return the cameras of the parameters or of CameraInfo, None before both have come.
 
+    Args:
+        source: Where the pair and CameraInfo come from.
+        config: Parameters of the node.
+        pair: The pair whose cameras are wanted, None for the last CameraInfo.
+
     Raises:
-        RigError: They are invalid.
+        RigError: They are invalid, or the images are not what ``rectified`` says.
     """
     rig = config.rig_from_parameters()
     if rig is not None:
         return StereoRectifier(rig)
-    left, right = source.camera_infos
+    left, right = source.camera_infos if pair is None else source.camera_infos_of(pair)
     if left is None or right is None:
         return None
-    return StereoRectifier.from_camera_info(left, right, config.rectified)
+    rectifier = StereoRectifier.from_camera_info(left, right, config.rectified)
+    if rectifier.cameras is not None:
+        remedy = _RECTIFIED_REMEDY if config.rectified else _RAW_REMEDY
+        check_claim(rectifier.cameras, source.topics[:2], config.rectified, remedy)
+    return rectifier
 
 
 def no_pair_reason(source: PairSource, config: NodeConfig, before: PairCounts, elapsed_s: float) -> str:

@@ -83,3 +83,50 @@ def test_camera_info_that_cannot_be_right_ends_the_replay(tmp_path, capsys):
     assert (
         "left CameraInfo has 3 distortion coefficients, plumb_bob has 0 or 4 or 5" in capsys.readouterr().err
     )
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"d": np.array([0.1] * 3)}, {"k": np.zeros(9)}, {"p": np.zeros(12)}, {"r": np.zeros(9)}],
+)
+def test_raw_images_are_never_advised_to_take_a_rig_file(tmp_path, changes):
+    """It would be refused, as it describes rectified cameras."""
+    path = make_bag(tmp_path / "bag", raw_cameras(**changes))
+    with pytest.raises(BagError) as error:
+        open_source([path], raw=True)
+    words = str(error.value)
+    assert "--rig" not in words and "rig by parameters" not in words
+    assert "/stereo/left/camera_info" in words
+
+
+def test_raw_images_of_an_unknown_model_can_be_rectified_before(tmp_path):
+    sides = raw_cameras(distortion_model="fov", d=np.array([0.9]))
+    with pytest.raises(BagError, match=r"'fov', known are .* or rectify the images before") as error:
+        open_source([make_bag(tmp_path / "bag", sides)], raw=True)
+    assert "replay without --raw" in str(error.value) and "--rig" not in str(error.value)
+
+
+def test_raw_images_that_are_taken_for_rectified_are_refused(tmp_path, capsys):
+    path = make_bag(tmp_path / "bag", raw_cameras())
+    assert main([str(path)]) == 2
+    words = capsys.readouterr().err
+    assert "/stereo/left/image_raw is not called rectified" in words and "(K is not P)" in words
+    assert "moves pixels by up to 4.0 px, at most 0.1 px allowed" in words
+    assert "give --raw, or --rig if they are rectified after all" in words
+    plain = make_bag(tmp_path / "plain", raw_cameras(k=np.array([50.0, 0, 31.5, 0, 50, 23.5, 0, 0, 1])))
+    with open_source([plain]) as source:
+        assert source.remarks == ()
+
+
+def test_rectified_images_are_not_rectified_again(tmp_path):
+    path = make_bag(tmp_path / "bag", cameras(info_changes={"d": np.array([-0.2, 0.05, 0, 0, 0])}))
+    with pytest.raises(BagError, match=r"image_rect is called rectified.* leave out --raw"):
+        open_source([path], raw=True)
+
+
+def test_binning_of_images_that_are_not_binned_is_not_applied(tmp_path):
+    path = make_bag(tmp_path / "bag", cameras(info_changes={"binning_x": 2, "binning_y": 2}))
+    with open_source([path]) as source:
+        frames = list(source.frames())
+        assert [frame.cameras.rig for frame in frames] == [RIG] * 3
+        assert any("images show the whole sensor" in remark for remark in source.remarks)

@@ -312,7 +312,10 @@ def test_unusable_recordings_are_refused_in_one_line(tmp_path, make, message):
     [
         (cameras(info=""), "no CameraInfo on /stereo/left/camera_info.*none.*--rig"),
         ([Camera("left"), Camera("right", info="")], "no CameraInfo on /stereo/right/camera_info"),
-        ([Camera("left", info_changes={"k": np.zeros(9)}), Camera("right")], r"K\[0\] = 0"),
+        (
+            [Camera("left", info_changes={"k": np.zeros(9), "p": np.zeros(12)}), Camera("right")],
+            r"left CameraInfo is uncalibrated \(K\[0\] = 0 and P\[0\] = 0\)",
+        ),
         (
             cameras(info_changes={"p": np.array([50.0, 0, 31.5, 0, 0, 50, 23.5, 0, 0, 0, 1, 0])}),
             "baseline of zero",

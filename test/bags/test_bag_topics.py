@@ -3,12 +3,23 @@
 import pytest
 
 from stereo_selfcal.bags.errors import BagError
-from stereo_selfcal.bags.topics import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, Topic, find_stereo_topics
+from stereo_selfcal.bags.topics import (
+    CAMERA_INFO,
+    COMPRESSED_IMAGE,
+    IMAGE,
+    StereoTopics,
+    Topic,
+    find_camera_info,
+    find_stereo_pairs,
+    find_stereo_topics,
+)
+
+TRANSPORTS = ("/compressed", "/compressedDepth", "/zstd", "/theora", "/jxl")
 
 
 def topics(*names, count=5):
     """Image topics; those that end as image_transport's do are compressed."""
-    return [Topic(n, COMPRESSED_IMAGE if "compressed" in n else IMAGE, count) for n in names]
+    return [Topic(n, COMPRESSED_IMAGE if n.endswith(TRANSPORTS) else IMAGE, count) for n in names]
 
 
 def both(*names):
@@ -39,6 +50,28 @@ def both(*names):
         (both("/cam/image_{}"), "/cam/image_{}"),
         # The word left elsewhere in the name stays.
         (both("/left_arm/{}/image"), "/left_arm/{}/image"),
+        # ZED from 5.1 on: the folders say how an image was processed.
+        (
+            both("/zed/{}/color/raw/image", "/zed/{}/color/rect/image", "/zed/{}/gray/rect/image"),
+            "/zed/{}/gray/rect/image",
+        ),
+        (both("/zed/{}/color/raw/image", "/zed/{}/color/rect/image"), "/zed/{}/color/rect/image"),
+        (both("/s/{}/raw/image", "/s/{}/image"), "/s/{}/image"),
+        (both("/s/{}/unrectified", "/s/{}/imageRect"), "/s/{}/imageRect"),
+        # What "ros2 bag record -a" finds of each image.
+        (
+            both(
+                *(
+                    f"/s/{{}}/image_raw{end}"
+                    for end in ("", "/compressed", "/compressedDepth", "/zstd", "/theora")
+                )
+            ),
+            "/s/{}/image_raw",
+        ),
+        (both("/s/{}/image_raw/compressed", "/s/{}/image_raw/zstd"), "/s/{}/image_raw/compressed"),
+        (both("/s/{}/image_raw", "/s/{}/image_raw/jxl"), "/s/{}/image_raw"),  # one that is not known here
+        (both("/s/{}/image_raw/compressed", "/s/{}/image_raw/jxl"), "/s/{}/image_raw/compressed"),
+        (both("/s/{}/jxl"), "/s/{}/jxl"),
         # Left and right before numbers.
         (["/cam0/image", "/cam1/image", *both("/s/{}/image")], "/s/{}/image"),
     ],
@@ -100,6 +133,7 @@ def test_ambiguity_lists_the_candidates(names):
         (topics("/front/image", "/rear/image"), "no left/right pair among .*/front/image, /rear/image"),
         (topics("/cleft/image", "/cright/image"), "no left/right pair"),
         (topics("/left/image/compressedDepth", "/right/image/compressedDepth"), "no images"),
+        (topics("/left/image/zstd", "/right/image/zstd"), "raw and compressed can be read.*republish"),
     ],
 )
 def test_no_pair_says_what_there_is(available, message):
@@ -138,6 +172,7 @@ def test_transport_suffix_may_be_left_out():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
+        ({"left": "/zstd/left/image/zstd"}, "--left /zstd/.*: of the transports, raw and compressed can be"),
         ({"left": "/nowhere"}, "--left /nowhere: no such image topic.*/front/left/image"),
         ({"left": "/front/left/image", "right": "/front/left/image"}, "give two topics"),
         ({"left": "/front/right/image"}, "no right camera found for --left"),
@@ -146,9 +181,89 @@ def test_transport_suffix_may_be_left_out():
 )
 def test_wrong_names_are_refused(given, message):
     with pytest.raises(BagError, match=message):
-        find_stereo_topics(FOUR, **given)
+        find_stereo_topics([*FOUR, *topics("/zstd/left/image/zstd")], **given)
 
 
 def test_named_topic_without_messages_is_refused():
     with pytest.raises(BagError, match="no message on it"):
         find_stereo_topics([*FOUR, *topics("/x/left/image", count=0)], left="/x/left/image")
+
+
+def test_with_raw_the_raw_one_of_the_folders_is_taken():
+    names = both("/zed/{}/color/raw/image", "/zed/{}/color/rect/image", "/zed/{}/gray/rect/image")
+    found = find_stereo_topics(topics(*names), raw=True)
+    assert found.left.name == "/zed/left/color/raw/image"
+
+
+def test_cameras_whose_names_hold_a_colour_are_different_cameras():
+    """KITTI's grey and colour cameras are pairs of their own; folders of ZED's colours are not."""
+    names = both("/kitti/camera_gray_{}/image_raw", "/kitti/camera_color_{}/image_raw")
+    assert [pair.left.name for pair in find_stereo_pairs(topics(*names))] == [
+        "/kitti/camera_color_left/image_raw",
+        "/kitti/camera_gray_left/image_raw",
+    ]
+    names = both("/zed/{}/color/rect/image", "/zed/{}/gray/rect/image")
+    assert [pair.left.name for pair in find_stereo_pairs(topics(*names))] == ["/zed/left/gray/rect/image"]
+
+
+def infos(*names, count=5):
+    return [Topic(name, CAMERA_INFO, count) for name in names]
+
+
+def info_names(images, available, **given):
+    """Return the names of the CameraInfo topics found for an image topic with {} as the side."""
+    kind = COMPRESSED_IMAGE if images.endswith(TRANSPORTS) else IMAGE
+    left, right = (Topic(name, kind, 5) for name in both(images))
+    return [topic.name for topic in find_camera_info(available, StereoTopics(left, right), **given)]
+
+
+@pytest.mark.parametrize(
+    ("images", "available", "expected"),
+    [
+        ("/s/{}/image_rect", both("/s/{}/camera_info"), "/s/{}/camera_info"),
+        ("/s/{}/image_rect/compressed", both("/s/{}/camera_info"), "/s/{}/camera_info"),
+        # Image and CameraInfo share one namespace.
+        ("/s/{}_image_rect", both("/s/{}_camera_info"), "/s/{}_camera_info"),
+        ("/s/image_{}", both("/s/camera_info_{}"), "/s/camera_info_{}"),
+        ("/s/{}_image_rect", both("/s/{}_info", "/other/{}_info"), "/s/{}_info"),
+        ("/{}Image", both("/{}CameraInfo"), "/{}CameraInfo"),
+        # Below the image, and above it.
+        ("/s/{}", both("/s/{}/camera_info"), "/s/{}/camera_info"),
+        ("/s/{}/rect/image", both("/s/{}/camera_info"), "/s/{}/camera_info"),
+        # One for each way to process the image.
+        (
+            "/zed/{}/gray/rect/image",
+            both("/zed/{}/color/rect/camera_info", "/zed/{}/gray/rect/camera_info"),
+            "/zed/{}/gray/rect/camera_info",
+        ),
+    ],
+)
+def test_camera_info_is_found(images, available, expected):
+    assert info_names(images, infos(*available, "/gps/camera_info")) == both(expected)
+
+
+def test_camera_info_can_be_named():
+    available = infos(*both("/calibration/{}/info"), *both("/s/{}/camera_info"))
+    given = {"left": "calibration/left/info", "right": "/calibration/right/info"}
+    assert info_names("/s/{}/image", available, **given) == both("/calibration/{}/info")
+    assert info_names("/s/{}/image", available, left=given["left"])[1] == "/s/right/camera_info"
+
+
+@pytest.mark.parametrize(
+    ("available", "given", "message"),
+    [
+        ([], {}, r"no CameraInfo on /s/left/camera_info for /s/left/image;.*none; .*--left-info.*--rig"),
+        (
+            infos("/s/left/camera_info"),
+            {},
+            "CameraInfo topics: /s/left/camera_info; name it with --right-info",
+        ),
+        (infos(*both("/s/{}/camera_info"), count=0), {}, "CameraInfo topics: none"),
+        (infos(*both("/a/s/{}/info", "/b/s/{}/info")), {}, "no CameraInfo .*/a/s/left/info, /a/s/right/info"),
+        (infos("/x/info"), {"left": "/y/info"}, "--left-info /y/info: no message on such.*: /x/info"),
+        (infos("/x/info", count=0), {"left": "/x/info"}, "no message on such"),
+    ],
+)
+def test_camera_info_that_is_not_found_can_be_named(available, given, message):
+    with pytest.raises(BagError, match=message):
+        info_names("/s/{}/image", available, **given)

@@ -228,7 +228,7 @@ BAD_INPUT = {
     "no images": (recording(cameras(image="")), "no images"),
     "only one camera": (recording([Camera("left")]), "only one camera (left)"),
     "no CameraInfo": (recording(cameras(info="")), "give the rig with --rig"),
-    "K[0] = 0": (recording(cameras(info_changes={"k": np.zeros(9)})), "K[0] = 0"),
+    "K[0] = 0": (recording(cameras(info_changes={"k": np.zeros(9), "p": np.zeros(12)})), "K[0] = 0"),
     "zero baseline": (recording(cameras(info_changes={"p": P_WITHOUT_BASELINE})), "baseline of zero"),
     "unknown encoding": (recording(cameras(encoding="yuv422")), "'yuv422' is not supported"),
     "step too small": (recording(cameras(step_too_small=True)), "step is 63 bytes"),

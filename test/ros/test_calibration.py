@@ -18,6 +18,7 @@ from stereo_selfcal.ros.pair_source import InputState, Topics, no_pair_reason
 
 RIG = {"width": 4, "height": 3, "fx": 5.0, "fy": 5.0, "cx": 1.5, "cy": 1.0, "baseline_m": 0.2}
 ARRIVED = PairCounts(10, 10)
+RAW_TOPICS = Topics("/left/image_raw", "/right/image_raw", "/left/camera_info", "/right/camera_info")
 TOPICS = Topics("/left/image_rect", "/right/image_rect", "/left/camera_info", "/right/camera_info")
 
 
@@ -61,6 +62,9 @@ class Source:
     @property
     def state(self):
         return self.states.popleft() if len(self.states) > 1 else self.states[0]
+
+    def camera_infos_of(self, _pair):
+        return self.camera_infos
 
     def publishers(self, topic):
         return 1 if "left" in topic else 0
@@ -180,6 +184,7 @@ def test_raw_images_are_rectified(monkeypatch):
     left.k[2] += 1.0
     columns = bytes([60, 70, 80, 90] * 3)
     source = Source(pair(left=image_of(columns), right=image_of(columns)), infos=(left, right))
+    source.topics = RAW_TOPICS
     assert CalibrationCall(source, without_rig(rectified=False)).run().result is not None
     assert shown[0][0].tolist()[0] == [70, 80, 90, 0]
     assert shown[0][1].tolist()[0] == [60, 70, 80, 90]
@@ -224,8 +229,12 @@ def test_parameters_win_over_camera_info():
             (info(), None),
             "no CameraInfo on /right/camera_info (0 publishers): publish it or set the parameters",
         ),
-        ((info(k=[0.0] * 9), info()), "left CameraInfo is uncalibrated (K[0] = 0)"),
-        ((info(), info()), "baseline of zero"),
+        (
+            (info(k=[0.0] * 9, p=[0.0] * 12), info()),
+            "left CameraInfo is uncalibrated (K[0] = 0 and P[0] = 0)",
+        ),
+        ((info(), info()), "baseline of zero (P[3] is 0 in both cameras"),
+        ((info(), info(shift=1.0)), "P[3] is 0 in the left camera and 1 in the right one"),
     ],
 )
 def test_what_is_wrong_with_camera_info(infos, words):
@@ -262,6 +271,56 @@ def test_frames_of_other_cameras_begin_anew():
     assert [made.frames for made in FakeCalibrator.made] == [[0.0, 1.0], [2.0, 3.0, 4.0]]
     assert outcome.result.n_frames == 3
     assert outcome.rig.baseline_m == pytest.approx(0.3)
+    assert outcome.message == (
+        "height 1.2 m; CameraInfo changed at 2.0 s (P[3] of the right camera -1 -> -1.5): frames from before "
+        "are of another rig and not in the result"
+    )
+
+
+def source_of(infos_of, n_pairs):
+    """Return a source whose pair at n seconds has the CameraInfo ``infos_of(n)``."""
+    source = Source(*(pair(i * 10**9) for i in range(n_pairs)), infos=infos_of(0))
+    source.camera_infos_of = lambda each: infos_of(each.stamp_ns // 10**9)
+    return source
+
+
+def test_each_frame_has_the_camera_info_of_its_own_stamp():
+    """The last one that has arrived may be of a later frame."""
+    source = source_of(lambda i: (info(), info(shift=-1.0 if i < 2 else -1.5)), 5)
+    source.camera_infos = info(), info(shift=-1.5)
+    outcome = CalibrationCall(source, without_rig(frames=2)).run()
+    assert FakeCalibrator.made[0].frames == [0.0, 1.0]
+    assert outcome.rig.baseline_m == pytest.approx(0.2)
+
+
+def test_two_publishers_on_one_topic_are_refused():
+    source = source_of(lambda i: (info(), info(shift=-1.0 - i % 2)), 4)
+    outcome = CalibrationCall(source, without_rig(frames=2)).run()
+    assert outcome.result is None
+    assert outcome.message.startswith(
+        "CameraInfo alternates between P[3] of the right camera -2 and P[3] of the right camera -1"
+    ) or outcome.message.startswith("CameraInfo alternates between P[3] of the right camera -1 and")
+
+
+def test_raw_images_that_are_taken_for_rectified_are_refused():
+    changes = {"d": [-2.0, 0.5, 0, 0, 0], "r": np.eye(3).ravel(), "distortion_model": "plumb_bob"}
+    source = Source(pair(), infos=(info(**changes), info(shift=-1.0, **changes)))
+    assert CalibrationCall(source, without_rig()).run().result is not None  # they are called rectified
+    source.topics, source.pairs = RAW_TOPICS, deque([pair()])
+    outcome = CalibrationCall(source, without_rig()).run()
+    assert outcome.result is None
+    assert outcome.message.startswith("/left/image_raw is not called rectified, and by its CameraInfo (D is")
+    assert "set rectified: false, or rig.* if they are rectified after all" in outcome.message
+
+
+def test_binning_is_not_applied_to_images_of_the_whole_sensor():
+    infos = info(binning_x=2, binning_y=2), info(shift=-1.0, binning_x=2, binning_y=2)
+    outcome = CalibrationCall(Source(pair(), infos=infos), without_rig()).run()
+    assert outcome.rig.fx == 5.0
+    assert (
+        "the left images show the whole sensor, although their CameraInfo has binning 2 x 2"
+        in outcome.message
+    )
 
 
 def test_half_a_rig_by_parameters_names_the_other_half():

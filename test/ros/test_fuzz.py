@@ -180,6 +180,9 @@ class Source:
         self.pairs, self.camera_infos = deque(pairs), camera_infos
         self.state = InputState(PairCounts(), None)
 
+    def camera_infos_of(self, _pair):
+        return self.camera_infos
+
     def publishers(self, topic):
         return 1
 

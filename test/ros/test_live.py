@@ -34,6 +34,9 @@ class Input:
         self.waiting = threading.Event()
         self.state = InputState(PairCounts(), None)
 
+    def camera_infos_of(self, _pair):
+        return self.camera_infos
+
     def publishers(self, topic):
         return 0
 

@@ -72,6 +72,9 @@ class Source:
             for i, (left, right) in enumerate(frames)
         )
 
+    def camera_infos_of(self, _pair):
+        return self.camera_infos
+
     def publishers(self, topic):
         return 1
 

@@ -31,6 +31,9 @@ class Input:
     def state(self):
         return InputState(self.counts, None)
 
+    def camera_infos_of(self, _pair):
+        return self.camera_infos
+
     def publishers(self, topic):
         return 1
 

@@ -16,14 +16,9 @@ import numpy as np
 
 from ..errors import RigError, shortened
 
-# Two rectified cameras share one projection matrix, except for the baseline term. Calibration tools print P
-# with about six digits, so a difference of a hundredth of a pixel is no rounding.
-_RECTIFIED_TOLERANCE_PX = 0.01
-
-# No vehicle has a baseline outside this range. P[3] in pixel millimetres gives 30 m and more. P[3] =
-# -baseline without fx gives less than 4 mm (2 m over 500 px). The height is then wrong by the same factor,
-# and the images do not show it.
-_POSSIBLE_BASELINE_M = (0.005, 10.0)
+# Distance of a principal point from the middle of the sensor, as a fraction of its side, up to which it is
+# usual: at most 0.05 for the cameras of KITTI and EuRoC. Half the resolution moves it by 0.25.
+_MIDDLE = 0.15
 
 # R is written with six digits or more, so a rotation is orthogonal to about 1e-6.
 _ROTATION_TOLERANCE = 1e-3
@@ -50,10 +45,15 @@ class InfoReason(Enum):
     UNKNOWN_MODEL = "unknown_model"
     NOT_A_ROTATION = "not_a_rotation"
     IMAGE_SIZE = "image_size"
+    NOT_RECTIFIED = "not_rectified"
+    RECTIFIED_ALREADY = "rectified_already"
+    ALTERNATING = "alternating"
     BASELINE_UNUSUAL = "baseline_unusual"
     FOCAL_LENGTHS_DISAGREE = "focal_lengths_disagree"
     PRINCIPAL_POINT = "principal_point"
     SEEMS_UNRECTIFIED = "seems_unrectified"
+    REFERENCE_IS_RIGHT = "reference_is_right"
+    REGION_NOT_APPLIED = "region_not_applied"
 
     def __str__(self) -> str:
         return self.value
@@ -75,6 +75,8 @@ class CameraInfoError(RigError):
 class CameraModel:
     """Parameters of a camera from its CameraInfo, for its images: region of interest and binning are applied.
 
+    Of the CameraInfo of rectified images only P is used; K may be all zeros.
+
     Attributes:
         width: Image width [px].
         height: Image height [px].
@@ -84,7 +86,9 @@ class CameraModel:
         d: Distortion coefficients.
         model: Name of the distortion model as it was given.
         cropped: Whether the images show only a region of the sensor.
+        region: Binning and region of interest in words, "" where they change nothing.
         side: "left" or "right", for messages.
+        rectified: Whether the images are rectified, for messages.
     """
 
     width: int
@@ -95,44 +99,70 @@ class CameraModel:
     d: tuple[float, ...]
     model: str
     cropped: bool = False
+    region: str = field(default="", compare=False)
     side: str = field(default="", compare=False)
+    rectified: bool = field(default=True, compare=False)
 
     @classmethod
-    def read(cls, info: Any, side: str) -> CameraModel:
+    def read(cls, info: Any, side: str, rectified: bool = True, whole: bool = False) -> CameraModel:
         """Read anything with the fields of sensor_msgs/CameraInfo, ROS 2 or ROS 1 (``K`` for ``k``).
 
         Args:
             info: The message.
             side: "left" or "right".
+            rectified: Whether the images are rectified; False: they are raw, and K is needed.
+            whole: Whether the images show the whole sensor, whatever region and binning say.
 
         Raises:
             CameraInfoError: It is uncalibrated, K or P is malformed or not finite, or its region of
-                interest does not lie in the image.
+                interest and binning do not go together with its size or with P.
         """
         k = _matrix(info, "k", 9, side)
         p = _matrix(info, "p", 12, side)
-        if k[0] == 0.0:
+        otherwise = " or give the rig by parameters" if rectified else ""
+        if k[0] == 0.0 and (p[0] == 0.0 or not rectified):
             raise CameraInfoError(
                 InfoReason.UNCALIBRATED,
-                f"{side} CameraInfo is uncalibrated (K[0] = 0): calibrate the camera "
-                "or give the rig by parameters",
+                f"{side} CameraInfo is uncalibrated (K[0] = 0{'' if p[0] else ' and P[0] = 0'}): calibrate "
+                f"the camera{otherwise}",
             )
         if p[0] == 0.0:
             raise CameraInfoError(
                 InfoReason.NO_PROJECTION,
                 f"{side} CameraInfo has no projection matrix (P[0] = 0): calibrate the "
-                "pair as a stereo pair or give the rig by parameters",
+                f"pair as a stereo pair{otherwise}",
             )
         region = _Region.read(info, side)
+        if whole:
+            region = region.ignored()
+        region.check_projection(p, side)
         return cls(
             *region.size,
-            region.applied_to(k),
+            region.applied_to(k) if k[0] else tuple(k),
             region.applied_to(p),
             tuple(_values(info, "r") or ()),
             tuple(_values(info, "d") or ()),
             str(getattr(info, "distortion_model", "")),
             region.cropped,
+            str(region),
             side,
+            rectified,
+        )
+
+    @property
+    def used(self) -> tuple[Any, ...]:
+        """What is used of the parameters: cameras for which it is equal rectify and see alike."""
+        size = (self.width, self.height)
+        if self.rectified:
+            return (*size, self.p)
+        n = next((n for n in range(len(self.d), 0, -1) if self.d[n - 1]), 0)  # trailing zeros change nothing
+        return (
+            *size,
+            self.p,
+            self.k,
+            self.r,
+            self.d[:n],
+            self.model if n or self.model == EQUIDISTANT else "",
         )
 
     def check_raw(self) -> None:
@@ -148,7 +178,8 @@ class CameraModel:
             raise CameraInfoError(
                 InfoReason.UNKNOWN_MODEL,
                 f"{self.side} CameraInfo has the distortion model {shortened(self.model)}, known are "
-                f"{known}: calibrate with one of them, or rectify the images before and set rectified: true",
+                f"{known}: calibrate with one of them, or rectify the images before and calibrate from those "
+                "(rectified: true in the node, replay without --raw)",
             )
         if len(self.d) not in _COEFFICIENTS[self.model]:
             counts = " or ".join(str(n) for n in _COEFFICIENTS[self.model])
@@ -178,81 +209,6 @@ class CameraModel:
 
 
 @dataclass(frozen=True, slots=True)
-class PairGeometry:
-    """Geometry of a camera pair, from the projection matrices of both cameras.
-
-    Attributes:
-        baseline_m: Distance of the cameras [m].
-        shift_px: Shift of the right image to the right that gives it the cx of the left image [px].
-    """
-
-    baseline_m: float
-    shift_px: float
-
-
-def pair_geometry(left: CameraModel, right: CameraModel) -> PairGeometry:
-    """Compare the projection matrices of both cameras.
-
-    Raises:
-        CameraInfoError: The sizes differ, the matrices differ in more than cx, or the baseline is impossible.
-    """
-    size = (left.width, left.height)
-    if size != (right.width, right.height):
-        raise CameraInfoError(
-            InfoReason.SIZES_DIFFER,
-            f"left CameraInfo is {size[0]} x {size[1]}, right is {right.width} x "
-            f"{right.height}: both cameras must have one size",
-        )
-    for name, i in (("fx", 0), ("fy", 5), ("cy", 6)):
-        if not abs(left.p[i] - right.p[i]) <= _RECTIFIED_TOLERANCE_PX:
-            raise projections_differ(left, right, name, i)
-    baseline_m = (left.p[3] - right.p[3]) / right.p[0]
-    if baseline_m == 0.0:
-        raise CameraInfoError(
-            InfoReason.BASELINE_ZERO,
-            "CameraInfo gives a baseline of zero (P[3] is 0 in both cameras): P[3] of the "
-            "right camera must be -fx * baseline, or give the rig by parameters",
-        )
-    if baseline_m < 0.0:
-        raise CameraInfoError(
-            InfoReason.CAMERAS_SWAPPED,
-            f"CameraInfo gives a negative baseline ({baseline_m:.4f} m): left and right are swapped",
-        )
-    least_m, most_m = _POSSIBLE_BASELINE_M
-    if not least_m <= baseline_m <= most_m:
-        raise CameraInfoError(
-            InfoReason.BASELINE_IMPLAUSIBLE,
-            f"CameraInfo gives a baseline of {baseline_m:.4g} m, at least {least_m:g} m and at most "
-            f"{most_m:g} m are possible: "
-            "P[3] of the right camera must be -fx * baseline in pixels times metres (not millimetres), or "
-            "give the rig by parameters",
-        )
-    shift_px = left.p[2] - right.p[2]
-    if abs(shift_px) > left.width:  # the shifted image would have no column in common with the other
-        raise projections_differ(left, right, "cx", 2, left.width)
-    return PairGeometry(baseline_m, shift_px if abs(shift_px) > _RECTIFIED_TOLERANCE_PX else 0.0)
-
-
-def projections_differ(
-    left: CameraModel, right: CameraModel, name: str, i: int, most_px: float = _RECTIFIED_TOLERANCE_PX
-) -> CameraInfoError:
-    """Return the error of two projection matrices that differ in one element.
-
-    Args:
-        left: The left camera.
-        right: The right camera.
-        name: Name of the element.
-        i: Index of the element in P, row by row.
-        most_px: Most difference that is allowed [px].
-    """
-    return CameraInfoError(
-        InfoReason.PROJECTIONS_DIFFER,
-        f"P of the cameras differ in {name}: {left.p[i]} left, {right.p[i]} right, at most "
-        f"{most_px:g} px apart allowed: rectify both images to one projection matrix",
-    )
-
-
-@dataclass(frozen=True, slots=True)
 class _Region:
     """The region of the sensor that an image shows, and its binning."""
 
@@ -260,7 +216,7 @@ class _Region:
     top: int
     size: tuple[int, int]
     binning: tuple[int, int]
-    cropped: bool
+    sensor: tuple[int, int]
 
     @classmethod
     def read(cls, info: Any, side: str) -> _Region:
@@ -280,8 +236,48 @@ class _Region:
             columns, rows = width, height
         # A binning of zero means one.
         binning = (max(int(getattr(info, "binning_x", 0)), 1), max(int(getattr(info, "binning_y", 0)), 1))
-        cropped = (columns, rows) != (width, height)
-        return cls(left, top, (columns // binning[0], rows // binning[1]), binning, cropped)
+        return cls(left, top, (columns // binning[0], rows // binning[1]), binning, (width, height))
+
+    @property
+    def cropped(self) -> bool:
+        """Whether the image shows a part of the sensor."""
+        return self.size != tuple(n // each for n, each in zip(self.sensor, self.binning, strict=True))
+
+    def __str__(self) -> str:
+        parts = []
+        if self.binning != (1, 1):
+            parts.append(f"binning {self.binning[0]} x {self.binning[1]}")
+        if self.cropped:
+            parts.append(f"a region of interest at ({self.left}, {self.top})")
+        return " and ".join(parts)
+
+    def ignored(self) -> _Region:
+        """Return the region of images that show the whole sensor, unbinned."""
+        return _Region(0, 0, self.sensor, (1, 1), self.sensor)
+
+    def check_projection(self, p: Sequence[float], side: str) -> None:
+        """Refuse a P that is that of the image already, although K and P describe the whole sensor.
+
+        Its principal point lies in the middle of the image as it is, and far from it once region and binning
+        are applied. The focal lengths would be wrong by the binning, and nothing in the images shows it.
+
+        Raises:
+            CameraInfoError: It is.
+        """
+        if not str(self):
+            return
+        as_it_is, applied = (
+            max(abs((q[i] + 0.5) / n - 0.5) for i, n in zip((2, 6), self.size, strict=True) if n)
+            for q in (p, self.applied_to(p))
+        )
+        if as_it_is < _MIDDLE <= applied:
+            sensor, size = (f"{width} x {height}" for width, height in (self.sensor, self.size))
+            raise CameraInfoError(
+                InfoReason.REGION,
+                f"{side} CameraInfo has {self} of a {sensor} px sensor, but the principal point of P, "
+                f"({p[2]:.5g}, {p[6]:.5g}), is in the middle of the {size} px image, not of the sensor: give "
+                "K and P of the whole sensor, or width and height of the image, with binning and roi 0",
+            )
 
     def applied_to(self, matrix: Sequence[float]) -> tuple[float, ...]:
         """Return K or P [3 x n, row by row] of the image from that of the whole sensor."""
@@ -319,3 +315,38 @@ def _matrix(info: Any, name: str, size: int, side: str) -> list[float]:
 
 def _not_finite(side: str, name: str) -> CameraInfoError:
     return CameraInfoError(InfoReason.NOT_FINITE, f"{side} CameraInfo has NaN or infinity in {name}")
+
+
+def used_values(info: Any, rectified: bool) -> tuple[Any, ...] | None:
+    """Return what is used of a CameraInfo, None where it cannot be right.
+
+    Args:
+        info: Anything with the fields of sensor_msgs/CameraInfo.
+        rectified: Whether its images are rectified; False: they are raw.
+    """
+    try:
+        return CameraModel.read(info, "", rectified).used
+    except RigError:
+        return None
+
+
+def content_of(info: Any) -> bytes | None:
+    """Return the values of a ROS 2 message without its header as bytes, None of anything else.
+
+    Args:
+        info: Anything with the fields of sensor_msgs/CameraInfo.
+    """
+    try:
+        roi = info.roi
+        numbers = (info.width, info.height, info.binning_x, info.binning_y)
+        region = (roi.x_offset, roi.y_offset, roi.width, roi.height)
+        arrays = (info.d, info.k, info.r, info.p)
+        text = f"{numbers} {region} {info.distortion_model} ".encode(errors="surrogatepass")
+        return text + b"".join(values.tobytes() for values in arrays)
+    except AttributeError:
+        return None
+
+
+def is_uncalibrated(info: Any) -> bool:
+    """Whether a CameraInfo has neither K nor P, as one of a camera that was never calibrated."""
+    return not any(value and value[0] for value in (_values(info, "k"), _values(info, "p")))

@@ -1,12 +1,17 @@
-"""Unusual values of a usable CameraInfo, which somebody should check."""
+"""Values of a usable CameraInfo that are unusual, or that contradict what the images are said to be."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
+import cv2
 import numpy as np
 
-from .camera_info import EQUIDISTANT, CameraModel, InfoReason
+from .camera_info import EQUIDISTANT, CameraInfoError, CameraModel, InfoReason
+from .pair_geometry import shifts_text
+from .topic_names import says_rectified
 
 # Baselines of the stereo cameras of cars. The baseline of a lorry or of a toy may be outside this range.
 _USUAL_BASELINE_M = (0.03, 2.0)
@@ -20,6 +25,12 @@ _MOST_ZOOM_FISHEYE = 4.0
 # belongs to another resolution, or to a crop.
 _BORDER = 0.15
 _SAME_PX = 1e-6
+
+# A rectification that moves no pixel by more than this changes nothing: lines are located to about a tenth
+# of a pixel, which is 0.01 degrees of pitch at a focal length of 500 px.
+_UNMOVED_PX = 0.1
+# Points in each direction at which the move is measured; lenses distort most at the corners.
+_GRID = 9
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,9 +70,112 @@ def find_unusual_values(
             "check P[3]"
         )
         found.append(Finding(InfoReason.BASELINE_UNUSUAL, text))
+    if left.p[3] > 0.0 <= right.p[3]:
+        text = (
+            f"{shifts_text(left, right)}, usual is 0 and {right.p[3] - left.p[3]:.6g}: if the lines of the "
+            "images match only the other way round, left and right are in order and the sign of P[3] is wrong"
+        )
+        found.append(Finding(InfoReason.REFERENCE_IS_RIGHT, text))
     for camera in (left, right):
         found += _unusual_values_of(camera, rectified)
     return found
+
+
+def check_claim(
+    cameras: tuple[CameraModel, CameraModel], topics: tuple[str, str], rectified: bool, remedy: str
+) -> None:
+    """Compare what the images are said to be with the names of their topics and with their CameraInfo.
+
+    Images of a topic that is not called rectified are raw by the conventions of ROS. They can be taken as
+    rectified only where rectification would change nothing. Raw images that are taken for rectified ones
+    give a pose that is off by the rotation of the camera, with a small standard deviation.
+
+    Args:
+        cameras: Left and right camera.
+        topics: Names of the image topics.
+        rectified: Whether the images are said to be rectified; False: to be raw.
+        remedy: What to do if they are not.
+
+    Raises:
+        CameraInfoError: They are not.
+    """
+    for camera, topic in zip(cameras, topics, strict=True):
+        called_rectified, called_raw = says_rectified(topic)
+        believed = called_rectified if rectified else (called_raw or not called_rectified)
+        moved_px = 0.0 if believed else rectification_moves_px(camera)
+        if moved_px <= _UNMOVED_PX:
+            continue
+        how = f"by up to {moved_px:.1f} px" if math.isfinite(moved_px) else "by an unknown amount"
+        if rectified:
+            raise CameraInfoError(
+                InfoReason.NOT_RECTIFIED,
+                f"{topic} is not called rectified, and by its CameraInfo ({_why_raw(camera)}) rectification "
+                f"moves pixels {how}, at most {_UNMOVED_PX:g} px allowed: the images are raw; {remedy}",
+            )
+        raise CameraInfoError(
+            InfoReason.RECTIFIED_ALREADY,
+            f"{topic} is called rectified, and its CameraInfo would rectify the images a second time, which "
+            f"moves pixels {how}, at most {_UNMOVED_PX:g} px allowed: {remedy}",
+        )
+
+
+def rectification_moves_px(camera: CameraModel) -> float:
+    """Return how far a pixel of the raw image lies from its place in the rectified one, at most [px].
+
+    A CameraInfo with P alone says nothing about the raw image: 0. Where it cannot be computed (an unknown
+    distortion model, D or R without K, impossible numbers), it is infinite.
+
+    Args:
+        camera: The camera.
+    """
+    if not camera.k[0]:
+        return math.inf if any(camera.d) or _is_turned(camera) else 0.0
+    d = np.array(camera.d)
+    if not all(map(math.isfinite, (*camera.d, *camera.r))):
+        return math.inf
+    k, p = np.array(camera.k).reshape(3, 3), np.array(camera.p).reshape(3, 4)[:, :3]
+    r = np.array(camera.r).reshape(3, 3) if len(camera.r) == 9 and any(camera.r) else np.eye(3)
+    columns, rows = np.meshgrid(
+        np.linspace(0, camera.width - 1, _GRID), np.linspace(0, camera.height - 1, _GRID)
+    )
+    pixels = np.stack([columns.ravel(), rows.ravel(), np.ones(_GRID**2)])
+    with np.errstate(all="ignore"):
+        try:
+            rays = (r.T @ np.linalg.solve(p, pixels)).T
+            if not (rays[:, 2] > 0).all():
+                return math.inf
+            raw = _project(camera.model, np.ascontiguousarray(rays / rays[:, 2:]), k, d)
+        except (cv2.error, np.linalg.LinAlgError):
+            return math.inf
+        moved = np.abs(raw - pixels[:2].T).max()
+    return float(moved) if np.isfinite(moved) else math.inf
+
+
+def _project(model: str, rays: Any, k: Any, d: Any) -> Any:
+    """Return the raw pixels (N, 2) of rays (N, 3)."""
+    if model == EQUIDISTANT:
+        return cv2.fisheye.projectPoints(rays[:, None], np.zeros(3), np.zeros(3), k, d)[0][:, 0]
+    coefficients = d if d.any() else np.zeros(4)
+    return cv2.projectPoints(rays, np.zeros(3), np.zeros(3), k, coefficients)[0][:, 0]
+
+
+def _why_raw(camera: CameraModel) -> str:
+    """Return which matrices say that an image has still to be rectified."""
+    why = ["D is not zero"] if any(camera.d) else []
+    if _is_turned(camera):
+        why.append("R is not the identity")
+    if camera.k[0] and not _same_matrix(camera):
+        why.append("K is not P")
+    return ", ".join(why)
+
+
+def _is_turned(camera: CameraModel) -> bool:
+    given = len(camera.r) == 9 and any(camera.r)
+    return given and not np.allclose(camera.r, np.eye(3).ravel(), atol=_SAME_PX)
+
+
+def _same_matrix(camera: CameraModel) -> bool:
+    return all(abs(camera.k[3 * i + j] - camera.p[4 * i + j]) <= _SAME_PX for i in range(3) for j in range(3))
 
 
 def check_image_size(model: CameraModel, size: tuple[int, int]) -> Finding | None:
@@ -97,16 +211,15 @@ def _unusual_values_of(camera: CameraModel, rectified: bool) -> list[Finding]:
             break
     for name, column, row in (("K", k[2], k[5]), ("P", p[2], p[6])):
         off = max(abs((column + 0.5) / camera.width - 0.5), abs((row + 0.5) / camera.height - 0.5))
-        if off > 0.5 - _BORDER and not camera.cropped:
+        if off > 0.5 - _BORDER and not camera.cropped and (name == "P" or k[0]):
             text = (
                 f"principal point ({column:.5g}, {row:.5g}) of {name} of the {side} CameraInfo lies at the "
                 f"border of the {camera.width} x {camera.height} image: it may belong to another resolution"
             )
             found.append(Finding(InfoReason.PRINCIPAL_POINT, text))
             break
-    same = all(abs(k[3 * i + j] - p[4 * i + j]) <= _SAME_PX for i in range(3) for j in range(3))
     unturned = len(camera.r) == 9 and bool(np.allclose(camera.r, np.eye(3).ravel(), atol=_SAME_PX))
-    if rectified and same and unturned and any(camera.d):
+    if rectified and _same_matrix(camera) and unturned and any(camera.d):
         text = (
             f"the {side} CameraInfo is that of a single camera, not of a rectified pair (P is K, R is the "
             "identity, D is not zero): if the images are not rectified, set rectified: false or calibrate "

@@ -7,7 +7,7 @@ shifted.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -15,9 +15,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from ..errors import RigError
 from ..types import Image
-from .camera_info import EQUIDISTANT, CameraModel, pair_geometry
+from .camera_info import EQUIDISTANT, CameraModel, InfoReason
 from .camera_info_checks import Finding, check_image_size, find_unusual_values
+from .pair_geometry import pair_geometry
 from .rig import StereoRig
 
 Maps = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
@@ -38,6 +40,8 @@ class StereoRectifier:
         cameras: Left and right camera, None where the rig was given by parameters.
         raw: Whether the images are raw, so that they have to be undistorted and rectified.
         shift_px: Shift of the right image to the right, for rectified images [px].
+        whole: The same for images of the whole sensor, where CameraInfo says that they are cropped or binned;
+            else None.
     """
 
     rig: StereoRig
@@ -45,6 +49,7 @@ class StereoRectifier:
     cameras: tuple[CameraModel, CameraModel] | None = None
     raw: bool = False
     shift_px: float = 0.0
+    whole: StereoRectifier | None = None
 
     @classmethod
     def from_camera_info(cls, left: Any, right: Any, rectified: bool = True) -> StereoRectifier:
@@ -61,14 +66,59 @@ class StereoRectifier:
                 rotation.
             RigError: A value of the rig cannot be right.
         """
-        cameras = CameraModel.read(left, "left"), CameraModel.read(right, "right")
-        pair = pair_geometry(*cameras)
+        cameras = CameraModel.read(left, "left", rectified), CameraModel.read(right, "right", rectified)
+        whole = None
+        if cameras[0].region or cameras[1].region:
+            sensors = (
+                CameraModel.read(left, "left", rectified, True),
+                CameraModel.read(right, "right", rectified, True),
+            )
+            try:
+                whole = cls._of_cameras(*sensors)
+            except RigError:  # then they are cropped and binned, or nothing
+                whole = None
+            else:
+                ignored = tuple(
+                    Finding(
+                        InfoReason.REGION_NOT_APPLIED,
+                        f"the {camera.side} images show the whole sensor, although their CameraInfo has "
+                        f"{camera.region}, which is not applied: set it to 0",
+                    )
+                    for camera in cameras
+                    if camera.region
+                )
+                whole = replace(whole, doubts=whole.doubts + ignored)
+        return replace(cls._of_cameras(*cameras), whole=whole)
+
+    @classmethod
+    def _of_cameras(cls, left: CameraModel, right: CameraModel) -> StereoRectifier:
+        pair = pair_geometry(left, right)
+        rectified = left.rectified
         if not rectified:
-            for camera in cameras:
-                camera.check_raw()
-        rig = StereoRig.of_camera(cameras[0], pair.baseline_m)
-        doubts = tuple(find_unusual_values(*cameras, pair.baseline_m, rectified))
-        return cls(rig, doubts, cameras, not rectified, pair.shift_px)
+            left.check_raw()
+            right.check_raw()
+        rig = StereoRig.of_camera(left, pair.baseline_m)
+        doubts = tuple(find_unusual_values(left, right, pair.baseline_m, rectified))
+        return cls(rig, doubts, (left, right), not rectified, pair.shift_px)
+
+    def for_images(self, left: Image, right: Image) -> StereoRectifier:
+        """Return the one for images of this size: CameraInfo may say that they are binned when they are not.
+
+        Args:
+            left: (H, W) uint8 image of the left camera.
+            right: The same of the right camera.
+        """
+        whole = self.whole
+        if whole is not None and left.shape == right.shape == (whole.rig.height, whole.rig.width):
+            return whole
+        return self
+
+    def sees_as(self, other: StereoRectifier) -> bool:
+        """Whether both make the same rig of the same images, so that their frames can be fused."""
+        if self.cameras is None or other.cameras is None:
+            return self.rig == other.rig and self.cameras is other.cameras
+        mine, theirs = ([camera.used for camera in each.cameras or ()] for each in (self, other))
+        return self.raw == other.raw and mine == theirs
 
     def apply(self, left: Image, right: Image) -> tuple[Image, Image]:
         """Return the images of the rectified rig.
@@ -96,6 +146,8 @@ class StereoRectifier:
     def size_faults(self, left: tuple[int, int] | None, right: tuple[int, int] | None) -> list[Finding]:
         """Compare the sizes (width, height) of images with the CameraInfo; None where a size is not known."""
         if self.cameras is None:
+            return []
+        if self.whole is not None and left == right == (self.whole.rig.width, self.whole.rig.height):
             return []
         sizes = zip(self.cameras, (left, right), strict=True)
         found = [check_image_size(camera, size) for camera, size in sizes if size is not None]

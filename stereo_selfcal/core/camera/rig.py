@@ -9,7 +9,8 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from ..errors import RigError, printable, shortened
-from .camera_info import CameraModel, pair_geometry, projections_differ
+from .camera_info import CameraModel
+from .pair_geometry import pair_geometry, projections_differ
 
 _LONGEST_KEY = 40  # letters that are shown of an unknown one
 
@@ -83,7 +84,7 @@ class StereoRig:
             right: The same of the right camera.
 
         Raises:
-            CameraInfoError: A camera is uncalibrated (K[0] = 0), the sizes differ, the pair is
+            CameraInfoError: A camera is uncalibrated (P[0] = 0), the sizes differ, the pair is
                 not rectified to one projection matrix, or the baseline is zero, negative or impossible for a
                 vehicle. Where only cx differs, use
                 :class:`~stereo_selfcal.core.camera.rectifier.StereoRectifier`.

@@ -151,7 +151,8 @@ def cameras_swapped(pairs: list[MatchedLines]) -> Rejection:
         Bound.LEAST,
         0.0,
         "px",
-        "exchange the topics, or the order of the cameras in their calibration",
+        "exchange the topics, or the order of the cameras in their calibration; where P[3] of a CameraInfo "
+        "is positive, its sign is wrong instead",
     )
 
 

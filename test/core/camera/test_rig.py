@@ -130,9 +130,13 @@ class TestBadCameraInfo:
             StereoRig.from_camera_info(infos["left"], infos["right"])
 
     def test_uncalibrated(self, side, matrix):
-        values = changed(getattr(camera_info(side), matrix), 0, 0.0)
-        name = {"k": r"is uncalibrated \(K\[0\] = 0\)", "p": r"no projection matrix \(P\[0\] = 0\)"}[matrix]
-        self.refuse(side, f"{side} CameraInfo .*{name}.*calibrate", **{matrix: values})
+        """Without P; K is not used of rectified cameras, but that both are 0 says more than that P is."""
+        changes = {"p": changed(camera_info(side).p, 0, 0.0)}
+        name = r"no projection matrix \(P\[0\] = 0\)"
+        if matrix == "k":
+            changes["k"] = changed(camera_info(side).k, 0, 0.0)
+            name = r"is uncalibrated \(K\[0\] = 0 and P\[0\] = 0\)"
+        self.refuse(side, f"{side} CameraInfo .*{name}.*calibrate", **changes)
 
     @pytest.mark.parametrize("values", [None, [], [1.0] * 10])
     def test_without_its_matrix(self, side, matrix, values):
@@ -165,12 +169,52 @@ def test_a_pair_not_rectified_to_one_matrix(name, index):
         StereoRig.from_camera_info(left, right)
 
 
-def test_no_baseline_and_swapped_cameras():
+def test_k_of_zeros_is_enough_where_p_is_filled():
+    infos = [camera_info(side, k=[0.0] * 9) for side in ("left", "right")]
+    assert StereoRig.from_camera_info(*infos).to_mapping() == pytest.approx(GOOD, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("left_p3", "right_p3", "words"),
+    [
+        (
+            0.0,
+            0.0,
+            r"baseline of zero \(P\[3\] is 0 in both cameras, as .* alone: calibrate them as a stereo",
+        ),
+        (-76.5, -76.5, r"P\[3\] is -76\.5 in both cameras, so both have the CameraInfo of one"),
+        (12.0, 12.0, r"P\[3\] is 12 in both cameras"),
+        (
+            0.0,
+            76.5,
+            r"negative baseline \(-0\.1481 m\): P\[3\] is 0 in the left camera and 76\.5 in the right one: "
+            r"0 and -76\.5 .* needed; .* the sign of P\[3\] is wrong: .* are swapped: exchange the topics",
+        ),
+        (
+            -76.5,
+            0.0,
+            r"P\[3\] is -76\.5 in the left camera and 0 in the right one: the CameraInfo of left and ",
+        ),
+        (-38.25, 38.25, r"-38\.25 in the left camera and 38\.25 in the right one: 0 and -76\.5 .*sign"),
+        (
+            0.0,
+            -76508.5,
+            r"148\.1 m \(P\[3\] is 0 in the left camera and -76508\.5 in the right.*not millimetres",
+        ),
+    ],
+)
+def test_a_p3_that_cannot_be_is_told_with_its_values_and_what_it_can_mean(left_p3, right_p3, words):
     left, right = camera_info("left"), camera_info("right")
-    with pytest.raises(RigError, match="baseline of zero"):
-        StereoRig.from_camera_info(left, left)
-    with pytest.raises(RigError, match=r"negative baseline \(-0\.1481 m\): left and right are swapped"):
-        StereoRig.from_camera_info(right, left)
+    left.p, right.p = changed(left.p, 3, left_p3), changed(right.p, 3, right_p3)
+    with pytest.raises(RigError, match=words):
+        StereoRig.from_camera_info(left, right)
+
+
+def test_cameras_one_above_the_other_are_no_pair_side_by_side():
+    left, right = camera_info("left"), camera_info("right")
+    right.p = changed(changed(right.p, 3, 0.0), 7, -75.5)
+    with pytest.raises(RigError, match=r"P\[7\] is 0 in the left one and -75\.5 .* one above the other"):
+        StereoRig.from_camera_info(left, right)
 
 
 def test_data_sheet_of_the_paper():
