@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -10,12 +11,14 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from ..core.errors import ConfigError
+from ..core.errors import ConfigError, OutputError
 from ..core.geometry.pose import POSE_COMPONENTS
-from ..files.node_settings import RESULT_PREFIX, NodeSetting
+from ..files.node_settings import RESULT_PREFIX, NodeSetting, default_output_path
 from ..files.saved_result import RESULT_NAMES
 from .config import SETTINGS, NodeConfig
+from .store import check_output
 
+_OUTPUT = "output_path"
 _RESULT_DESCRIPTION = {
     **{each.name: f"{each.description} [{each.si_unit}]" for each in POSE_COMPONENTS},
     **{each.std_name: f"Standard deviation of the {each.label} [{each.si_unit}]" for each in POSE_COMPONENTS},
@@ -37,10 +40,12 @@ class NodeParameters:
         self._node = node
         self._on_change = on_change
         self._publishing = False
+        self._default_output = default_output_path(node.get_fully_qualified_name())
         for setting in SETTINGS.values():
-            _declare(node, setting)
+            _declare(node, self._with_default(setting))
         self._declare_result()
         self._config = NodeConfig.from_values(self._values())
+        self._check_output_at_start()
         node.add_pre_set_parameters_callback(_whole_numbers_as_floats)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._changed)
@@ -49,6 +54,11 @@ class NodeParameters:
     def config(self) -> NodeConfig:
         """The present values of the parameters."""
         return self._config
+
+    @property
+    def output_is_default(self) -> bool:
+        """Whether the result goes to the file that is this node's own by default."""
+        return bool(self._node.get_parameter(_OUTPUT).value == self._default_output)
 
     def publish_result(self, parameters: Mapping[str, float]) -> None:
         """Set the result parameters atomically.
@@ -76,6 +86,21 @@ class NodeParameters:
         finally:
             self._publishing = False
 
+    def _with_default(self, setting: NodeSetting) -> NodeSetting:
+        return replace(setting, default=self._default_output) if setting.name == _OUTPUT else setting
+
+    def _check_output_at_start(self) -> None:
+        """Refuse an output_path that cannot be written; of the default one, which nobody chose, only warn."""
+        path = self._config.output_path
+        if path is None:
+            return
+        try:
+            check_output(path)
+        except OutputError as error:
+            if not self.output_is_default:
+                raise ConfigError(f"{_OUTPUT}: {error}") from error
+            self._node.get_logger().warning(f"results will not be saved: {error}, or set {_OUTPUT}")
+
     def _declare_result(self) -> None:
         for name in RESULT_NAMES:
             # Dynamically typed: a typed parameter without a value could not be read at all. Not read-only:
@@ -99,9 +124,13 @@ class NodeParameters:
             if parameter.name in values:
                 values[parameter.name] = parameter.value
         try:
-            NodeConfig.from_values(values)
+            config = NodeConfig.from_values(values)
+            if config.output_path is not None and config.output_path != self._config.output_path:
+                check_output(config.output_path)
         except ConfigError as error:
             return SetParametersResult(successful=False, reason=str(error))
+        except OutputError as error:
+            return SetParametersResult(successful=False, reason=f"{_OUTPUT}: {error}")
         return SetParametersResult(successful=True)
 
     def _changed(self, parameters: Iterable[Parameter]) -> None:

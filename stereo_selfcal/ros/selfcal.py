@@ -20,8 +20,8 @@ from ..core.lanes.lane_pair import LanePattern
 from ..core.results import CalibrationResult
 from ..core.types import Array
 from ..files.node_settings import NODE_NAME
-from ..files.result_file import restore
-from ..files.saved_result import check_fits
+from ..files.result_file import restore, restore_old_default
+from ..files.saved_result import check_fits, topics_source
 from .calibration import CalibrationCall
 from .calibration_keeper import ActiveCalibration, CalibrationKeeper
 from .config import NodeConfig
@@ -118,17 +118,23 @@ class SelfcalNode:
         """Activate the calibration of the last run; to be called before the node is spun."""
         if config.output_path is None:
             return
-        restored = restore(config.output_path)
-        if restored.problem:
+        topics = self._input.topics.left, self._input.topics.right
+        restored = restore(config.output_path, topics)
+        if restored.path is None and self._parameters.output_is_default:
+            restored = restore_old_default(topics)
+        if restored.of_others:
+            self.node.get_logger().warning(restored.problem)
+        elif restored.problem:
             self.node.get_logger().error(restored.problem)
+        if restored.problem:
             self._keeper.reject(restored.problem)
-        if restored.saved is None:
+        if restored.saved is None or restored.path is None:
             return
         now_s = self.node.get_clock().now().nanoseconds / 1e9
-        active = restored_calibration(restored.saved, config.output_path, now_s)
+        active = restored_calibration(restored.saved, restored.path, now_s)
         problem = _other_cameras(active.rig, _rig_of(config))
         if problem:
-            self.node.get_logger().warning(f"{config.output_path} is not used: {problem}")
+            self.node.get_logger().warning(f"{restored.path} is not used: {problem}")
             self._keeper.reject(problem)
             return
         self._outputs.publish_now(Publication(active.result, config, restored.saved.stamp_ns))
@@ -185,7 +191,12 @@ class SelfcalNode:
             active = ActiveCalibration(result, rig, time.monotonic(), saved="not yet")
             self._keeper.accept(active, settled)
             topics = self._input.topics
-            saved, failed = save(active, config, f"{topics.left} {topics.right}")
+            try:
+                saved, failed = save(active, config, topics_source(topics.left, topics.right))
+            except Exception as error:  # noqa: BLE001 - it is in effect, so the answer is no failure
+                self.node.get_logger().error(traceback.format_exc())
+                saved = f"in effect, but not saved: {type(error).__name__}: {error}, see the node's log"
+                failed = True
             self._keeper.saved(saved, failed)
             return saved
 

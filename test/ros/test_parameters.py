@@ -80,7 +80,9 @@ def test_qos_of_every_subscription_can_be_overridden(graph, tmp_path):
 
 
 def test_reference_file_gives_every_parameter_its_default_and_description():
-    assert parameters_in("stereo_selfcal.yaml") == defaults()
+    # Not output_path: a file that sets it would give all nodes that read it one result file.
+    given = {name: value for name, value in defaults().items() if name != "output_path"}
+    assert parameters_in("stereo_selfcal.yaml") == given
     text = (CONFIG / "stereo_selfcal.yaml").read_text(encoding="utf-8")
     for setting in all_settings():
         assert f"# {setting.description}" in text, setting.name
