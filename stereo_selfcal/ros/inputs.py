@@ -136,6 +136,8 @@ class StereoInput:
     def state(self) -> InputState:
         """Counts so far; and, while one side sends no image, the mismatches that may be the cause."""
         state, window = self._intake.state, self._intake.window
+        if any(self._infos.missing):
+            state = replace(state, info_mismatches=self._subscriptions.info_mismatches())
         if window is None:
             return state
         added = state.counts.since(window.counts)

@@ -31,11 +31,13 @@ class InputState:
         counts: Images, pairs and drops.
         nearest_s: Least difference of a left and a right stamp since the call began [s].
         mismatches: Sentences about publishers that nothing can be received from.
+        info_mismatches: The same of CameraInfo, while one has not come.
     """
 
     counts: PairCounts
     nearest_s: float | None
     mismatches: tuple[str, ...] = ()
+    info_mismatches: tuple[str, ...] = ()
 
 
 class PairSource(Protocol):

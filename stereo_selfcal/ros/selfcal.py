@@ -9,8 +9,10 @@ from contextlib import ExitStack
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.qos import qos_profile_parameters
+from rclpy.qos_overriding_options import InvalidQosOverridesError
 from std_srvs.srv import Trigger
 
 from ..core.camera.rig import StereoRig
@@ -32,6 +34,7 @@ from .markers import lanes_on_road
 from .memory import trim_heap
 from .monitor import Monitor
 from .outputs import Outputs, Publication
+from .overrides import unused_start_values
 from .parameters import NodeParameters
 from .record import FrameRecord, FrameReport
 from .reporter import DiagnosticsReporter
@@ -59,7 +62,7 @@ class SelfcalNode:
     """
 
     def __init__(self, **kwargs: Any) -> None:
-        self.node = Node(NODE_NAME, **kwargs)
+        self.node = _node(**kwargs)
         with ExitStack() as failed:
             failed.callback(self.node.destroy_node)  # else half a node would answer under its name
             self._parameters = NodeParameters(self.node, self._on_parameters)
@@ -96,6 +99,8 @@ class SelfcalNode:
                 self.node.context.ok,
                 self.node.get_logger(),
             )
+            for text in unused_start_values(self.node):
+                self.node.get_logger().warning(text)
             self._restore(self._parameters.config)
             topics = self._input.topics
             self.node.get_logger().info(f"listening to {topics.left} and {topics.right}; call ~/calibrate")
@@ -269,6 +274,14 @@ class SelfcalNode:
             last_success=self._last_success,
             frames=self._record.statistics,
         )
+
+
+def _node(**kwargs: Any) -> Node:
+    """Make the node; what ROS itself does not take (``use_sim_time:=5``) is a ConfigError as our own."""
+    try:
+        return Node(NODE_NAME, **kwargs)
+    except (ParameterException, InvalidQosOverridesError, RuntimeError, ValueError, TypeError) as error:
+        raise ConfigError(f"the node cannot be made: {' '.join(str(error).split())}") from error
 
 
 def _rig_of(config: NodeConfig) -> StereoRig | None:
