@@ -12,6 +12,7 @@ from rclpy.node import Node
 from ..core.camera.camera_difference import check_steady
 from ..core.camera.camera_info_history import CameraInfoHistory
 from ..core.camera.pairing import StampedPair
+from ..core.camera.stamp_pattern import StampPattern
 from ..core.geometry.homography import SIDES, Side
 from .config import NodeConfig
 from .intake import ImageFormat, ImageIntake, IntakeWindow
@@ -144,6 +145,11 @@ class StereoInput:
         if added.left and added.right:
             return state
         return replace(state, mismatches=self._subscriptions.mismatches())
+
+    @property
+    def pattern(self) -> StampPattern:
+        """Why the images since the last pair, or since :meth:`begin`, formed none."""
+        return self._intake.pattern
 
     @property
     def window(self) -> IntakeWindow | None:
