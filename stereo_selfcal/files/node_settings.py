@@ -53,6 +53,11 @@ class NodeSetting:
     choices: tuple[str, ...] = ()
     fixed: bool = False
 
+    @property
+    def is_switch(self) -> bool:
+        """Whether it is a number of which 0 means false and 1 true."""
+        return type(self.default) is int and (self.low, self.high) == (0, 1)
+
 
 NODE_SETTINGS = (
     NodeSetting(

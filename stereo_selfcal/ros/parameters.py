@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -19,6 +20,7 @@ from .config import SETTINGS, NodeConfig
 from .store import check_output
 
 _OUTPUT = "output_path"
+_NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _RESULT_DESCRIPTION = {
     **{each.name: f"{each.description} [{each.si_unit}]" for each in POSE_COMPONENTS},
     **{each.std_name: f"Standard deviation of the {each.label} [{each.si_unit}]" for each in POSE_COMPONENTS},
@@ -46,7 +48,7 @@ class NodeParameters:
         self._declare_result()
         self._config = NodeConfig.from_values(self._values())
         self._check_output_at_start()
-        node.add_pre_set_parameters_callback(_whole_numbers_as_floats)
+        node.add_pre_set_parameters_callback(lambda given: [_of_its_type(parameter) for parameter in given])
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._changed)
 
@@ -156,14 +158,13 @@ def _descriptor(setting: NodeSetting) -> ParameterDescriptor:
 
 
 def _declare(node: Node, setting: NodeSetting) -> None:
-    """Declare one parameter; a whole number is taken where a float is needed (``-p timeout_s:=5``)."""
+    """Declare one parameter; what :func:`_as_its_type` says is taken for another."""
     try:
         node.declare_parameter(setting.name, setting.default, _descriptor(setting))
         return
     except (InvalidParameterTypeException, InvalidParameterValueException):
         value = _override(node, setting)
-    if isinstance(setting.default, float) and type(value) is int:
-        value = float(value)
+    value = _as_its_type(value, setting)
     if type(value) is not type(setting.default):
         kind = type(setting.default).__name__
         raise ConfigError(f"{setting.name} is {value!r}: a value of type {kind} is needed")
@@ -181,15 +182,27 @@ def _override(node: Node, setting: NodeSetting) -> Any:
     return value
 
 
-def _whole_numbers_as_floats(parameters: list[Parameter]) -> list[Parameter]:
-    """Convert integers to floats where floats are needed: ``ros2 param set`` reads 5 as an integer."""
-    return [
-        Parameter(p.name, Parameter.Type.DOUBLE, float(p.value))
-        if p.type_ is Parameter.Type.INTEGER and _is_float(p.name)
-        else p
-        for p in parameters
-    ]
+def _of_its_type(parameter: Parameter) -> Parameter:
+    """Return a parameter with the type it was declared with, where its value can be taken for one."""
+    setting = SETTINGS.get(parameter.name)
+    if setting is None or type(parameter.value) is type(setting.default):
+        return parameter
+    value = _as_its_type(parameter.value, setting)
+    return parameter if value is parameter.value else Parameter(parameter.name, value=value)
 
 
-def _is_float(name: str) -> bool:
-    return name in SETTINGS and isinstance(SETTINGS[name].default, float)
+def _as_its_type(value: Any, setting: NodeSetting) -> Any:
+    """Return a value as the type of a setting, if that is what its writer meant; else as it is.
+
+    That is a whole number where a float is needed (``timeout_s:=5``), true or false for a switch of 1 and 0,
+    and a number that YAML 1.1 takes for a word, such as 1e-05: ``ros2 param load`` hands over what ``ros2
+    param dump`` wrote in this way.
+    """
+    kind = type(setting.default)
+    if kind is float and type(value) is int:
+        return float(value)
+    if kind is float and isinstance(value, str) and _NUMBER.fullmatch(value):
+        return float(value)
+    if setting.is_switch and isinstance(value, bool):
+        return int(value)
+    return value

@@ -397,7 +397,7 @@ def test_impossible_rig_by_parameters_is_explained():
             {"counts": PairCounts(30, 60), "pattern": unequal(0.01, NoPairCause.UNCLEAR)},
             {},
             "either images are lost on the way and no two of one moment arrived, or the stamps of the "
-            "cameras differ: a tolerance might pair images of different moments; make the subscriptions reliable",
+            "cameras differ: a tolerance might pair images of different moments; make the subscriptions",
         ),
         ({"counts": PairCounts(12, 12)}, {}, "too few images arrived on both sides to tell why"),
     ],

@@ -158,3 +158,8 @@ def test_rig_is_all_or_nothing():
 def test_impossible_combinations(changes, words):
     with pytest.raises(ConfigError, match=words):
         config(**changes)
+
+
+def test_texture_cannot_be_required_where_it_is_not_looked_for():
+    with pytest.raises(ConfigError, match=r"texture.required is 1, but texture.check is 0"):
+        config(texture__required=1, texture__check=0)
