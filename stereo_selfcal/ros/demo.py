@@ -93,18 +93,21 @@ def run_demo(bag: Path, output_dir: Path) -> int:
 
 
 def packaged_bag() -> Path:
-    """Return the recording that comes with the package, in a checkout or installed.
+    """Return the recording that comes with the package: in the present folder, a checkout, or installed.
 
     Raises:
         DemoError: It is not there.
     """
     checkout = Path(__file__).resolve().parents[2]
     prefixes = [*filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)), sys.prefix]
-    places = [checkout / "bags", *(Path(prefix, "share", NODE_NAME, "bags") for prefix in prefixes)]
+    places = [
+        Path("bags"),
+        checkout / "bags",
+        *(Path(prefix, "share", NODE_NAME, "bags") for prefix in prefixes),
+    ]
     for place in places:
         if (place / BAG_NAME / "metadata.yaml").is_file():
-            found = place / BAG_NAME
-            return found.relative_to(Path.cwd()) if found.is_relative_to(Path.cwd()) else found
+            return place / BAG_NAME
     raise DemoError(
         f"the recording {BAG_NAME} is not installed with the package: make one (ros2 run {NODE_NAME} synth "
         f"--named {BAG_NAME} {BAG_NAME}) and give --bag {BAG_NAME}"

@@ -103,6 +103,8 @@ def test_demo_says_in_one_line_what_is_wrong(arguments, words, tmp_path):
 
 def test_demo_finds_the_recording_of_a_checkout_and_of_an_installation(tmp_path, monkeypatch):
     assert packaged_bag().resolve() == ros_graph.ROOT / "bags" / "straight_road"
+    monkeypatch.chdir(tmp_path)
+    assert packaged_bag() == ros_graph.ROOT / "bags" / "straight_road"
     monkeypatch.setattr(demo_module, "__file__", str(tmp_path / "lib" / "stereo_selfcal" / "ros" / "demo.py"))
     monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path / 'other'}:{tmp_path / 'install'}")
     with pytest.raises(DemoError, match=r"not installed with the package: make one .* and give --bag"):
