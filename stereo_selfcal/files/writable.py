@@ -7,7 +7,8 @@ import stat
 import tempfile
 from pathlib import Path
 
-from ..core.errors import OutputError
+from ..core.errors import OutputError, printable
+from .atomic_file import cannot_be_written
 
 
 def check_writable(path: Path | str, made: Path | None = None) -> None:
@@ -23,7 +24,9 @@ def check_writable(path: Path | str, made: Path | None = None) -> None:
     try:
         target = Path(os.path.realpath(path))
         if _is_other_than_file(target):
-            raise OutputError(f"{path} cannot be written: it is not a file; give the name of a file")
+            raise OutputError(
+                f"{printable(str(path))} cannot be written: it is not a file; give the name of a file"
+            )
         folder = target.parent
         if made is not None and folder.is_relative_to(os.path.realpath(made)):
             while not folder.exists() and folder != folder.parent:
@@ -32,10 +35,7 @@ def check_writable(path: Path | str, made: Path | None = None) -> None:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except (OSError, ValueError) as error:  # ValueError: a NUL character in the name
-        detail = (getattr(error, "strerror", None) or str(error)).lower()
-        raise OutputError(
-            f"{path} cannot be written: {detail}; choose a writable folder that exists"
-        ) from error
+        raise cannot_be_written(path, error) from error
 
 
 def _is_other_than_file(target: Path) -> bool:

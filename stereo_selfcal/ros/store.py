@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 
 from ..core.errors import OutputError
+from ..files.atomic_file import cannot_be_written
 from ..files.exports import write_exports
 from ..files.node_settings import ros_home
 from ..files.result_file import write_result
@@ -98,7 +99,4 @@ def _ros_home() -> Path | None:
 
 def _reason(error: Exception, path: Path) -> str:
     """Return the sentence of an error; those of the system do not say what could not be done."""
-    if isinstance(error, OutputError):
-        return str(error)
-    detail = (getattr(error, "strerror", None) or str(error)).lower()
-    return f"{path} cannot be written: {detail}; choose a writable folder that exists"
+    return str(error if isinstance(error, OutputError) else cannot_be_written(path, error))

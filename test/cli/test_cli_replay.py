@@ -316,5 +316,5 @@ def test_unwritable_folder(bag, tmp_path, calibrator, monkeypatch, capsys):
 
     monkeypatch.setattr("tempfile.TemporaryFile", refuse)  # root may write anywhere
     assert main([str(bag), "--output", str(tmp_path / "x.yaml")]) == 2
-    assert "cannot be written (Permission denied)" in capsys.readouterr().err
+    assert "cannot be written: permission denied" in capsys.readouterr().err
     assert not calibrator.made, "found before the work"
