@@ -28,6 +28,7 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/config", _files("config", "*.yaml")),
         (f"share/{NAME}/launch", _files("launch", "*.launch.py")),
+        (f"share/{NAME}/bags/straight_road", _files("bags/straight_road", "*")),  # what the demo plays
     ],
     python_requires=">=3.10",
     install_requires=["setuptools"],
@@ -50,6 +51,7 @@ setup(
             f"fleet = {NAME}.cli.fleet:main",
             f"synth = {NAME}.cli.synth:main",
             f"limits = {NAME}.cli.limits:main",
+            f"demo = {NAME}.ros.demo:main",
         ],
     },
 )

@@ -28,10 +28,15 @@ TOPICS = {
 COMMON = {"use_sim_time": (bool, "Whether time comes from /clock")}
 
 
-def parameters() -> dict[str, tuple[type, str]]:
+def parameters() -> dict[str, tuple[type | None, str]]:
     """Return type and description of every parameter by name: those the node declares."""
-    declared = {s.name: (type(s.default), f"{s.description}{_range(s)}") for s in all_settings()}
+    declared = {s.name: (_type(s), f"{s.description}{_range(s)}") for s in all_settings()}
     return {**declared, **COMMON}
+
+
+def _type(setting: NodeSetting) -> type | None:
+    """Return the type of an argument, None for the one it is written as: a switch is 1 or true."""
+    return None if setting.is_switch else type(setting.default)
 
 
 def _range(setting: NodeSetting) -> str:

@@ -48,6 +48,7 @@ class Camera:
     compressed: str | None = None
     step_too_small: bool = False
     stamp_shift_ns: int = 0
+    lost: tuple[int, ...] = ()
     info_changes: dict[str, Any] = field(default_factory=dict)
     info_of: Callable[[int], dict[str, Any] | None] = lambda index: {}  # changes of a frame; None: no message
     info_delay_ns: int = 0
@@ -193,6 +194,8 @@ def _messages(types, camera, index, stamp_ns, rig, ros1):
     changes = camera.info_of(index)
     if camera.info and changes is not None:
         yield camera.info, camera_info(types, camera, header, rig, ros1, changes)
+    if index in camera.lost:
+        return
     if camera.image and camera.compressed:
         _, content = cv2.imencode(f".{camera.compressed}", picture(camera.side, index, rig))
         kind = types.types["sensor_msgs/msg/CompressedImage"]

@@ -20,13 +20,17 @@ from stereo_selfcal.ros.selfcal import SelfcalNode
 class NodeInProcess:
     """The node, spun in a thread of its own, without a graph around it; use it in a ``with`` statement.
 
+    Its parameters are given as keywords, None for one that is not to be given; those of rclpy's Node
+    (``namespace``) as ``options``.
+
     Attributes:
         selfcal: The node.
         sent: What it published: (topic, message), the newest at the end.
         logged: The lines of its log that were not throttled.
     """
 
-    def __init__(self, **parameters):
+    def __init__(self, options=None, **parameters):
+        self._options = options or {}
         self.sent, self.logged, self._failures = deque(maxlen=1000), deque(maxlen=1000), []
         self._parameters = {"output_path": "", "timeout_s": 0.1, "monitor_period_s": 0.0, **parameters}
         self._write_log = rcutils_logger._rclpy.rclpy_logging_rcutils_log
@@ -41,8 +45,15 @@ class NodeInProcess:
 
         rcutils_logger._rclpy.rclpy_logging_rcutils_log = keep
         rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
-        overrides = [Parameter(name, value=value) for name, value in self._parameters.items()]
-        self.selfcal = SelfcalNode(parameter_overrides=overrides)
+        overrides = [
+            Parameter(name, value=value) for name, value in self._parameters.items() if value is not None
+        ]
+        try:
+            self.selfcal = SelfcalNode(parameter_overrides=overrides, **self._options)
+        except Exception:
+            rclpy.try_shutdown()
+            rcutils_logger._rclpy.rclpy_logging_rcutils_log = self._write_log
+            raise
         self.node = self.selfcal.node
         for publisher in self.node.publishers:
             self._listen(publisher)

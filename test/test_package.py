@@ -15,7 +15,7 @@ import stereo_selfcal
 
 ROOT = Path(__file__).resolve().parent.parent
 NAME = "stereo_selfcal"
-PROGRAMS = ("node", "replay", "fleet", "synth", "limits")
+PROGRAMS = ("node", "replay", "fleet", "synth", "limits", "demo")
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def test_every_data_file_is_installed(setup_arguments):
     installed = dict(setup_arguments["data_files"])
     assert installed["share/ament_index/resource_index/packages"] == [f"resource/{NAME}"]
     assert installed[f"share/{NAME}"] == ["package.xml"]
-    for folder in ("config", "launch"):
+    for folder in ("config", "launch", "bags/straight_road"):
         files = {path.relative_to(ROOT).as_posix() for path in (ROOT / folder).iterdir() if path.is_file()}
         assert files, f"{folder}/ is empty"
         assert set(installed[f"share/{NAME}/{folder}"]) == files

@@ -16,6 +16,7 @@ from ..core.camera.image_messages import message_to_grey
 from ..core.camera.pairing import StampedPair, StampPairer, message_stamp_ns, stamp_to_s
 from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
+from ..core.camera.stamp_pattern import NoPairCause, StampPattern
 from ..core.errors import ImageError, RigError
 from ..core.types import Image
 from .errors import BagError
@@ -222,11 +223,10 @@ class StereoBag:
             said = self.topics.left.count, self.topics.right.count
             self.remarks = remarks_on((counts.left, counts.right), said, counts.pairs)
         if counts.pairs == 0 and counts.left + counts.right > 0:
-            nearest = "none" if pairer.nearest_s is None else f"{pairer.nearest_s:.6f} s"
             raise BagError(
                 f"{self._name}: no pair of images among {counts.left} on {self.topics.left.name} and "
-                f"{counts.right} on {self.topics.right.name}: nearest difference of their header stamps "
-                f"{nearest}, at most {self._tolerance_s:g} s allowed; see --approximate-sync-tolerance"
+                f"{counts.right} on {self.topics.right.name}, at most {self._tolerance_s:g} s apart: "
+                f"{_unpaired_reason(pairer.pattern)}"
             )
 
     def _add(self, pairer: StampPairer[Message], message: Message) -> list[StampedPair[Message]]:
@@ -283,6 +283,18 @@ class StereoBag:
         self, topics: Collection[Topic], start_ns: int | None = None, stop_ns: int | None = None
     ) -> Iterator[Message]:
         return _in_order(self._parts, topics, start_ns, stop_ns)
+
+
+def _unpaired_reason(pattern: StampPattern) -> str:
+    """Return why images of both sides formed no pair, with the remedy."""
+    tolerance_s = pattern.tolerance_s
+    if tolerance_s is not None:
+        return f"{pattern}: give --approximate-sync-tolerance {tolerance_s:g} ({pattern.half_frame})"
+    if pattern.cause is NoPairCause.LOST:
+        return f"{pattern}; no tolerance helps: record anew where nothing is lost"
+    if pattern.cause is NoPairCause.QUEUE:
+        return f"{pattern}, but they were recorded more than {_QUEUE_SIZE} images apart"
+    return str(pattern)
 
 
 def remarks_on(read: tuple[int, int], said: tuple[int, int], pairs: int) -> tuple[str, ...]:

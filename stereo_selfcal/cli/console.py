@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import errno
 import os
 import signal
 import sys
-import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NoReturn, TextIO
 
-from ..core.errors import SelfcalError, printable
-from ..files.atomic_file import FULL
+from ..core.errors import OutputError, SelfcalError, printable
+from ..files.writable import check_writable as can_be_written
 from ..search_path import SAFE_PATH
 from ..unforeseen import unforeseen
 
@@ -179,22 +177,9 @@ def check_writable(path: Path, option: str) -> None:
         UsageError: It cannot; nothing has been changed.
     """
     try:
-        target = Path(os.path.realpath(path))
-        if target.exists() and not target.is_file():
-            raise UsageError(f"{option} {path}: is not a file; give the name of a file")
-        if len(os.fsencode(target.name)) > os.pathconf(target.parent, "PC_NAME_MAX"):
-            raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
-        # Files are replaced by renaming a new one beside them, so the folder is what counts.
-        with tempfile.TemporaryFile(dir=target.parent):
-            pass
-    except (OSError, ValueError) as error:  # ValueError: a NUL character in the name
-        detail = error.strerror if isinstance(error, OSError) else error
-        remedy = "choose a writable folder that exists"
-        if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
-            remedy = "choose a shorter name"
-        elif isinstance(error, OSError) and error.errno in FULL:
-            remedy = "make room, or choose another folder"
-        raise UsageError(f"{option} {path}: cannot be written ({detail}); {remedy}") from error
+        can_be_written(path)
+    except OutputError as error:
+        raise UsageError(f"{option} {error}") from error
 
 
 class Progress:

@@ -152,6 +152,11 @@ class CalibratorConfig:
                 f"search.height_min_m is {self.search.height_min_m}, search.height_max_m is "
                 f"{self.search.height_max_m}: the first must be the smaller"
             )
+        if self.texture.required and not self.texture.check:
+            raise ConfigError(
+                "texture.required is 1, but texture.check is 0: what is not looked for cannot be required; "
+                "set texture.check to 1 or texture.required to 0"
+            )
 
     def settings(self) -> Iterator[tuple[str, int | float, Setting]]:
         """Yield (dotted name, value, description) of every setting, in declaration order."""
@@ -200,8 +205,9 @@ def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 def _checked(name: str, value: Any, setting: Setting) -> int | float:
     """Return ``value`` as an int or a float, as the setting needs; raise ConfigError where it is wrong."""
-    # NumPy's scalars are instances of numbers.Real, too.
-    number = isinstance(value, numbers.Real) and not isinstance(value, bool)
+    # NumPy's scalars are instances of numbers.Real, too. A switch, 0 or 1, may be written as false or true.
+    switch = setting.whole and (setting.low, setting.high) == (0, 1)
+    number = isinstance(value, numbers.Real) and (switch or not isinstance(value, bool))
     if not number or (setting.whole and not float(value).is_integer()):
         kind = "a whole number" if setting.whole else "a number"
         raise ConfigError(f"{name} is {shortened(value)}: {kind} is needed")

@@ -46,12 +46,22 @@ def write_atomically(path: Path | str, content: bytes) -> None:
         remove_leftovers(target)
         _replace(target, content)
     except (OSError, ValueError) as error:  # ValueError: a NUL character in the name
-        remedy = "choose a writable folder that exists"
-        if getattr(error, "errno", None) in FULL:
-            remedy = "make room, or choose another folder"
-        elif getattr(error, "errno", None) == errno.ENAMETOOLONG:
-            remedy = "choose a shorter name"
-        raise OutputError(f"{_shown(path)} cannot be written: {_detail(error)}; {remedy}") from error
+        raise cannot_be_written(path, error) from error
+
+
+def cannot_be_written(path: Path | str, error: Exception) -> OutputError:
+    """Return the error for a file that cannot be written, from that of the system: cause and remedy.
+
+    Args:
+        path: The file.
+        error: What writing raised.
+    """
+    remedy = "choose a writable folder that exists"
+    if getattr(error, "errno", None) in FULL:
+        remedy = "make room, or choose another folder"
+    elif getattr(error, "errno", None) == errno.ENAMETOOLONG:
+        remedy = "choose a shorter name"
+    return OutputError(f"{_shown(path)} cannot be written: {_detail(error)}; {remedy}")
 
 
 def remove_leftovers(file: Path | str) -> None:

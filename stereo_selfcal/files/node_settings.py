@@ -6,6 +6,7 @@ This table is the only list of the node's parameters. The node and the launch fi
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -18,6 +19,9 @@ RESULT_PREFIX = "extrinsics."
 # Parameters that come with every node or with the result file, and that are nobody's setting here.
 FOREIGN_PREFIXES = (RESULT_PREFIX, "provenance.", "qos_overrides.", "diagnostic_updater.")
 FOREIGN_NAMES = ("use_sim_time", "start_type_description_service")
+
+# Where earlier versions wrote the result of every node: read still, where it is of the same images.
+OLD_OUTPUT_PATH = f"~/.ros/{NODE_NAME}.yaml"
 
 # Limits that no rectified camera of the next decades exceeds; they detect typing errors.
 _GREATEST_PIXELS = 100_000
@@ -48,6 +52,11 @@ class NodeSetting:
     high: float | None = None
     choices: tuple[str, ...] = ()
     fixed: bool = False
+
+    @property
+    def is_switch(self) -> bool:
+        """Whether it is a number of which 0 means false and 1 true."""
+        return type(self.default) is int and (self.low, self.high) == (0, 1)
 
 
 NODE_SETTINGS = (
@@ -87,8 +96,9 @@ NODE_SETTINGS = (
     ),
     NodeSetting(
         "output_path",
-        "~/.ros/stereo_selfcal.yaml",
-        "File the result is written to (~ is the home folder); empty: it is not written",
+        OLD_OUTPUT_PATH,  # that of a node without namespace; see default_output_path()
+        "File the result is written to (~ is the home folder); empty: it is not written; default: "
+        "~/.ros/<namespace>/<name of the node>.yaml ($ROS_HOME instead of ~/.ros, where it is set)",
     ),
     NodeSetting("timeout_s", 10.0, "How long ~/calibrate waits for usable frames", "s", 0.1, 3600.0),
     NodeSetting("frames", 1, "Accepted frames that one call of ~/calibrate fuses", "", 1, 10_000),
@@ -141,6 +151,20 @@ NODE_SETTINGS = (
         "rig.baseline_m", 0.0, "Distance of the cameras; 0: from CameraInfo", "m", 0.0, _GREATEST_BASELINE_M
     ),
 )
+
+
+def ros_home() -> str:
+    """Return the folder in which ROS keeps what it writes, as rcl finds it; ``~`` is not expanded."""
+    return os.environ.get("ROS_HOME") or "~/.ros"
+
+
+def default_output_path(full_name: str) -> str:
+    """Return where a node writes its result by default: a file of its own, whatever other nodes there are.
+
+    Args:
+        full_name: Namespace and name of the node, ``/front/stereo_selfcal``.
+    """
+    return f"{ros_home()}/{full_name.strip('/')}.yaml"
 
 
 def all_settings() -> Iterator[NodeSetting]:

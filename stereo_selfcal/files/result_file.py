@@ -6,7 +6,6 @@ Its content is a :class:`.saved_result.SavedResult`.
 from __future__ import annotations
 
 import math
-import os
 import stat
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,9 +17,9 @@ from ..core.camera.rig import StereoRig
 from ..core.errors import ConfigError, OutputError, printable
 from ..core.results import CalibrationResult
 from .atomic_file import remove_leftovers, set_aside, write_atomically
-from .node_settings import NODE_NAME, RESULT_PREFIX
+from .node_settings import NODE_NAME, OLD_OUTPUT_PATH, RESULT_PREFIX
 from .parameter_file import ANY_NODE, PARAMETERS, UnreadableFileError, node_parameters
-from .saved_result import RESULT_NAMES, SCHEMA, SavedResult
+from .saved_result import RESULT_NAMES, SCHEMA, SavedResult, check_images, same_images, source_topics
 
 # A result file has 1 kB, most of it names of topics.
 _MOST_BYTES = 65_536
@@ -68,11 +67,15 @@ class Restored:
         problem: One sentence: why what is there cannot be used, and where it is now. Empty when all is
             well or no file is there.
         kept_aside: Where a file that cannot be used was moved to, None when none was moved.
+        of_others: Whether the file is good, but of other images.
+        path: The file that was read, None where there is none.
     """
 
     saved: SavedResult | None = None
     problem: str = ""
     kept_aside: Path | None = None
+    of_others: bool = False
+    path: Path | None = None
 
 
 def result_parameters(result: CalibrationResult) -> dict[str, float]:
@@ -141,7 +144,7 @@ def write_result(
     source: str,
     seed: int,
     keep_others: bool = False,
-) -> None:
+) -> Path | None:
     """Write an accepted result as a ROS 2 parameter file, whole or not at all.
 
     Args:
@@ -150,20 +153,32 @@ def write_result(
         rig: The rig it holds for.
         source: Where the images came from: a bag, topics.
         seed: Seed of the calibrator.
-        keep_others: Whether a file that is there and is no result file is kept aside
-            (:func:`.atomic_file.set_aside`) instead of being replaced.
+        keep_others: Whether a file that is there and is no result file, or that of other topics, is kept
+            aside (:func:`.atomic_file.set_aside`) instead of being replaced.
+
+    Returns:
+        Where what was there is now, None where nothing was kept aside.
 
     Raises:
         OutputError: There is nothing to write, or the file cannot be written, or what is there cannot
             be kept aside; what was there before is untouched.
     """
     content = format_result(result, rig, source, seed).encode("utf-8")
-    if keep_others and Path(os.path.realpath(path)).is_file():
-        try:
-            load_result(path)
-        except ConfigError:
-            set_aside(path)
+    aside = set_aside(path) if keep_others and _is_of_others(path, source) else None
     write_atomically(path, content)
+    return aside
+
+
+def _is_of_others(path: Path | str, source: str) -> bool:
+    """Whether a file is there that is not to be replaced by a result from ``source``."""
+    if _is_missing(path) or _is_no_file(path):
+        return False
+    try:
+        topics = load_result(path).topics
+    except ConfigError:
+        return True
+    ours = source_topics(source)
+    return topics is not None and ours is not None and not same_images(topics, ours)
 
 
 def load_result(path: Path | str) -> SavedResult:
@@ -185,31 +200,71 @@ def load_result(path: Path | str) -> SavedResult:
         raise ConfigError(f"{path}: {error}") from error
 
 
-def restore(path: Path | str) -> Restored:
+def restore(path: Path | str, topics: tuple[str, str] | None = None) -> Restored:
     """Find the calibration of the last run, for the start of a node.
 
     A file that is corrupt, of something else or of a newer version is renamed
-    (:func:`.atomic_file.set_aside`) and so kept from being replaced. One that cannot be read or moved is
-    left where it is. Leftovers of a killed writer are removed. Whether the calibration holds for the
-    cameras is for :func:`.saved_result.check_fits`, once they are known.
+    (:func:`.atomic_file.set_aside`) and so kept from being replaced. One that cannot be read or moved, or
+    that is of other images, is left where it is. Leftovers of a killed writer are removed. Whether the
+    calibration holds for the cameras is for :func:`.saved_result.check_fits`, once they are known.
 
     Args:
         path: The result file; there may be none.
+        topics: Topics of the left and right images it has to be of, None for any.
     """
     remove_leftovers(path)
     if _is_missing(path):
         return Restored()
+    file = Path(path)
     try:
-        return Restored(load_result(path))
+        saved = load_result(path)
     except UnreadableFileError as error:
-        return Restored(problem=f"{error}; it stays where it is")
+        return Restored(problem=f"{error}; it stays where it is", path=file)
     except ConfigError as error:
         problem = str(error)
+    else:
+        return _of_images(saved, file, topics)
     try:
         aside = set_aside(path)
     except OutputError as error:
-        return Restored(problem=f"{problem}; it stays where it is: {error}")
-    return Restored(problem=f"{problem}; kept aside as {aside}", kept_aside=aside)
+        return Restored(problem=f"{problem}; it stays where it is: {error}", path=file)
+    return Restored(problem=f"{problem}; kept aside as {aside}", kept_aside=aside, path=file)
+
+
+def restore_old_default(topics: tuple[str, str]) -> Restored:
+    """Find the calibration that an earlier version wrote to the file that was the default of all nodes.
+
+    It may be of another node: it is only read, and only taken if it says that it is of these images.
+
+    Args:
+        topics: Topics of the left and right images it has to be of.
+    """
+    try:
+        path = Path(OLD_OUTPUT_PATH).expanduser()
+    except RuntimeError:  # no home folder, so nobody wrote there
+        return Restored()
+    if _is_missing(path):
+        return Restored()
+    try:
+        saved = load_result(path)
+    except ConfigError:  # told by the node whose file it is now
+        return Restored()
+    if saved.topics is None:
+        problem = (
+            f"{path} is not used: it does not say of which images its calibration is; calibrate anew, or set "
+            "output_path to it"
+        )
+        return Restored(problem=problem, of_others=True, path=path)
+    return _of_images(saved, path, topics)
+
+
+def _of_images(saved: SavedResult, path: Path, topics: tuple[str, str] | None) -> Restored:
+    try:
+        if topics is not None:
+            check_images(saved, topics)
+    except ConfigError as error:
+        return Restored(problem=f"{path} is not used: {error}", of_others=True, path=path)
+    return Restored(saved, path=path)
 
 
 def _is_missing(path: Path | str) -> bool:

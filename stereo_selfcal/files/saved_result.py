@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import datetime, timezone
@@ -29,6 +30,10 @@ _GREATEST_WHOLE = 2**31 - 1
 # Of a variance over the square of its standard deviation, and of a correlation over 1: rounding is far
 # below, an edited number far above.
 _ROUNDING = 1e-6
+# The node's own source: the full names of its two topics. A path of a recording does not look like it.
+_TWO_TOPICS = re.compile(r"(/[\w/]+) (/[\w/]+)", re.ASCII)
+# What image_transport adds to the name of a topic: the images are the same.
+_COMPRESSED = "/compressed"
 # Earlier stamps are times of a simulation or of a recording without a clock: September 2001.
 _FIRST_CLOCK_S = 1e9
 
@@ -113,6 +118,11 @@ class SavedResult:
         """Number of frames behind the calibration."""
         return int(self.provenance["frames"])
 
+    @property
+    def topics(self) -> tuple[str, str] | None:
+        """Topics of the left and right images; None where the file does not say (replay's, for example)."""
+        return source_topics(str(self.provenance["source"]))
+
     def as_result(self) -> CalibrationResult:
         """Return the calibration as the calibrator would: to be published, to be compared with."""
         frames = "1 frame" if self.n_frames == 1 else f"{self.n_frames} frames"
@@ -151,6 +161,46 @@ def check_fits(calibrated: StereoRig, rig: StereoRig) -> None:
                 f"the calibration is of other cameras: rig.{name} was {then:.10g}, now it is "
                 f"{now[name]:.10g} (a difference of at most {greatest:.2g} is allowed); calibrate anew"
             )
+
+
+def topics_source(left: str, right: str) -> str:
+    """Return the ``source`` of a result that comes from two topics."""
+    return f"{left} {right}"
+
+
+def source_topics(source: str) -> tuple[str, str] | None:
+    """Return the topics that a ``source`` names, None where it is of something else."""
+    found = _TWO_TOPICS.fullmatch(source)
+    return None if found is None else (found[1], found[2])
+
+
+def same_images(topics: tuple[str, str], others: tuple[str, str]) -> bool:
+    """Whether two pairs of topics carry the same images, be they compressed or not."""
+    return all(
+        a.removesuffix(_COMPRESSED) == b.removesuffix(_COMPRESSED)
+        for a, b in zip(topics, others, strict=True)
+    )
+
+
+def check_images(saved: SavedResult, topics: tuple[str, str]) -> None:
+    """Make sure that a calibration is not of other images than those that the node listens to.
+
+    Two pairs of one make have the same rig, to the last digit. One that does not say where it comes from is
+    taken: whoever put it there means it.
+
+    Args:
+        saved: The calibration.
+        topics: Topics of the left and right images.
+
+    Raises:
+        ConfigError: It is: one sentence with the topics of both and the remedy.
+    """
+    if saved.topics is not None and not same_images(saved.topics, topics):
+        raise ConfigError(
+            f"the calibration is of the images of {' and '.join(saved.topics)}, this node listens to "
+            f"{' and '.join(topics)}; {_REMEDY}, give each pair of cameras an output_path of its own, or "
+            "write the new names into provenance.source where the topics were only renamed"
+        )
 
 
 def _sections(parameters: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -152,7 +152,8 @@ class CalibrationCall:
         topics, (left, right) = self._source.topics, self._source.camera_infos
         missing = [t for t, info in ((topics.left_info, left), (topics.right_info, right)) if info is None]
         named = " and ".join(f"{topic} ({publishers_text(self._source, topic)})" for topic in missing)
-        raise RigError(f"no CameraInfo on {named}: publish it or set the parameters rig.*")
+        why = "; ".join(self._source.state.info_mismatches) or "publish it or set the parameters rig.*"
+        raise RigError(f"no CameraInfo on {named}: {why}")
 
     def _doubts(self) -> str:
         """Return what is unusual about the CameraInfo, to be added to a message."""

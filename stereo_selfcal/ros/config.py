@@ -138,4 +138,5 @@ def _output_path(text: str) -> Path | None:
     try:
         return Path(text).expanduser().absolute()
     except RuntimeError as error:  # no home folder
-        raise ConfigError(f"output_path is {text!r}: {error}; give the whole path") from error
+        why = str(error).lower().rstrip(".")
+        raise ConfigError(f"output_path is {text!r}: {why}; give the whole path, or set HOME") from error

@@ -32,7 +32,7 @@ from ..pictures.overview import draw_overview
 from ..unforeseen import unforeseen
 from .player import BagPlayer
 
-DEFAULT_BAG = Path("bags/straight_road")
+BAG_NAME = "straight_road"
 TRUTH_FILE = "truth.yaml"
 RESULT_FILE = "extrinsics.yaml"
 PICTURE_FILE = "overview.png"
@@ -92,6 +92,28 @@ def run_demo(bag: Path, output_dir: Path) -> int:
     return 0
 
 
+def packaged_bag() -> Path:
+    """Return the recording that comes with the package: in the present folder, a checkout, or installed.
+
+    Raises:
+        DemoError: It is not there.
+    """
+    checkout = Path(__file__).resolve().parents[2]
+    prefixes = [*filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)), sys.prefix]
+    places = [
+        Path("bags"),
+        checkout / "bags",
+        *(Path(prefix, "share", NODE_NAME, "bags") for prefix in prefixes),
+    ]
+    for place in places:
+        if (place / BAG_NAME / "metadata.yaml").is_file():
+            return place / BAG_NAME
+    raise DemoError(
+        f"the recording {BAG_NAME} is not installed with the package: make one (ros2 run {NODE_NAME} synth "
+        f"--named {BAG_NAME} {BAG_NAME}) and give --bag {BAG_NAME}"
+    )
+
+
 def _calibrate_live(bag: Path, result_path: Path) -> Answer:
     """Start the node, play the recording, call the service, end everything."""
     # By default nothing leaves this machine, and no other node on it is disturbed.
@@ -137,7 +159,9 @@ def _node_process(player: BagPlayer, result_path: Path) -> Iterator[subprocess.P
     package_parent = str(Path(__file__).resolve().parents[2])
     path = os.pathsep.join(filter(None, (package_parent, os.environ.get("PYTHONPATH"))))
     # A session of its own: Ctrl-C here ends the demo, and the demo ends the node.
-    process = subprocess.Popen(arguments, env={**os.environ, "PYTHONPATH": path}, start_new_session=True)
+    # Python puts the present folder first on its path with -m: no module there is to take the place of ours.
+    environment = {**os.environ, "PYTHONPATH": path, "PYTHONSAFEPATH": "1"}
+    process = subprocess.Popen(arguments, env=environment, start_new_session=True)
     try:
         yield process
     finally:
@@ -232,7 +256,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         epilog="exit status: 0 calibrated; 1 refused; 2 bad usage, unreadable input or a node that failed; "
         "3 something unforeseen, with a traceback",
     )
-    parser.add_argument("--bag", type=Path, default=DEFAULT_BAG, help="rosbag2 folder (default: %(default)s)")
+    parser.add_argument("--bag", type=Path, help=f"rosbag2 folder (default: {BAG_NAME}, of the package)")
     parser.add_argument(
         "--output-dir",
         type=Path,
@@ -241,7 +265,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     arguments = parser.parse_args(argv)
     try:
-        return run_demo(arguments.bag, arguments.output_dir)
+        return run_demo(arguments.bag or packaged_bag(), arguments.output_dir)
     except SelfcalError as error:
         sys.stderr.write(f"demo: {printable(str(error))}\n")
         return _EXIT_BAD_INPUT

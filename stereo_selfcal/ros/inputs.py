@@ -12,6 +12,7 @@ from rclpy.node import Node
 from ..core.camera.camera_difference import check_steady
 from ..core.camera.camera_info_history import CameraInfoHistory
 from ..core.camera.pairing import StampedPair
+from ..core.camera.stamp_pattern import StampPattern
 from ..core.geometry.homography import SIDES, Side
 from .config import NodeConfig
 from .intake import ImageFormat, ImageIntake, IntakeWindow
@@ -136,12 +137,19 @@ class StereoInput:
     def state(self) -> InputState:
         """Counts so far; and, while one side sends no image, the mismatches that may be the cause."""
         state, window = self._intake.state, self._intake.window
+        if any(self._infos.missing):
+            state = replace(state, info_mismatches=self._subscriptions.info_mismatches())
         if window is None:
             return state
         added = state.counts.since(window.counts)
         if added.left and added.right:
             return state
         return replace(state, mismatches=self._subscriptions.mismatches())
+
+    @property
+    def pattern(self) -> StampPattern:
+        """Why the images since the last pair, or since :meth:`begin`, formed none."""
+        return self._intake.pattern
 
     @property
     def window(self) -> IntakeWindow | None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..core.camera.pairing import PairCounts, StampedPair, StampPairer, message_stamp_ns
+from ..core.camera.stamp_pattern import StampPattern
 from ..core.geometry.homography import Side
 from .config import NodeConfig
 from .pair_source import InputState
@@ -137,6 +138,12 @@ class ImageIntake:
         """Counts so far."""
         with self._lock:
             return InputState(self._pairer.counts, self._pairer.nearest_s)
+
+    @property
+    def pattern(self) -> StampPattern:
+        """Why the images since the last pair, or since :meth:`begin`, formed none."""
+        with self._lock:
+            return self._pairer.pattern
 
     @property
     def window(self) -> IntakeWindow | None:

@@ -63,7 +63,10 @@ def missing_info(source: PairSource) -> str:
     """Return a sentence about each CameraInfo that has not come, "" when both have."""
     infos = zip((source.topics.left_info, source.topics.right_info), source.camera_infos, strict=True)
     missing = [f"{topic} (publishers: {source.publishers(topic)})" for topic, info in infos if info is None]
-    return f"no CameraInfo on {' and '.join(missing)}: publish it or set rig.*" if missing else ""
+    if not missing:
+        return ""
+    why = "; ".join(source.state.info_mismatches) or "publish it or set rig.*"
+    return f"no CameraInfo on {' and '.join(missing)}: {why}"
 
 
 class LiveFrames:

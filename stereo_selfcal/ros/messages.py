@@ -17,6 +17,7 @@ from ..core.geometry.pose import Extrinsics
 from ..core.types import Array, Image
 
 _NS_PER_S = 1_000_000_000
+_LAST_NS = 2**31 * _NS_PER_S - 1  # the seconds of builtin_interfaces/Time have 32 bits
 
 # Rows of (height_m, pitch_rad, roll_rad) in the 6 x 6 covariance of a pose. Its order is x, y, z, and the
 # rotations about the fixed axes X, Y, Z. R_y(pitch) R_x(roll) turns about the fixed X by roll, then about the
@@ -25,8 +26,11 @@ _POSE_ROWS = (2, 4, 3)
 
 
 def time_message(stamp_ns: int) -> Time:
-    """Return a stamp [ns] as a message."""
-    sec, nanosec = divmod(stamp_ns, _NS_PER_S)
+    """Return a stamp [ns] as a message; one that it cannot hold as the nearest that it can.
+
+    That of an image may have 4 294 967 295 ns, and so lie beyond the last second.
+    """
+    sec, nanosec = divmod(min(stamp_ns, _LAST_NS), _NS_PER_S)
     return Time(sec=sec, nanosec=nanosec)
 
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import os
+import signal
 import sys
+import threading
 import time
 import traceback
 from collections.abc import Sequence
@@ -40,8 +43,27 @@ class _Executor(MultiThreadedExecutor):  # type: ignore[misc]  # rclpy has no ty
             pool.shutdown(wait=True)
 
 
+def _end_at_hangup() -> None:
+    """Let SIGHUP, which a terminal that closes sends, end the node as SIGTERM does.
+
+    rclpy handles SIGINT and SIGTERM only, and a handler of Python's own would run no earlier than a wait in C
+    ends. With ``nohup``, the signal stays ignored. To be called before there are other threads, as they
+    inherit the mask.
+    """
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+        return
+    hangup = {signal.SIGHUP}
+    signal.pthread_sigmask(signal.SIG_BLOCK, hangup)
+
+    def wait() -> None:
+        signal.sigwait(hangup)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=wait, name="hangup", daemon=True).start()
+
+
 def _spin(executor: MultiThreadedExecutor) -> None:
-    """Run callbacks until the context is shut down (Ctrl-C, SIGTERM)."""
+    """Run callbacks until the context is shut down (Ctrl-C, SIGTERM, SIGHUP)."""
     while executor.context.ok():
         try:
             executor.spin_once()
@@ -59,12 +81,18 @@ def _spin(executor: MultiThreadedExecutor) -> None:
 def _run(arguments: list[str]) -> None:
     """Start ROS and run the node until it is told to end."""
     use_one_heap()
+    _end_at_hangup()
     try:
         rclpy.init(args=arguments)
     except RuntimeError as error:
         raise ConfigError(f"ROS does not start: {_one_line(error)}") from error
     try:
-        selfcal = SelfcalNode()
+        try:
+            selfcal = SelfcalNode()
+        except Exception:
+            if not rclpy.ok():  # a signal ended ROS meanwhile, and everything failed
+                return
+            raise
         spare_what_stays()
         executor = _Executor(_THREADS)
         executor.add_node(selfcal.node)
@@ -92,14 +120,14 @@ def _one_line(error: Exception) -> str:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until Ctrl-C or SIGTERM.
+    """Run the node until Ctrl-C, SIGTERM or SIGHUP.
 
     Args:
         args: Arguments without the program name, None for those of the process.
 
     Returns:
-        Exit status: 0 after Ctrl-C or SIGTERM, 2 after a wrong argument or parameter, 3 after what was not
-        foreseen.
+        Exit status: 0 after Ctrl-C, SIGTERM or SIGHUP, 2 after a wrong argument or parameter, 3 after what
+        was not foreseen.
     """
     arguments = list(sys.argv[1:] if args is None else args)
     parser = argparse.ArgumentParser(

@@ -6,12 +6,17 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 from ..core.camera.camera_info_checks import check_claim
-from ..core.camera.pairing import PairCounts, StampedPair, suggest_tolerance_s
+from ..core.camera.pairing import PairCounts, StampedPair
 from ..core.camera.rectifier import StereoRectifier
+from ..core.camera.stamp_pattern import NoPairCause, StampPattern
 from .config import NodeConfig
 
 _RECTIFIED_REMEDY = "set rectified: false, or rig.* if they are rectified after all"
 _RAW_REMEDY = "set rectified: true"
+_LOST_REMEDY = (
+    "make the subscriptions reliable (qos_overrides.<topic>.subscription.reliability), give the camera's DDS "
+    "more shared memory (segment_size), or use image_transport compressed"
+)
 
 
 class Topics(NamedTuple):
@@ -31,11 +36,13 @@ class InputState:
         counts: Images, pairs and drops.
         nearest_s: Least difference of a left and a right stamp since the call began [s].
         mismatches: Sentences about publishers that nothing can be received from.
+        info_mismatches: The same of CameraInfo, while one has not come.
     """
 
     counts: PairCounts
     nearest_s: float | None
     mismatches: tuple[str, ...] = ()
+    info_mismatches: tuple[str, ...] = ()
 
 
 class PairSource(Protocol):
@@ -48,6 +55,10 @@ class PairSource(Protocol):
     @property
     def state(self) -> InputState:
         """Counts so far, and what may be wrong with the publishers."""
+
+    @property
+    def pattern(self) -> StampPattern:
+        """Why the images since the last pair, or since the call began, formed none."""
 
     @property
     def stopped(self) -> bool:
@@ -113,28 +124,32 @@ def no_pair_reason(source: PairSource, config: NodeConfig, before: PairCounts, e
         named = " and ".join(f"{topic} ({publishers_text(source, topic)})" for topic in silent)
         why = "; ".join(state.mismatches) or "start the camera, remap the topic or check its QoS"
         return f"{text}nothing arrives on {named}: {why}"
-    if state.nearest_s is None:
-        return f"{text}left and right never waited for each other: raise queue_size from {config.queue_size}"
-    nearest = f"{text}the nearest stamps differ by {state.nearest_s * 1e3:.3f} ms"
-    rate_hz = max(added.left, added.right) / elapsed_s
-    suggested_s = suggest_tolerance_s(state.nearest_s, rate_hz)
-    tolerance_s = config.approximate_sync_tolerance_seconds if config.approximate_sync else 0.0
-    if state.nearest_s > tolerance_s and suggested_s is None:
+    return text + _unpaired_reason(source.pattern, config)
+
+
+def _unpaired_reason(pattern: StampPattern, config: NodeConfig) -> str:
+    """Return why images of both sides formed no pair, with the remedy."""
+    if pattern.cause is NoPairCause.QUEUE:
         return (
-            f"{nearest}, more than half a frame at {rate_hz:.1f} Hz: no tolerance helps, the clocks of the "
-            "cameras have to be set alike"
+            f"{pattern}, which is tolerated, but none was formed: raise queue_size from {config.queue_size}"
         )
+    if pattern.cause is NoPairCause.LOST:
+        return f"{pattern}; no tolerance helps: {_LOST_REMEDY}"
+    if pattern.cause is NoPairCause.UNCLEAR:
+        return f"{pattern}; {_LOST_REMEDY}, or synchronise the cameras"
+    suggested_s = pattern.tolerance_s
+    if suggested_s is None:
+        return str(pattern)
     if not config.approximate_sync:
         return (
-            f"{nearest}: set approximate_sync, and approximate_sync_tolerance_seconds to {suggested_s:g} "
-            f"(half a frame is {500 / rate_hz:.1f} ms), or synchronise the cameras"
+            f"{pattern}: set approximate_sync, and approximate_sync_tolerance_seconds to {suggested_s:g} "
+            f"({pattern.half_frame}), or synchronise the cameras"
         )
-    if state.nearest_s > tolerance_s:
-        return (
-            f"{nearest}, approximate_sync_tolerance_seconds allows {tolerance_s * 1e3:.3f} ms: raise it to "
-            f"{suggested_s:g} (half a frame is {500 / rate_hz:.1f} ms), or synchronise the cameras"
-        )
-    return f"{nearest}, which is tolerated, but none was formed: raise queue_size from {config.queue_size}"
+    return (
+        f"{pattern}, approximate_sync_tolerance_seconds allows "
+        f"{config.approximate_sync_tolerance_seconds * 1e3:.3f} ms: raise it to {suggested_s:g} "
+        f"({pattern.half_frame}), or synchronise the cameras"
+    )
 
 
 def publishers_text(source: PairSource, topic: str) -> str:

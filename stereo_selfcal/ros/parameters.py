@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -10,12 +12,15 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from ..core.errors import ConfigError
+from ..core.errors import ConfigError, OutputError
 from ..core.geometry.pose import POSE_COMPONENTS
-from ..files.node_settings import RESULT_PREFIX, NodeSetting
+from ..files.node_settings import RESULT_PREFIX, NodeSetting, default_output_path
 from ..files.saved_result import RESULT_NAMES
 from .config import SETTINGS, NodeConfig
+from .store import check_output
 
+_OUTPUT = "output_path"
+_NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _RESULT_DESCRIPTION = {
     **{each.name: f"{each.description} [{each.si_unit}]" for each in POSE_COMPONENTS},
     **{each.std_name: f"Standard deviation of the {each.label} [{each.si_unit}]" for each in POSE_COMPONENTS},
@@ -37,11 +42,13 @@ class NodeParameters:
         self._node = node
         self._on_change = on_change
         self._publishing = False
+        self._default_output = default_output_path(node.get_fully_qualified_name())
         for setting in SETTINGS.values():
-            _declare(node, setting)
+            _declare(node, self._with_default(setting))
         self._declare_result()
         self._config = NodeConfig.from_values(self._values())
-        node.add_pre_set_parameters_callback(_whole_numbers_as_floats)
+        self._check_output_at_start()
+        node.add_pre_set_parameters_callback(lambda given: [_of_its_type(parameter) for parameter in given])
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._changed)
 
@@ -49,6 +56,11 @@ class NodeParameters:
     def config(self) -> NodeConfig:
         """The present values of the parameters."""
         return self._config
+
+    @property
+    def output_is_default(self) -> bool:
+        """Whether the result goes to the file that is this node's own by default."""
+        return bool(self._node.get_parameter(_OUTPUT).value == self._default_output)
 
     def publish_result(self, parameters: Mapping[str, float]) -> None:
         """Set the result parameters atomically.
@@ -76,6 +88,21 @@ class NodeParameters:
         finally:
             self._publishing = False
 
+    def _with_default(self, setting: NodeSetting) -> NodeSetting:
+        return replace(setting, default=self._default_output) if setting.name == _OUTPUT else setting
+
+    def _check_output_at_start(self) -> None:
+        """Refuse an output_path that cannot be written; of the default one, which nobody chose, only warn."""
+        path = self._config.output_path
+        if path is None:
+            return
+        try:
+            check_output(path)
+        except OutputError as error:
+            if not self.output_is_default:
+                raise ConfigError(f"{_OUTPUT}: {error}") from error
+            self._node.get_logger().warning(f"results will not be saved: {error}, or set {_OUTPUT}")
+
     def _declare_result(self) -> None:
         for name in RESULT_NAMES:
             # Dynamically typed: a typed parameter without a value could not be read at all. Not read-only:
@@ -99,9 +126,13 @@ class NodeParameters:
             if parameter.name in values:
                 values[parameter.name] = parameter.value
         try:
-            NodeConfig.from_values(values)
+            config = NodeConfig.from_values(values)
+            if config.output_path is not None and config.output_path != self._config.output_path:
+                check_output(config.output_path)
         except ConfigError as error:
             return SetParametersResult(successful=False, reason=str(error))
+        except OutputError as error:
+            return SetParametersResult(successful=False, reason=f"{_OUTPUT}: {error}")
         return SetParametersResult(successful=True)
 
     def _changed(self, parameters: Iterable[Parameter]) -> None:
@@ -127,14 +158,13 @@ def _descriptor(setting: NodeSetting) -> ParameterDescriptor:
 
 
 def _declare(node: Node, setting: NodeSetting) -> None:
-    """Declare one parameter; a whole number is taken where a float is needed (``-p timeout_s:=5``)."""
+    """Declare one parameter; what :func:`_as_its_type` says is taken for another."""
     try:
         node.declare_parameter(setting.name, setting.default, _descriptor(setting))
         return
     except (InvalidParameterTypeException, InvalidParameterValueException):
         value = _override(node, setting)
-    if isinstance(setting.default, float) and type(value) is int:
-        value = float(value)
+    value = _as_its_type(value, setting)
     if type(value) is not type(setting.default):
         kind = type(setting.default).__name__
         raise ConfigError(f"{setting.name} is {value!r}: a value of type {kind} is needed")
@@ -152,15 +182,27 @@ def _override(node: Node, setting: NodeSetting) -> Any:
     return value
 
 
-def _whole_numbers_as_floats(parameters: list[Parameter]) -> list[Parameter]:
-    """Convert integers to floats where floats are needed: ``ros2 param set`` reads 5 as an integer."""
-    return [
-        Parameter(p.name, Parameter.Type.DOUBLE, float(p.value))
-        if p.type_ is Parameter.Type.INTEGER and _is_float(p.name)
-        else p
-        for p in parameters
-    ]
+def _of_its_type(parameter: Parameter) -> Parameter:
+    """Return a parameter with the type it was declared with, where its value can be taken for one."""
+    setting = SETTINGS.get(parameter.name)
+    if setting is None or type(parameter.value) is type(setting.default):
+        return parameter
+    value = _as_its_type(parameter.value, setting)
+    return parameter if value is parameter.value else Parameter(parameter.name, value=value)
 
 
-def _is_float(name: str) -> bool:
-    return name in SETTINGS and isinstance(SETTINGS[name].default, float)
+def _as_its_type(value: Any, setting: NodeSetting) -> Any:
+    """Return a value as the type of a setting, if that is what its writer meant; else as it is.
+
+    That is a whole number where a float is needed (``timeout_s:=5``), true or false for a switch of 1 and 0,
+    and a number that YAML 1.1 takes for a word, such as 1e-05: ``ros2 param load`` hands over what ``ros2
+    param dump`` wrote in this way.
+    """
+    kind = type(setting.default)
+    if kind is float and type(value) is int:
+        return float(value)
+    if kind is float and isinstance(value, str) and _NUMBER.fullmatch(value):
+        return float(value)
+    if setting.is_switch and isinstance(value, bool):
+        return int(value)
+    return value

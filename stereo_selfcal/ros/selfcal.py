@@ -9,8 +9,10 @@ from contextlib import ExitStack
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.qos import qos_profile_parameters
+from rclpy.qos_overriding_options import InvalidQosOverridesError
 from std_srvs.srv import Trigger
 
 from ..core.camera.rig import StereoRig
@@ -20,8 +22,8 @@ from ..core.lanes.lane_pair import LanePattern
 from ..core.results import CalibrationResult
 from ..core.types import Array
 from ..files.node_settings import NODE_NAME
-from ..files.result_file import restore
-from ..files.saved_result import check_fits
+from ..files.result_file import restore, restore_old_default
+from ..files.saved_result import check_fits, topics_source
 from .calibration import CalibrationCall
 from .calibration_keeper import ActiveCalibration, CalibrationKeeper
 from .config import NodeConfig
@@ -32,6 +34,7 @@ from .markers import lanes_on_road
 from .memory import trim_heap
 from .monitor import Monitor
 from .outputs import Outputs, Publication
+from .overrides import unused_start_values
 from .parameters import NodeParameters
 from .record import FrameRecord, FrameReport
 from .reporter import DiagnosticsReporter
@@ -59,7 +62,7 @@ class SelfcalNode:
     """
 
     def __init__(self, **kwargs: Any) -> None:
-        self.node = Node(NODE_NAME, **kwargs)
+        self.node = _node(**kwargs)
         with ExitStack() as failed:
             failed.callback(self.node.destroy_node)  # else half a node would answer under its name
             self._parameters = NodeParameters(self.node, self._on_parameters)
@@ -96,6 +99,8 @@ class SelfcalNode:
                 self.node.context.ok,
                 self.node.get_logger(),
             )
+            for text in unused_start_values(self.node):
+                self.node.get_logger().warning(text)
             self._restore(self._parameters.config)
             topics = self._input.topics
             self.node.get_logger().info(f"listening to {topics.left} and {topics.right}; call ~/calibrate")
@@ -118,17 +123,23 @@ class SelfcalNode:
         """Activate the calibration of the last run; to be called before the node is spun."""
         if config.output_path is None:
             return
-        restored = restore(config.output_path)
-        if restored.problem:
+        topics = self._input.topics.left, self._input.topics.right
+        restored = restore(config.output_path, topics)
+        if restored.path is None and self._parameters.output_is_default:
+            restored = restore_old_default(topics)
+        if restored.of_others:
+            self.node.get_logger().warning(restored.problem)
+        elif restored.problem:
             self.node.get_logger().error(restored.problem)
+        if restored.problem:
             self._keeper.reject(restored.problem)
-        if restored.saved is None:
+        if restored.saved is None or restored.path is None:
             return
         now_s = self.node.get_clock().now().nanoseconds / 1e9
-        active = restored_calibration(restored.saved, config.output_path, now_s)
+        active = restored_calibration(restored.saved, restored.path, now_s)
         problem = _other_cameras(active.rig, _rig_of(config))
         if problem:
-            self.node.get_logger().warning(f"{config.output_path} is not used: {problem}")
+            self.node.get_logger().warning(f"{restored.path} is not used: {problem}")
             self._keeper.reject(problem)
             return
         self._outputs.publish_now(Publication(active.result, config, restored.saved.stamp_ns))
@@ -185,7 +196,12 @@ class SelfcalNode:
             active = ActiveCalibration(result, rig, time.monotonic(), saved="not yet")
             self._keeper.accept(active, settled)
             topics = self._input.topics
-            saved, failed = save(active, config, f"{topics.left} {topics.right}")
+            try:
+                saved, failed = save(active, config, topics_source(topics.left, topics.right))
+            except Exception as error:  # noqa: BLE001 - it is in effect, so the answer is no failure
+                self.node.get_logger().error(traceback.format_exc())
+                saved = f"in effect, but not saved: {type(error).__name__}: {error}, see the node's log"
+                failed = True
             self._keeper.saved(saved, failed)
             return saved
 
@@ -258,6 +274,14 @@ class SelfcalNode:
             last_success=self._last_success,
             frames=self._record.statistics,
         )
+
+
+def _node(**kwargs: Any) -> Node:
+    """Make the node; what ROS itself does not take (``use_sim_time:=5``) is a ConfigError as our own."""
+    try:
+        return Node(NODE_NAME, **kwargs)
+    except (ParameterException, InvalidQosOverridesError, RuntimeError, ValueError, TypeError) as error:
+        raise ConfigError(f"the node cannot be made: {' '.join(str(error).split())}") from error
 
 
 def _rig_of(config: NodeConfig) -> StereoRig | None:

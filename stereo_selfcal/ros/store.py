@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 from ..core.errors import OutputError
+from ..files.atomic_file import cannot_be_written
 from ..files.exports import write_exports
-from ..files.node_settings import NODE_SETTINGS
+from ..files.node_settings import ros_home
 from ..files.result_file import write_result
 from ..files.saved_result import SavedResult
+from ..files.writable import check_writable
 from .calibration_keeper import ActiveCalibration
 from .config import NodeConfig
 
 # A greater age means that the stamp is of another clock (a simulation, a recording): the age is unknown then.
 _LONGEST_AGE_S = 50 * 365.25 * 86400.0
+# What writing a file may raise: whatever the system says of it, the calibration stays in effect.
+_FAILURES = (OutputError, OSError, ValueError)
 
 
 def restored_calibration(saved: SavedResult, path: Path, now_s: float) -> ActiveCalibration:
@@ -46,44 +49,54 @@ def save(active: ActiveCalibration, config: NodeConfig, source: str) -> tuple[st
     path = config.output_path
     if path is None:
         return "not saved, as output_path is empty", False
-
-    def write() -> None:
-        if path == _default_output_path():
-            _make_folder(path.parent)
-        write_result(
+    try:
+        _make_folder(path.parent)
+        aside = write_result(
             path, active.result, active.rig, source=source, seed=config.calibrator.seed, keep_others=True
         )
-
-    problem = _tried(write)
-    if problem:
-        return f"in effect, but not saved: {problem}", True
+    except _FAILURES as error:
+        return f"in effect, but not saved: {_reason(error, path)}", True
+    kept = f"; what was there, not of these images, is kept as {aside}" if aside else ""
     if not config.exports:
-        return f"saved to {path}", False
+        return f"saved to {path}{kept}", False
     extrinsics = active.result.extrinsics
     assert extrinsics is not None  # it was written
     frames = config.road_frame, config.camera_frame
-    problem = _tried(lambda: write_exports(path, config.exports, extrinsics, active.rig, *frames))
-    if problem:
-        return f"saved to {path}, but not exported: {problem}", True
-    return f"saved to {path} and exported as {', '.join(config.exports)}", False
-
-
-def _tried(write: Callable[[], object]) -> str:
     try:
-        write()
-    except OutputError as error:
-        return str(error)
-    return ""
+        write_exports(path, config.exports, extrinsics, active.rig, *frames)
+    except _FAILURES as error:
+        return f"saved to {path}, but not exported: {_reason(error, path)}{kept}", True
+    return f"saved to {path} and exported as {', '.join(config.exports)}{kept}", False
+
+
+def check_output(path: Path) -> None:
+    """Make sure that a result can be written, before there is one.
+
+    Raises:
+        OutputError: It cannot: one sentence with the path, the cause and the remedy.
+    """
+    check_writable(path, _ros_home())
 
 
 def _make_folder(folder: Path) -> None:
-    """Make the folder of ROS if ROS has not made it yet. Other folders are up to the user."""
+    """Make a folder in that of ROS. Other folders are up to the user."""
+    home = _ros_home()
+    if home is None or not folder.is_relative_to(home):
+        return
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{folder} cannot be made: {error.strerror}; set output_path") from error
 
 
-def _default_output_path() -> Path:
-    default = next(setting.default for setting in NODE_SETTINGS if setting.name == "output_path")
-    return Path(str(default)).expanduser()
+def _ros_home() -> Path | None:
+    """Return the folder of ROS; None where there is no home folder to have it in."""
+    try:
+        return Path(ros_home()).expanduser().absolute()
+    except RuntimeError:
+        return None
+
+
+def _reason(error: Exception, path: Path) -> str:
+    """Return the sentence of an error; those of the system do not say what could not be done."""
+    return str(error if isinstance(error, OutputError) else cannot_be_written(path, error))

@@ -11,7 +11,9 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import (
     QoSCompatibility,
+    QoSDurabilityPolicy,
     QoSHistoryPolicy,
+    QoSPolicyKind,
     QoSProfile,
     QoSReliabilityPolicy,
     qos_check_compatible,
@@ -20,13 +22,26 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
+from ..core.errors import ConfigError
 from ..core.geometry.homography import SIDES, Side
 from .config import NodeConfig
+from .overrides import QOS_PREFIX, check_qos_overrides, start_values
 from .pair_source import Topics
 
 # What rmw calls the node of a publisher that was discovered before its node was.
 _UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 _QUEUE = 5  # the depth of rmw's profile for sensor data (REP 2003), as is the best effort
+# Those of a subscription that concern what is received; durability is that of cameras that publish once.
+_POLICIES = (
+    QoSPolicyKind.HISTORY,
+    QoSPolicyKind.DEPTH,
+    QoSPolicyKind.RELIABILITY,
+    QoSPolicyKind.DURABILITY,
+)
+# For what was published before there was a subscription: of DDS, only reliable ones are given it.
+_LATCHED = QoSProfile(
+    depth=1, reliability=QoSReliabilityPolicy.RELIABLE, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +80,9 @@ class _GatedGroup(MutuallyExclusiveCallbackGroup):  # type: ignore[misc]  # rclp
 class CameraSubscriptions:
     """Subscribes to the images and to the CameraInfo of both cameras, and drops the subscriptions again.
 
-    Subscriptions are best effort, which matches every publisher. ``qos_overrides.*`` parameters change that.
+    Subscriptions are best effort and volatile, which matches every publisher. Some cameras publish CameraInfo
+    once, latched (reliable and transient local). It is subscribed to with a latched profile, too, while there
+    is such a publisher: that profile alone would match no other. ``qos_overrides.*`` parameters replace both.
 
     Args:
         node: The node.
@@ -74,6 +91,9 @@ class CameraSubscriptions:
         on_camera_info: Called with each CameraInfo and its side.
         images_wanted: Returns whether image messages are to be taken from DDS.
         infos_wanted: Returns the same for CameraInfo.
+
+    Raises:
+        ConfigError: An override of a QoS policy cannot be followed; by :meth:`switch`.
     """
 
     def __init__(
@@ -89,7 +109,9 @@ class CameraSubscriptions:
         self._images_wanted = images_wanted
         self._infos_wanted = infos_wanted
         self._subscribed: dict[str, Subscription] = {}
+        self._latched: dict[str, Subscription] = {}
         self._profiles: dict[str, QoSProfile] = {}
+        self._overrides = start_values(node)
         compressed = config.image_transport == "compressed"
         leaf = "image_rect" if config.rectified else "image_raw"
 
@@ -122,23 +144,38 @@ class CameraSubscriptions:
 
     def mismatches(self) -> tuple[str, ...]:
         """Return sentences about publishers that nothing can be received from, by their type or QoS."""
+        return tuple(text for stream in (*self._images, *self._infos) for text in self._mismatches_of(stream))
+
+    def info_mismatches(self) -> tuple[str, ...]:
+        """Return those about CameraInfo, and about publishers of it that may have sent theirs too early."""
         found = []
-        for stream in (*self._images, *self._infos):
-            topic, wanted = stream.topic, f"sensor_msgs/msg/{stream.message_type.__name__}"
-            for publisher in self._node.get_publishers_info_by_topic(topic):
-                name = f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
-                if publisher.node_name == _UNKNOWN_NODE:
-                    name = "a node not known by name yet"
-                compatible, reason = qos_check_compatible(publisher.qos_profile, self._profiles[topic])
-                if publisher.topic_type != wanted:
-                    found.append(f"{name} publishes {publisher.topic_type} on {topic}, {wanted} is read")
-                elif compatible == QoSCompatibility.ERROR:
-                    why = " ".join(reason.replace("ERROR:", "").split()).rstrip(";")
+        for stream in self._infos:
+            found += self._mismatches_of(stream)
+            for publisher in self._node.get_publishers_info_by_topic(stream.topic):
+                profile = publisher.qos_profile
+                if profile.durability == _LATCHED.durability and not _is_latched(publisher):
                     found.append(
-                        f"{name} publishes {topic} with a QoS that does not match ({why}): set "
-                        f"qos_overrides.{topic}.subscription.*"
+                        f"{_name_of(publisher)} publishes {stream.topic} transient local, but best effort: "
+                        "what it sent before this node listened is lost, make it reliable or send it anew"
                     )
         return tuple(found)
+
+    def _mismatches_of(self, stream: Stream) -> list[str]:
+        found = []
+        topic, wanted = stream.topic, f"sensor_msgs/msg/{stream.message_type.__name__}"
+        for publisher in self._node.get_publishers_info_by_topic(topic):
+            compatible, reason = qos_check_compatible(publisher.qos_profile, self._profiles[topic])
+            if publisher.topic_type != wanted:
+                found.append(
+                    f"{_name_of(publisher)} publishes {publisher.topic_type} on {topic}, {wanted} is read"
+                )
+            elif compatible == QoSCompatibility.ERROR:
+                why = " ".join(reason.replace("ERROR:", "").split()).rstrip(";")
+                found.append(
+                    f"{_name_of(publisher)} publishes {topic} with a QoS that does not match ({why}): set "
+                    f"{QOS_PREFIX}{topic}.subscription.*"
+                )
+        return found
 
     def switch(self, images: bool, infos: tuple[bool, bool]) -> None:
         """Make the subscriptions that are needed, and destroy the others.
@@ -155,6 +192,7 @@ class CameraSubscriptions:
             self._switch_one(stream, images, image_gate)
         for stream, needed in zip(self._infos, infos, strict=True):
             self._switch_one(stream, needed, info_gate)
+            self._switch_latched(stream, needed and self._latches(stream), info_gate)
 
     def drop_old_images(self) -> None:
         """Drop the images that DDS kept while none were taken: whoever wants images wants new ones."""
@@ -178,20 +216,59 @@ class CameraSubscriptions:
         elif not needed and stream.topic in self._subscribed:
             self._node.destroy_subscription(self._subscribed.pop(stream.topic))
 
+    def _latches(self, stream: Stream) -> bool:
+        """Return whether a topic has a publisher of latched messages, for which the user set nothing else."""
+        if f"{QOS_PREFIX}{stream.topic}.subscription.durability" in self._overrides:
+            return False
+        return any(map(_is_latched, self._node.get_publishers_info_by_topic(stream.topic)))
+
+    def _switch_latched(self, stream: Stream, needed: bool, group: _GatedGroup) -> None:
+        if needed and stream.topic not in self._latched:
+            self._latched[stream.topic] = self._create(stream, _LATCHED, group)
+        elif not needed and stream.topic in self._latched:
+            self._node.destroy_subscription(self._latched.pop(stream.topic))
+
     def _subscribe(self, stream: Stream, group: _GatedGroup) -> Subscription:
-        overriding = None
-        if stream.topic not in self._profiles:
-            # One profile each: rclpy writes the overrides of a topic into the profile it is given.
-            profile = QoSProfile(depth=_QUEUE, reliability=QoSReliabilityPolicy.BEST_EFFORT)
-            self._profiles[stream.topic] = profile
-            overriding = QoSOverridingOptions.with_default_policies()
+        if stream.topic in self._profiles:
+            return self._create(stream, self._profiles[stream.topic], group)
+        # One profile each: rclpy writes the overrides of a topic into the profile it is given.
+        profile = QoSProfile(depth=_QUEUE, reliability=QoSReliabilityPolicy.BEST_EFFORT)
+        prefix = f"{QOS_PREFIX}{stream.topic}.subscription."
+        check_qos_overrides(prefix, self._overrides)
+        if str(self._overrides.get(f"{prefix}durability")).lower() == "transient_local":
+            profile.reliability = _LATCHED.reliability  # else the override would have no effect
+        self._profiles[stream.topic] = profile
+        try:
+            return self._create(stream, profile, group, QoSOverridingOptions(_POLICIES))
+        except RuntimeError as error:  # the middleware's own limits
+            raise ConfigError(f"{prefix}*: {' '.join(str(error).split())}") from error
+
+    def _create(
+        self,
+        stream: Stream,
+        profile: QoSProfile,
+        group: _GatedGroup,
+        overriding: QoSOverridingOptions | None = None,
+    ) -> Subscription:
         return self._node.create_subscription(
             stream.message_type,
             stream.name,
             stream.received,
-            self._profiles[stream.topic],
+            profile,
             callback_group=group,
             # Handlers of events cannot be destroyed while an executor waits; mismatches() says more.
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             qos_overriding_options=overriding,
         )
+
+
+def _is_latched(publisher: Any) -> bool:
+    """Return whether a publisher hands what it sent before to a subscription that comes later."""
+    profile = publisher.qos_profile
+    return (profile.reliability, profile.durability) == (_LATCHED.reliability, _LATCHED.durability)
+
+
+def _name_of(publisher: Any) -> str:
+    if publisher.node_name == _UNKNOWN_NODE:
+        return "a node not known by name yet"
+    return f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"

@@ -32,6 +32,7 @@ from .config import NodeConfig
 from .diagnostics import age_text
 from .live import LiveFrame, NoFrame
 from .messages import image_message
+from .overrides import QOS_PREFIX, check_qos_overrides, start_values
 from .record import FrameReport
 
 # One picture a second is enough for somebody who turns a camera. Drawing takes a few percent of a core then
@@ -71,13 +72,7 @@ class Views:
         self._config = config
         self._clock = clock
         self._debug_image, self._birds_eye = (
-            node.create_publisher(
-                ImageMessage,
-                topic,
-                QoSProfile(depth=_QUEUE),  # one for each: rclpy writes the overrides of a topic into it
-                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-            )
-            for topic in ("~/debug_image", "~/birds_eye")
+            _publisher(node, topic) for topic in ("~/debug_image", "~/birds_eye")
         )
         self._lock = threading.Lock()
         self._last: FrameReport | None = None
@@ -195,6 +190,16 @@ class Views:
                     self._node.get_logger().error(
                         f"a picture failed:\n{traceback.format_exc()}", throttle_duration_sec=60.0
                     )
+
+
+def _publisher(node: Node, topic: str) -> Publisher:
+    check_qos_overrides(f"{QOS_PREFIX}{node.resolve_topic_name(topic)}.publisher.", start_values(node))
+    return node.create_publisher(
+        ImageMessage,
+        topic,
+        QoSProfile(depth=_QUEUE),  # one for each: rclpy writes the overrides of a topic into it
+        qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+    )
 
 
 def _drawable(image: Image) -> bool:

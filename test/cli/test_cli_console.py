@@ -204,7 +204,7 @@ def test_a_full_disk_is_told_as_one(tmp_path, monkeypatch):
         raise OSError(28, os.strerror(28))
 
     monkeypatch.setattr("tempfile.TemporaryFile", full)
-    with pytest.raises(UsageError, match=r"No space left on device.*; make room, or"):
+    with pytest.raises(UsageError, match=r"no space left on device.*; make room, or"):
         check_writable(tmp_path / "out.html", "--report")
 
 

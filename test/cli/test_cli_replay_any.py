@@ -61,7 +61,7 @@ def test_stretches(bag, calibrator, capsys, options, expected):
         (["--jobs", "0"], "less than 1"),
         (["--all", "--left", "/x"], "does not go with --left"),
         (["--csv", "x.yaml", "--output", "x.yaml"], "give two files"),
-        (["--csv", "/nowhere/x.csv"], "--csv /nowhere/x.csv: cannot be written"),
+        (["--csv", "/nowhere/x.csv"], "--csv /nowhere/x.csv cannot be written"),
     ],
 )
 def test_what_cannot_be_done_is_one_line(bag, calibrator, capsys, tmp_path, monkeypatch, options, message):

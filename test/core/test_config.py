@@ -86,6 +86,17 @@ def test_what_is_no_number_is_refused_by_name(name, value):
         CalibratorConfig.from_mapping({name: value})
 
 
+def test_switch_of_one_and_zero_may_be_written_as_true_and_false():
+    config = CalibratorConfig.from_mapping({"texture.check": True, "texture.required": False})
+    assert (config.texture.check, type(config.texture.check)) == (1, int)
+    assert config == CalibratorConfig()
+
+
+def test_texture_that_is_not_looked_for_cannot_be_required():
+    with pytest.raises(ConfigError, match=r"^texture.required is 1, but texture.check is 0: .*; set texture"):
+        CalibratorConfig.from_mapping({"texture.check": 0, "texture.required": 1})
+
+
 def test_part_of_a_count_is_refused_and_a_whole_float_is_taken():
     with pytest.raises(ConfigError, match=r"^genetic.population is 100\.5: a whole number is needed"):
         CalibratorConfig.from_mapping({"genetic.population": 100.5})

@@ -51,6 +51,13 @@ def test_what_is_no_parameter_file_is_one_clear_error(tmp_path, content):
     assert time.monotonic() - start_s < 30.0, "it must not be read for ever"
 
 
+@pytest.mark.parametrize("text", ["1e-05", "1E-5", "+1e-05", "1.0e-05", "0.00001"])
+def test_number_is_read_as_rcl_reads_it(tmp_path, text):
+    """YAML 1.1 takes the first three for words."""
+    (tmp_path / "x.yaml").write_text(f"/**: {{ros__parameters: {{genetic: {{tolerance: {text}}}}}}}")
+    assert load_calibrator_config(tmp_path / "x.yaml").genetic.tolerance == 1e-05
+
+
 def test_bomb_is_refused_where_it_begins(tmp_path):
     (tmp_path / "x.yaml").write_text(BOMB)
     with pytest.raises(ConfigError, match="not YAML in line 2: aliases"):

@@ -16,7 +16,14 @@ from stereo_selfcal.core.errors import OutputError
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import rejected
 from stereo_selfcal.files import result_file
-from stereo_selfcal.files.result_file import Restored, format_result, load_result, restore, result_parameters
+from stereo_selfcal.files.result_file import (
+    Restored,
+    format_result,
+    load_result,
+    restore,
+    restore_old_default,
+    result_parameters,
+)
 
 
 def a_rejection():
@@ -161,6 +168,71 @@ def test_another_file_is_replaced_or_kept_aside_as_asked(tmp_path):
     write(path, a_result(n_frames=4), keep_others=True)
     assert load_result(path).n_frames == 4
     assert names(tmp_path) == ["out.yaml", "out.yaml.rejected"]
+
+
+FRONT = ("/front/left/image_rect", "/front/right/image_rect")
+REAR = ("/rear/left/image_rect", "/rear/right/image_rect")
+
+
+def test_result_of_other_topics_is_not_restored_and_stays_and_both_topics_are_named(tmp_path):
+    """Two pairs of one make have the same rig to the last digit."""
+    path = tmp_path / "out.yaml"
+    write(path, source=" ".join(FRONT))
+    restored = restore(path, REAR)
+    assert (restored.saved, restored.kept_aside, restored.of_others) == (None, None, True)
+    assert all(topic in restored.problem for topic in (*FRONT, *REAR, str(path)))
+    assert names(tmp_path) == ["out.yaml"]
+    assert restore(path, FRONT).saved.extrinsics == EXTRINSICS
+
+
+def test_images_and_the_same_ones_compressed_are_the_same_source(tmp_path):
+    path = tmp_path / "out.yaml"
+    write(path, source=" ".join(f"{topic}/compressed" for topic in FRONT))
+    assert restore(path, FRONT).saved is not None
+
+
+def test_exchanged_topics_are_other_topics(tmp_path):
+    path = tmp_path / "out.yaml"
+    write(path, source=" ".join(reversed(FRONT)))
+    assert restore(path, FRONT).saved is None
+
+
+@pytest.mark.parametrize("source", ["straight_road", "/data/two words", "", "by hand", "/one_topic"])
+def test_result_that_names_no_topics_is_restored(tmp_path, source):
+    path = tmp_path / "out.yaml"
+    write(path, source=source)
+    assert restore(path, FRONT).saved.extrinsics == EXTRINSICS
+
+
+def test_result_of_other_topics_is_kept_aside_before_another_takes_its_place(tmp_path):
+    path = tmp_path / "out.yaml"
+    write(path, source=" ".join(FRONT))
+    before = path.read_bytes()
+    write(path, source=" ".join(REAR), keep_others=True)
+    assert (tmp_path / "out.yaml.rejected").read_bytes() == before
+    write(path, a_result(n_frames=4), source=" ".join(REAR), keep_others=True)
+    assert names(tmp_path) == ["out.yaml", "out.yaml.rejected"]
+
+
+def test_old_default_file_is_restored_where_it_says_that_it_is_of_these_topics(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert restore_old_default(FRONT) == Restored()
+    path = tmp_path / ".ros" / "stereo_selfcal.yaml"
+    path.parent.mkdir()
+    write(path, source=" ".join(FRONT))
+    assert restore_old_default(FRONT).saved.extrinsics == EXTRINSICS
+    for source, words in ((" ".join(FRONT), FRONT[0]), ("straight_road", "does not say of which images")):
+        write(path, source=source)
+        restored = restore_old_default(REAR)
+        assert restored.saved is None and words in restored.problem
+    path.write_text("not YAML: [")
+    assert restore_old_default(FRONT) == Restored()
+    assert names(path.parent) == ["stereo_selfcal.yaml"], "it may be another node's"
+
+
+def test_file_with_a_name_that_is_too_long_is_an_output_error(tmp_path):
+    with pytest.raises(OutputError, match="name too long"):
+        write(tmp_path / f"{'n' * 300}.yaml", keep_others=True)
 
 
 def test_another_file_that_cannot_be_kept_aside_is_not_replaced(tmp_path, monkeypatch):

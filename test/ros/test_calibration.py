@@ -9,6 +9,7 @@ import pytest
 
 from stereo_selfcal import CalibrationResult, CalibratorConfig, Extrinsics
 from stereo_selfcal.core.camera.pairing import PairCounts, StampedPair
+from stereo_selfcal.core.camera.stamp_pattern import NoPairCause, StampPattern
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import rejected
 from stereo_selfcal.ros import calibration
@@ -49,13 +50,22 @@ def info(fx=5.0, shift=0.0, **changes):
     return SimpleNamespace(**{"width": 4, "height": 3, "k": k, "p": p, **changes})
 
 
+TOO_FEW = StampPattern(NoPairCause.TOO_FEW)
+
+
+def unequal(nearest_s, cause=NoPairCause.UNEQUAL):
+    """Return the pattern of two 30 Hz cameras whose images form no pair."""
+    return StampPattern(cause, nearest_s, 1 / 30, (0.8, 0.6))
+
+
 class Source:
     """A camera that delivers ``pairs``, one per request, and then nothing."""
 
-    def __init__(self, *pairs, counts=ARRIVED, nearest_s=None, infos=(None, None), mismatches=()):
+    def __init__(self, *pairs, counts=ARRIVED, pattern=TOO_FEW, infos=(None, None), mismatches=()):
+        self.pattern = pattern
         self.topics = TOPICS
         self.camera_infos = infos
-        self.states = deque([InputState(ARRIVED, None), InputState(counts, nearest_s, mismatches)])
+        self.states = deque([InputState(ARRIVED, None), InputState(counts, None, mismatches)])
         self.pairs = deque(pairs)
         self.stopped = False
 
@@ -352,15 +362,15 @@ def test_impossible_rig_by_parameters_is_explained():
             "right 0.0 Hz; nothing arrives on /left/image_rect (1 publisher) and /right/image_rect (0 pub",
         ),
         (
-            {"counts": PairCounts(160, 160), "nearest_s": 0.012},
+            {"counts": PairCounts(160, 160), "pattern": unequal(0.012)},
             {},
             "left 30.0 Hz, right 30.0 Hz; the nearest stamps differ by 12.000 ms: set approximate_sync, and "
             "approximate_sync_tolerance_seconds to 0.015 (half a frame is 16.7 ms)",
         ),
         (
-            {"counts": PairCounts(160, 85), "nearest_s": 0.017},
+            {"counts": PairCounts(160, 160), "pattern": unequal(0.017, NoPairCause.CLOCKS)},
             {},
-            "more than half a frame at 30.0 Hz: no tolerance helps, the clocks of the cameras have to be set",
+            "more than half a frame (a frame is 33.3 ms): no tolerance helps, the clocks of the cameras",
         ),
         (
             {"counts": PairCounts(10, 160), "mismatches": ("/cam publishes x on y, z is read",)},
@@ -368,30 +378,28 @@ def test_impossible_rig_by_parameters_is_explained():
             "nothing arrives on /left/image_rect (1 publisher): /cam publishes x on y, z is read",
         ),
         (
-            {"counts": PairCounts(160, 160), "nearest_s": 0.012},
+            {"counts": PairCounts(160, 160), "pattern": unequal(0.012)},
             {"approximate_sync": True},
             "differ by 12.000 ms, approximate_sync_tolerance_seconds allows 10.000 ms: raise it to 0.015",
         ),
         (
-            {"counts": PairCounts(160, 160), "nearest_s": 0.002},
+            {"counts": PairCounts(160, 160), "pattern": unequal(0.002, NoPairCause.QUEUE)},
             {"approximate_sync": True},
-            "which is tolerated, but none was formed: raise queue_size from 5",
+            "differ by 2.000 ms, which is tolerated, but none was formed: raise queue_size from 5",
         ),
         (
-            {"counts": PairCounts(160, 160), "nearest_s": 0.01},
-            {"approximate_sync": True},
-            "which is tolerated, but none was formed: raise queue_size from 5",
-        ),
-        (
-            {"counts": PairCounts(160, 160), "nearest_s": 0.02},
-            {"approximate_sync": True, "approximate_sync_tolerance_seconds": 0.03},
-            "differ by 20.000 ms, which is tolerated, but none was formed: raise queue_size from 5",
-        ),
-        (
-            {"counts": PairCounts(160, 160)},
+            {"counts": PairCounts(30, 60), "pattern": unequal(1 / 30, NoPairCause.LOST)},
             {},
-            "left and right never waited for each other: raise queue_size from 5",
+            "images are lost on the way: the nearest stamps differ by 33.333 ms, whole frames (a frame is "
+            "33.3 ms); missing are 80% of the left and 60% of the right images; no tolerance helps: make the",
         ),
+        (
+            {"counts": PairCounts(30, 60), "pattern": unequal(0.01, NoPairCause.UNCLEAR)},
+            {},
+            "either images are lost on the way and no two of one moment arrived, or the stamps of the "
+            "cameras differ: a tolerance might pair images of different moments; make the subscriptions",
+        ),
+        ({"counts": PairCounts(12, 12)}, {}, "too few images arrived on both sides to tell why"),
     ],
 )
 def test_why_there_is_no_pair(state, changes, words):

@@ -188,5 +188,6 @@ def test_full_disk_and_read_only_folder_are_named(tmp_path, monkeypatch, code, w
 def test_a_strange_file_is_kept_aside_before_saving(tmp_path):
     path = tmp_path / "out.yaml"
     path.write_text("my diary")
-    assert save(ACTIVE, config(output_path=str(path)), "topics") == (f"saved to {path}", False)
+    text = f"saved to {path}; what was there, not of these images, is kept as {path}.rejected"
+    assert save(ACTIVE, config(output_path=str(path)), "topics") == (text, False)
     assert (tmp_path / "out.yaml.rejected").read_text() == "my diary"

@@ -14,6 +14,8 @@ from ros_graph import NodeProcess, wait_for, wait_until
 
 from stereo_selfcal.cli import replay
 from stereo_selfcal.files.result_file import load_result
+from stereo_selfcal.ros import demo as demo_module
+from stereo_selfcal.ros.demo import DemoError, packaged_bag
 from stereo_selfcal.ros.player import BagPlayer
 from stereo_selfcal.synth.bag import write_bag
 from stereo_selfcal.synth.scenes import named_scene
@@ -97,3 +99,17 @@ def test_demo_says_in_one_line_what_is_wrong(arguments, words, tmp_path):
     run = demo(*arguments)
     assert run.returncode == 2
     assert run.stderr.startswith("demo: ") and words in run.stderr and len(run.stderr.splitlines()) == 1
+
+
+def test_demo_finds_the_recording_of_a_checkout_and_of_an_installation(tmp_path, monkeypatch):
+    assert packaged_bag().resolve() == ros_graph.ROOT / "bags" / "straight_road"
+    monkeypatch.chdir(tmp_path)
+    assert packaged_bag() == ros_graph.ROOT / "bags" / "straight_road"
+    monkeypatch.setattr(demo_module, "__file__", str(tmp_path / "lib" / "stereo_selfcal" / "ros" / "demo.py"))
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path / 'other'}:{tmp_path / 'install'}")
+    with pytest.raises(DemoError, match=r"not installed with the package: make one .* and give --bag"):
+        packaged_bag()
+    installed = tmp_path / "install" / "share" / "stereo_selfcal" / "bags" / "straight_road"
+    installed.mkdir(parents=True)
+    (installed / "metadata.yaml").write_text("")
+    assert packaged_bag() == installed

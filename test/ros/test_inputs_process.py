@@ -8,7 +8,7 @@ pytest.importorskip("rclpy")
 import cv2
 import ros_graph
 from independent_lens import raw_image
-from rclpy.qos import QoSProfile, QoSReliabilityPolicy
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from ros_graph import RESULTS, Camera, info_message, rendered
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
@@ -147,3 +147,59 @@ def test_size_of_camera_info_is_a_fault_of_it(graph, start, own):
         status = graph.wait_for_diagnostics(lambda v, s: v["faults"] != "none")
     assert status.level == b"\2"
     assert "image_size: the left image is 320 x 240, its CameraInfo is for 640 x 480" in status.message
+
+
+LATCHED_INFO = QoSProfile(
+    depth=1,
+    reliability=QoSReliabilityPolicy.RELIABLE,
+    durability=QoSDurabilityPolicy.TRANSIENT_LOCAL,
+)
+
+
+def send_infos(own, qos):
+    """Publish the CameraInfo of both cameras once, and never again."""
+    for side in ros_graph.SIDES:
+        own(CameraInfo, f"/{side}/camera_info", qos).publish(info_message(side))
+
+
+def test_camera_info_sent_once_and_latched_before_the_node_starts_is_received(graph, start, own):
+    send_infos(own, LATCHED_INFO)
+    start({"timeout_s": 60.0})
+    with Camera(graph, [rendered()], infos=()):
+        answer = graph.calibrate()
+    assert answer.success, answer.message
+
+
+def test_override_of_durability_receives_a_latched_camera_info_too(graph, start, own):
+    send_infos(own, LATCHED_INFO)
+    name = "qos_overrides./{}/camera_info.subscription.durability"
+    start({"timeout_s": 60.0, **{name.format(side): "transient_local" for side in ros_graph.SIDES}})
+    with Camera(graph, [rendered()], infos=()):
+        answer = graph.calibrate()
+    assert answer.success, answer.message
+
+
+def test_camera_info_that_was_latched_but_best_effort_is_named(graph, start, own):
+    """DDS gives it to nobody who comes later."""
+    qos = QoSProfile(
+        depth=1,
+        reliability=QoSReliabilityPolicy.BEST_EFFORT,
+        durability=QoSDurabilityPolicy.TRANSIENT_LOCAL,
+    )
+    send_infos(own, qos)
+    start({"timeout_s": ros_graph.SHORT_S})
+    with Camera(graph, [rendered()], infos=()):
+        answer = graph.calibrate()
+    assert not answer.success
+    assert "/tester publishes /left/camera_info transient local, but best effort" in answer.message
+
+
+def test_override_of_durability_that_keeps_camera_info_out_is_named(graph, start):
+    name = "qos_overrides./{}/camera_info.subscription.durability"
+    overrides = {name.format(side): "transient_local" for side in ros_graph.SIDES}
+    start({"timeout_s": ros_graph.SHORT_S, **overrides})
+    with Camera(graph, [rendered()]):  # volatile
+        answer = graph.calibrate()
+    assert not answer.success
+    assert "/tester publishes /left/camera_info with a QoS that does not match" in answer.message
+    assert "olatile publisher and transient local subscription" in answer.message

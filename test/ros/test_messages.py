@@ -13,7 +13,7 @@ from rcl_interfaces.msg import ParameterType
 
 from stereo_selfcal import Extrinsics
 from stereo_selfcal.core.geometry.pose import road_from_camera_rotation
-from stereo_selfcal.ros.messages import extrinsics_message, pose_message, quaternion_message
+from stereo_selfcal.ros.messages import extrinsics_message, pose_message, quaternion_message, time_message
 
 COVARIANCE = np.array([[4.0, 0.1, 0.2], [0.1, 5.0, 0.3], [0.2, 0.3, 6.0]])
 angles = st.floats(-1.0, 1.0)
@@ -29,6 +29,17 @@ def rotation(q):
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     )
+
+
+@pytest.mark.parametrize("stamp_ns", [0, 5, -1, -(2**31) * 10**9, 2**31 * 10**9 - 1])
+def test_stamp_is_kept_to_the_nanosecond(stamp_ns):
+    message = time_message(stamp_ns)
+    assert message.sec * 10**9 + message.nanosec == stamp_ns
+
+
+def test_stamp_beyond_the_last_second_is_no_error():
+    message = time_message((2**31 - 1) * 10**9 + 2**32 - 1)
+    assert (message.sec, message.nanosec) == (2**31 - 1, 10**9 - 1)
 
 
 @given(angles, angles)

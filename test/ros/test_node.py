@@ -101,14 +101,12 @@ def test_default_file_is_saved_though_its_folder_is_missing(graph, script, tmp_p
     assert load_result(tmp_path / "home" / ".ros" / "stereo_selfcal.yaml").extrinsics == RESULT.extrinsics
 
 
-def test_default_folder_that_cannot_be_made_is_named(graph, script, tmp_path, monkeypatch):
+def test_output_path_that_cannot_be_written_is_refused_when_it_is_set(graph, script, tmp_path, monkeypatch):
     (tmp_path / "home").write_text("a file")
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    set_output(graph, "~/.ros/stereo_selfcal.yaml")
-    script.append(GOOD)
-    answer = graph.calibrate()
-    assert answer.success
-    assert f"in effect, but not saved: {tmp_path}/home/.ros cannot be made" in answer.message
+    answer = graph.set_parameter("output_path", "~/.ros/stereo_selfcal.yaml")
+    assert not answer.successful
+    assert answer.reason.startswith(f"output_path: {tmp_path}/home/.ros/stereo_selfcal.yaml cannot be wri")
 
 
 def test_no_file_without_a_path(graph, script):

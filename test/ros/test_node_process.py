@@ -238,7 +238,7 @@ def test_bag_that_starts_over_keeps_pairing(graph, start):
     graph.wait_for_diagnostics(lambda values, _: int(values["resets"]) >= 2)
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("calling", [False, True])
 def test_signal_ends_it_cleanly(graph, start, how, calling):
     process = start({"timeout_s": 3000.0})

@@ -49,6 +49,7 @@ class Stage:
         self.active = None
         node = SimpleNamespace(
             create_publisher=lambda kind, topic, qos, **_: self.publishers.setdefault(topic, Publisher()),
+            resolve_topic_name=lambda topic: topic,
             get_clock=lambda: SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=11)),
         )
         self.views = Views(node, self.take, lambda: self.active, lambda: CONFIG, lambda: self.now_s)

@@ -9,10 +9,12 @@ nearest partner instead of taking the first. It continues after a bag that start
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, fields
 from typing import Any, Generic, TypeVar
 
 from ..errors import ConfigError
+from .stamp_pattern import StampPattern, stamp_pattern
 
 T = TypeVar("T")
 
@@ -23,32 +25,8 @@ _NS_PER_S = 1_000_000_000
 # when messages overtake each other. It needs no reset, because the queues evict by order of arrival.
 BACKWARD_JUMP_NS = 100_000_000
 
-# A suggested tolerance over the least difference that was seen; stamps jitter by so much.
-_SUGGESTED_MARGIN = 1.2
-_SUGGESTED_STEP_S = 0.001
-
-
-def suggest_tolerance_s(nearest_s: float, rate_hz: float) -> float | None:
-    """Return a tolerance with which the images of two cameras would pair, None when there is none.
-
-    The tolerance is between the least difference of their stamps and half a frame. With more than half a
-    frame, an image would be nearer to the one before or after its partner.
-
-    Args:
-        nearest_s: Least difference of a left and a right stamp that was seen [s].
-        rate_hz: Images per second of the faster camera.
-
-    Returns:
-        Whole milliseconds [s].
-    """
-    if rate_hz <= 0.0:
-        return None
-    half_frame_s = 0.5 / rate_hz
-    if nearest_s > half_frame_s:
-        return None
-    step_s = math.ceil(_SUGGESTED_MARGIN * nearest_s / _SUGGESTED_STEP_S) * _SUGGESTED_STEP_S
-    # Near half a frame, there may be no whole millisecond between the two; then microseconds are used.
-    return round(step_s, 3) if step_s <= half_frame_s else math.ceil(round(nearest_s * 1e6, 3)) / 1e6
+# Stamps of each side that are kept to tell why no pair was formed: ten seconds of a 30 Hz camera.
+_REMEMBERED = 300
 
 
 def stamp_to_s(stamp_ns: int) -> float:
@@ -127,6 +105,7 @@ class _Side(Generic[T]):
     def __init__(self) -> None:
         self.entries: list[_Entry[T]] = []
         self.newest_ns: int | None = None
+        self.unpaired: deque[int] = deque(maxlen=_REMEMBERED)
         self.arrived = 0
         self.dropped = 0
 
@@ -136,6 +115,7 @@ class _Side(Generic[T]):
         self.entries.append(_Entry(stamp_ns, self.arrived, payload))
         self.entries.sort(key=lambda entry: entry.stamp_ns)
         self.arrived += 1
+        self.unpaired.append(stamp_ns)
         self.newest_ns = stamp_ns if self.newest_ns is None else max(self.newest_ns, stamp_ns)
 
     def keep(self, entries: list[_Entry[T]]) -> None:
@@ -160,6 +140,8 @@ class _Side(Generic[T]):
 
     def take(self, entry: _Entry[T]) -> None:
         """Remove a paired image, and drop the older ones, which can no longer be paired in order."""
+        later = [stamp_ns for stamp_ns in self.unpaired if stamp_ns > entry.stamp_ns]
+        self.unpaired = deque(later, maxlen=_REMEMBERED)
         position = self.entries.index(entry)
         self.keep(self.entries[position:])
         self.entries = self.entries[1:]
@@ -198,6 +180,7 @@ class StampPairer(Generic[T]):
         self._pairs = 0
         self._resets = 0
         self._nearest_ns: int | None = None
+        self._equal_before = False
         self.configure(approximate, tolerance_s, queue_size)
 
     def configure(self, approximate: bool, tolerance_s: float, queue_size: int) -> None:
@@ -234,6 +217,7 @@ class StampPairer(Generic[T]):
         """Remove the images that wait for a partner without counting them as dropped."""
         for side in (self._left, self._right):
             side.entries = []
+            side.unpaired.clear()
 
     @property
     def counts(self) -> PairCounts:
@@ -252,9 +236,18 @@ class StampPairer(Generic[T]):
         """Least difference of a left and a right stamp since :meth:`forget_nearest` [s]; None without one."""
         return None if self._nearest_ns is None else self._nearest_ns / _NS_PER_S
 
+    @property
+    def pattern(self) -> StampPattern:
+        """Why the images since the last pair, or since :meth:`forget_nearest`, formed none."""
+        return stamp_pattern(
+            self._left.unpaired, self._right.unpaired, self._tolerance_ns / _NS_PER_S, self._equal_before
+        )
+
     def forget_nearest(self) -> None:
-        """Start a new measurement of :attr:`nearest_s`."""
+        """Start a new measurement of :attr:`nearest_s` and :attr:`pattern`."""
         self._nearest_ns = None
+        for side in (self._left, self._right):
+            side.unpaired.clear()
 
     def _add(self, side: _Side[T], other: _Side[T], stamp_ns: int, payload: T) -> list[StampedPair[T]]:
         pairs: list[StampedPair[T]] = []
@@ -263,6 +256,7 @@ class StampPairer(Generic[T]):
             self._resets += 1
             # The other side may have jumped first; its images from after the jump are kept.
             for each in (side, other):
+                each.unpaired.clear()
                 each.forget_after(stamp_ns + BACKWARD_JUMP_NS)
         partner = other.nearest(stamp_ns)
         if partner is not None:
@@ -290,6 +284,7 @@ class StampPairer(Generic[T]):
             certain = self._left.has_passed(right.stamp_ns) and self._right.has_passed(left.stamp_ns)
             if final or certain:
                 pairs.append(StampedPair(left.payload, right.payload, left.stamp_ns, right.stamp_ns))
+                self._equal_before |= left.stamp_ns == right.stamp_ns
                 self._left.take(left)
                 self._right.take(right)
         self._pairs += len(pairs)

@@ -13,7 +13,6 @@ from stereo_selfcal.core.camera.pairing import (
     StampPairer,
     message_stamp_ns,
     stamp_to_s,
-    suggest_tolerance_s,
 )
 from stereo_selfcal.core.errors import ConfigError
 
@@ -259,28 +258,3 @@ def test_tolerance_can_change_while_images_wait():
     pairer.configure(True, 0.01, 5)
     assert feed(pairer, [("L", 100)]) == [(0, 5)]
     assert pairer.counts.left == 2
-
-
-@pytest.mark.parametrize(
-    ("nearest_s", "rate_hz", "tolerance_s"),
-    [
-        (0.007, 30.0, 0.009),
-        (0.0001, 30.0, 0.001),
-        (0.0161, 30.0, 0.0161),  # a fifth more would be beyond half a frame
-        (0.017, 30.0, None),
-        (0.017, 15.0, 0.021),
-        (0.5, 0.0, None),
-    ],
-)
-def test_suggested_tolerance_pairs_the_nearest_and_no_other(nearest_s, rate_hz, tolerance_s):
-    found = suggest_tolerance_s(nearest_s, rate_hz)
-    assert found == tolerance_s
-    if found is not None:
-        pairer = StampPairer(True, found)
-        late_ns, period_ns = round(nearest_s * 1e9), round(1e9 / rate_hz)
-        pairs = []
-        for i in range(20):
-            pairs += pairer.add_left(i * period_ns, i)
-            pairs += pairer.add_right(i * period_ns + late_ns, i)
-        pairs += pairer.flush()
-        assert [(pair.left, pair.right) for pair in pairs] == [(i, i) for i in range(20)]

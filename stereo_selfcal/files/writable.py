@@ -1,0 +1,45 @@
+"""Whether a file can be written, asked before there is anything to write."""
+
+from __future__ import annotations
+
+import os
+import stat
+import tempfile
+from pathlib import Path
+
+from ..core.errors import OutputError, printable
+from .atomic_file import cannot_be_written
+
+
+def check_writable(path: Path | str, made: Path | None = None) -> None:
+    """Make sure that a file can be put at ``path``; changes nothing.
+
+    Args:
+        path: The file. A link is followed.
+        made: A folder in which missing folders are made when they are needed, and it itself.
+
+    Raises:
+        OutputError: It cannot: one sentence with the path, the cause and the remedy.
+    """
+    try:
+        target = Path(os.path.realpath(path))
+        if _is_other_than_file(target):
+            raise OutputError(
+                f"{printable(str(path))} cannot be written: it is not a file; give the name of a file"
+            )
+        folder = target.parent
+        if made is not None and folder.is_relative_to(os.path.realpath(made)):
+            while not folder.exists() and folder != folder.parent:
+                folder = folder.parent
+        # Files are replaced by renaming a new one beside them, so the folder is what counts.
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except (OSError, ValueError) as error:  # ValueError: a NUL character in the name
+        raise cannot_be_written(path, error) from error
+
+
+def _is_other_than_file(target: Path) -> bool:
+    try:
+        return not stat.S_ISREG(target.lstat().st_mode)
+    except FileNotFoundError:
+        return False
