@@ -109,8 +109,6 @@ def as_dict(replay: Replay) -> dict[str, Any]:
         "accepted": estimate.accepted,
         "reason": None if estimate.reason is None else str(estimate.reason),
         "message": estimate.message,
-        "with_reservations": replay.with_reservations,
-        "reservations": _reservations(estimate.reservations, estimate.n_frames),
         "extrinsics": None if extrinsics is None else _pose(extrinsics),
         "std": None if extrinsics is None or estimate.std is None else _pose(estimate.std),
         "lane_yaw_rad": estimate.lane_yaw_rad if estimate.accepted else None,
@@ -129,6 +127,8 @@ def as_dict(replay: Replay) -> dict[str, Any]:
             for change in drive.changes
         ],
         "uncertainty": None if extrinsics is None else _uncertainty(estimate.uncertainty),
+        "with_reservations": replay.with_reservations,
+        "reservations": _reservations(estimate.reservations, estimate.n_frames),
     }
     if replay.camera_changes:
         content["camera_changes"] = [_camera_change(change) for change in replay.camera_changes]
@@ -158,6 +158,7 @@ def _segment(segment: DriveSegment) -> dict[str, Any]:
         "spread": _pose(segment.spread),
         "standard_error": None if segment.standard_error is None else _pose(segment.standard_error),
         "uncertainty": _uncertainty(segment.estimate.uncertainty),
+        "reservations": _reservations(segment.estimate.reservations, segment.estimate.n_frames),
     }
 
 

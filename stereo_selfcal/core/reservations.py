@@ -131,10 +131,12 @@ def reservations_from_mapping(values: Any, n_frames: int) -> tuple[Reservation, 
         kind, given = kinds.get(name), value if isinstance(value, Mapping) else {}
         detail, frames = given.get("detail", ""), given.get("frames")
         if kind is None or not isinstance(detail, str):
-            raise ConfigError(f"{shortened(name)}: {shortened(value)} is no reservation that is known")
+            raise ConfigError(
+                f"reservations: {shortened(name)} with {shortened(value)} is none that is known"
+            )
         if not isinstance(frames, int) or isinstance(frames, bool) or not 1 <= frames <= n_frames:
             raise ConfigError(
-                f"reservation {kind} is of {shortened(frames)} frames: it must lie in 1 ... {n_frames}"
+                f"reservations.{kind}.frames is {shortened(frames)}: it must lie in 1 ... {n_frames}"
             )
         found.append(Reservation(kind, detail, frames))
     return tuple(found)
