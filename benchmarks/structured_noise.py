@@ -17,6 +17,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -24,6 +25,8 @@ import numpy as np
 
 from stereo_selfcal import CalibrationResult, Calibrator, StereoRig
 from stereo_selfcal.core.types import Array, Image
+from stereo_selfcal.synth.renderer import render
+from stereo_selfcal.synth.scenes import random_scene
 
 from .options import Options
 from .table import Table
@@ -236,6 +239,59 @@ def _amplified(rng: Random, view: View) -> Pair:
 
 
 KINDS = _PLAIN | {"mixture": _mixture, "saturated half": _saturated, "other gain": _amplified}
+_SPOILED = "spoiled road"
+_N_ROADS = 12
+_SCALES = (0.25, 0.5, 0.5, 1.0)
+
+
+@cache
+def _road(number: int, scale: float) -> tuple[StereoRig, Pair]:
+    """Return a rendered road between two lines, at a part of its size."""
+    rng = np.random.default_rng([_SEED, number, 1])
+    scene = random_scene(rng, 0.01)
+    rig = scene.rig
+    width, height = round(rig.width * scale), round(rig.height * scale)
+    images = [
+        cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA).astype(np.float64)
+        for image in render(scene, rng)
+    ]
+    cx, cy = ((at + 0.5) * scale - 0.5 for at in (rig.cx, rig.cy))
+    small = StereoRig(width, height, rig.fx * scale, rig.fy * scale, cx, cy, rig.baseline_m)
+    return small, (images[0], images[1])
+
+
+def _spoiled_road(rng: Random) -> tuple[StereoRig, Pair]:
+    """Return a road with patterns over parts of it, so that later stages have something to do."""
+    rig, road = _road(int(rng.integers(_N_ROADS)), float(rng.choice(_SCALES)))
+    view = View(rig, 0.4 * rig.height, np.clip(np.arange(rig.height) - 0.4 * rig.height, 0, None) * 0.1)
+    left, right = (image.copy() for image in road)
+    pattern = _PLAIN[str(rng.choice(list(_PLAIN)))](rng, view)
+    choice = rng.integers(7)
+    if choice == 0:  # a part of the pattern's contrast everywhere
+        share = rng.uniform(0.02, 0.5)
+        left, right = ((1 - share) * a + share * b for a, b in zip((left, right), pattern, strict=True))
+    elif choice == 1:  # a patch
+        top, beside = rng.integers(0, rig.height - 8), rng.integers(0, rig.width - 8)
+        patch = np.s_[top : top + rng.integers(8, rig.height), beside : beside + rng.integers(8, rig.width)]
+        left[patch], right[patch] = pattern[0][patch], pattern[1][patch]
+    elif choice == 2:  # no texture: few grey levels
+        step = float(rng.integers(4, 90))
+        left, right = (np.round(image / step) * step for image in (left, right))
+    elif choice == 3:  # one camera moved or turned
+        turn = np.float64(
+            [[1, rng.normal(0, 0.01), rng.normal(0, 3)], [rng.normal(0, 0.02), 1, rng.normal(0, 3)]]
+        )
+        right = cv2.warpAffine(right, turn, (rig.width, rig.height), borderMode=cv2.BORDER_REPLICATE)
+    elif choice == 4:  # clipped
+        gain, offset = rng.uniform(0.1, 6.0, 2), rng.uniform(-120, 120, 2)
+        left, right = left * gain[0] + offset[0], right * gain[1] + offset[1]
+    elif choice == 5:  # rows repeated, as a camera under load sends them
+        rows = np.minimum(np.arange(rig.height), rng.integers(rig.height // 3, rig.height))
+        left, right = left[rows], (right[rows] if rng.random() < 0.5 else right)
+    else:  # only a band of rows
+        bottom = int(rng.integers(rig.height // 2, rig.height))
+        left[bottom:], right[bottom:] = pattern[0][bottom:], pattern[1][bottom:]
+    return rig, (left, right)
 
 
 def _rig(rng: Random, size: tuple[int, int]) -> StereoRig:
@@ -253,9 +309,12 @@ def _rig(rng: Random, size: tuple[int, int]) -> StereoRig:
 def frame(index: int) -> tuple[str, StereoRig, Image, Image]:
     """Return the kind, the rig and both images of a frame, the same every time."""
     rng = np.random.default_rng([_SEED, index])
-    kind = list(KINDS)[index % len(KINDS)]
-    view = _view(rng)
-    images = KINDS[kind](rng, view)
+    kind = (*KINDS, _SPOILED, _SPOILED)[index % (len(KINDS) + 2)]
+    if kind == _SPOILED:
+        rig, images = _spoiled_road(rng)
+    else:
+        view = _view(rng)
+        rig, images = view.rig, KINDS[kind](rng, view)
     noise = float(rng.choice([0.0, 0.0, 1.0, 6.0]))
     if noise:
         images = (
@@ -263,7 +322,7 @@ def frame(index: int) -> tuple[str, StereoRig, Image, Image]:
             images[1] + rng.normal(0, noise, images[1].shape),
         )
     left, right = (np.clip(np.rint(image), 0, 255).astype(np.uint8) for image in images)
-    return kind, view.rig, left, right
+    return kind, rig, left, right
 
 
 def try_frame(index: int) -> tuple[str, CalibrationResult | None, list[Fault]]:
@@ -306,7 +365,7 @@ def try_frame(index: int) -> tuple[str, CalibrationResult | None, list[Fault]]:
 
 def structured_noise_table(options: Options) -> Iterator[Table]:
     """Faults of each kind of picture, and what became of the frames."""
-    counts: dict[str, Counter[str]] = {kind: Counter() for kind in KINDS}
+    counts: dict[str, Counter[str]] = {kind: Counter() for kind in (*KINDS, _SPOILED)}
     for index in range(options.structured_noise):
         kind, result, faults = try_frame(index)
         counts[kind]["frames"] += 1
@@ -318,7 +377,8 @@ def structured_noise_table(options: Options) -> Iterator[Table]:
         "Structured noise: faults of single frames",
         ["pictures", "frames", "exceptions", "with a warning of arithmetic", "accepted"],
         "Sizes from 160 x 120 to 640 x 480, usual and odd rigs. A picture of two painted lines in "
-        "perspective is a road to any calibrator, so a few are accepted.",
+        "perspective is a road to any calibrator, so a few are accepted. A spoiled road is a rendered one "
+        "with patterns over parts of it, clipped, turned, or with rows repeated.",
     )
     for kind, count in counts.items():
         table.add(kind, *(str(count[name]) for name in ("frames", "exceptions", "warnings", "accepted")))

@@ -20,13 +20,13 @@ from ..geometry.uncertainty import UncertaintyTerm
 from ..lanes.extra_lines import inner_line_height
 from ..lanes.lane_pair import LanePattern
 from ..lanes.line_geometry import HeightOverLane, lane_in_road
-from ..rejection import GateReading, Rejection, fitted
+from ..rejection import GateReading, NotFitted, Rejection, fitted
 from ..reservations import ReservationKind
 from ..road.cell_grid import CELL_WIDTH_M
 from .cue_fusion import combine
 from .estimate import Estimate, StagePoses
 from .frame_evidence import Evidence, FrameObservations, Hypothesis
-from .gates import evaluate_gates
+from .gates import evaluate_gates, undetermined
 from .horizon import horizon_offset
 from .lane_heights import heights_over_surface, surely_no_kerb
 from .nuisances import (
@@ -145,6 +145,8 @@ def cross_check_texture(
     if checked.rejection is not None:
         return checked
     combined = combine(estimate, fit)
+    if isinstance(combined, NotFitted):
+        return replace(checked, rejection=undetermined(combined))
     profiles = (evidence.profile, profile_from_texture(fit))
     combined = combined.with_terms(
         *rig_terms(rig, combined.pose),

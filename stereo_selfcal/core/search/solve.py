@@ -16,7 +16,7 @@ from ..evidence.cross_checks import JudgedEstimate, cross_check_texture
 from ..evidence.cue_fusion import too_uncertain
 from ..evidence.estimate import Estimate, StagePoses
 from ..evidence.frame_evidence import Evidence, FrameObservations, Hypothesis
-from ..evidence.gates import evaluate_gates
+from ..evidence.gates import evaluate_gates, undetermined
 from ..evidence.lane_heights import surely_same
 from ..evidence.nuisances import (
     rig_terms,
@@ -32,7 +32,8 @@ from ..geometry.uncertainty import UncertaintyTerm, merge_terms
 from ..lanes.closed_form import contradictions, solve_plane
 from ..lanes.lane_pair import LanePattern
 from ..numerics.genetic import GeneticResult, maximise_each
-from ..rejection import GateReading, NotFitted, Rejection, fitted
+from ..numerics.linear import is_covariance, rank_of
+from ..rejection import Bound, GateReading, NotFitted, Rejection, fitted
 from ..reservations import Reservation, ReservationKind
 from ..tolerances import KERB_SIGMAS
 from .attempt import Attempt, Verdict
@@ -58,10 +59,29 @@ def solve(
         ValueError: The hypothesis has neither a pair of lines nor the texture of the road surface.
     """
     if hypothesis.pattern is not None:
-        return _solve_lines(hypothesis, hypothesis.pattern, frame, rig, config)
+        return _sound(_solve_lines(hypothesis, hypothesis.pattern, frame, rig, config))
     if hypothesis.locating_texture is None:
         raise ValueError("a hypothesis needs a pair of lines or the texture of the road surface")
-    return _solve_surface(hypothesis, hypothesis.locating_texture, frame, rig, config)
+    return _sound(_solve_surface(hypothesis, hypothesis.locating_texture, frame, rig, config))
+
+
+def _sound(attempt: Attempt) -> Attempt:
+    """Return the attempt; refused where its estimate is not finite, or has no positive definite covariance.
+
+    Whatever its stages did: a result can be published, written and fused.
+    """
+    if attempt.estimate is None:
+        return attempt
+    values = np.array([*attempt.estimate.pose.as_array(), attempt.estimate.lane_yaw_rad])
+    n_finite, covariance = int(np.count_nonzero(np.isfinite(values))), attempt.estimate.covariance
+    if n_finite < len(values):
+        why = NotFitted("numbers of the pose that are finite", n_finite, Bound.LEAST, len(values))
+    elif not is_covariance(covariance):
+        rank = min(rank_of(covariance), len(covariance) - 1)
+        why = NotFitted("numbers of the pose that are determined", rank, Bound.LEAST, len(covariance))
+    else:
+        return attempt
+    return _refused(attempt.hypothesis, undetermined(why), attempt.readings, attempt.poses, attempt.genetic)
 
 
 def _solve_lines(
