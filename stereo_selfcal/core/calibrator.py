@@ -21,6 +21,7 @@ from .lanes.lane_pair import LanePattern
 from .numerics.linear import is_covariance
 from .results import CalibrationResult, caught, rejected, result_of
 from .search.attempt import Attempt
+from .search.diagnosis import diagnose
 from .search.solve import solve
 from .search.strategy import choose, hypotheses
 from .types import Image
@@ -124,6 +125,9 @@ class Calibrator:
             result = rejected(
                 first.patterns.rejection, stamp_s, pattern=first.patterns.pattern, attempts=tuple(attempts)
             )
+        if result.rejection is not None:
+            cause = diagnose(result.rejection, first, result.pattern, frame, self.rig, self.config)
+            result = replace(result, rejection=cause, message=cause.message)
         return replace(result, unused_lines=unused_lines(first, result.pattern))
 
     def extract(self, left: Image, right: Image) -> LanePattern | NoPattern:
