@@ -56,6 +56,7 @@ _WHITE_GREY = 250  # noise makes clipping visible a few grey levels below 255
 _LEAST_STEEPNESS = 0.6
 _NEAR_PX, _FAR_PX = 1, 16  # an edge rises over a pixel or two; over 16 px, all of its contrast is there
 _EDGE_PERCENTILE = 99.8  # of the differences of grey values: those of the edges of two stripes
+_MOST_EDGES = 1.25  # contrast of the edges of an image over that of the other one, by different gains
 _LEAST_EDGE_GREY = 8.0  # an image without edges has no steepness
 _LEAST_MEAN_GREY = 6.0  # where the brighter image is darker, it is night, and no camera is at fault
 
@@ -69,14 +70,16 @@ class _Look:
         contrast: Standard deviation of the grey values.
         white: Share of white pixels in the lower half.
         paint: Share of white pixels on the lines; 0 without lines.
-        steepness: Rise of its edges over a pixel, as a part of their contrast; None without edges.
+        edges: Contrast of its edges [grey levels].
+        steepness: Rise of its edges over a pixel, as a part of their contrast.
     """
 
     mean: float
     contrast: float
     white: float
     paint: float
-    steepness: float | None
+    edges: float
+    steepness: float
 
 
 def diagnose(
@@ -135,7 +138,8 @@ def _look(image: Image, lines: list[ImageLine]) -> _Look:
         contrast=float(image.std()),
         white=float(np.mean(image[image.shape[0] // 2 :] >= _WHITE_GREY)),
         paint=float(np.mean(on_paint >= _WHITE_GREY)),
-        steepness=near / far if far >= _LEAST_EDGE_GREY else None,
+        edges=far,
+        steepness=near / max(far, _LEAST_EDGE_GREY),
     )
 
 
@@ -198,7 +202,8 @@ def _white(side: str, own: _Look, other: _Look) -> Rejection | None:
 
 
 def _blurred(side: str, own: _Look, other: _Look) -> Rejection | None:
-    if own.steepness is None or other.steepness is None:
+    # A blur raises the contrast of no edge. Where it is higher, this camera sees what the other one does not.
+    if own.edges < _LEAST_EDGE_GREY or own.edges > _MOST_EDGES * other.edges:
         return None
     limit = _LEAST_STEEPNESS * other.steepness
     if own.steepness >= limit:
@@ -239,7 +244,8 @@ def _upside_down(frame: FrameObservations, rig: StereoRig, config: CalibratorCon
         True: tuple(find_stripe_points(image, config.extraction) for image in turned),
     }
     images = {False: upright, True: turned}
-    turned_rig = replace(rig, cx=rig.width - 1 - rig.cx, cy=rig.height - 1 - rig.cy)
+    # A principal point at the border of the image stays there.
+    turned_rig = replace(rig, cx=max(rig.width - 1 - rig.cx, 0.0), cy=max(rig.height - 1 - rig.cy, 0.0))
     both, exchange = "both images are", "turn both images by 180 deg"
     variants = (
         # Which camera stands for the left and the right one, which of them are turned, and the words.

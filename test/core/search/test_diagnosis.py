@@ -1,6 +1,7 @@
 """A refused frame names the camera that is at fault, or that the images are upside down."""
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -113,6 +114,12 @@ def test_cameras_that_hang_upside_down_are_told(left, right, which, remedy):
     assert result.message.startswith(f"{which} upside down: ")
     assert remedy in result.message
     assert "or, where nothing hangs upside down, drive on a straight road" in result.message
+
+
+def test_a_principal_point_at_the_border_can_be_turned():
+    rig = replace(RIG, cx=float(RIG.width), cy=float(RIG.height))
+    result = Calibrator(rig).calibrate_frame(turned(FRAME.right), turned(FRAME.left))
+    assert not result.accepted
 
 
 def test_a_fault_of_neither_camera_keeps_its_reason():
