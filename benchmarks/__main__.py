@@ -31,6 +31,7 @@ from .recorded import recorded_table
 from .search import search_table
 from .soak import soak_table
 from .speed import cost_tables, ratio_table, size_table
+from .structured_noise import structured_noise_table
 from .table import Table
 from .thresholds import threshold_table
 from .variants import variant_tables
@@ -49,6 +50,7 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "sizes": size_table,
     "cost": cost_tables,
     "false_alarms": false_alarm_table,
+    "structured_noise": structured_noise_table,
     "recorded": recorded_table,
     "variants": variant_tables,
     "thresholds": threshold_table,

@@ -174,9 +174,11 @@ ROWS = (
 
 # Modules of core that no image passes through, and why.
 NOT_ON_THE_WAY = {
-    "errors, types, config, tolerances, rejection": "read everywhere",
-    "numerics/robust, numerics/derivatives, numerics/statistics": "robust fits, derivatives, medians",
+    "errors, types, config, tolerances, rejection, reservations, faults": "read everywhere",
+    "numerics/robust, numerics/linear, numerics/derivatives, numerics/statistics": "robust fits, equations "
+    "that may have no solution, derivatives, medians",
     "geometry/pose, geometry/plane, geometry/rays, geometry/homography": "frames, signs and projections",
+    "search/diagnosis": "what the images of a refused frame show",
     "drive/drive, drive/motion, drive/changes": "the whole of a drive",
     "camera/topic_names, camera/camera_difference, drive/camera_changes": "topics, changes of cameras",
     "drive/drift, drive/watch, drive/states": "the watch over an active calibration",

@@ -19,6 +19,7 @@ class Options:
         repeats: Repetitions of a timing.
         false_alarms: Pictures without a road of each kind.
         worlds: Random worlds.
+        structured_noise: Pictures of structured noise.
         kills: Writers of result files killed.
         mutations: Mutations of each kind of file.
         watch_hours: Hours the watch is driven without a change, for each ride.
@@ -37,6 +38,7 @@ class Options:
     repeats: int = 20
     false_alarms: int = 200
     worlds: int = 2000
+    structured_noise: int = 20_000
     kills: int = 200
     mutations: int = 500
     watch_hours: int = 60
@@ -57,6 +59,7 @@ QUICK = Options(
     repeats=5,
     false_alarms=20,
     worlds=60,
+    structured_noise=300,
     kills=20,
     mutations=50,
     watch_hours=2,

@@ -4,6 +4,8 @@ import os
 import time
 from pathlib import Path
 
+import numpy as np
+
 PATIENCE_S = 30.0
 
 
@@ -13,6 +15,14 @@ def die(frame):
 
 def fail(frame):
     raise ZeroDivisionError("a bug")
+
+
+class Faulty(np.ndarray):
+    """An image in which a fault comes up as soon as it is looked at."""
+
+    @property
+    def size(self):
+        raise ZeroDivisionError("a bug")
 
 
 def meet(frame):

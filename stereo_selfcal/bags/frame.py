@@ -9,6 +9,7 @@ import numpy as np
 
 from ..core.camera.rectifier import StereoRectifier
 from ..core.errors import ImageError
+from ..core.faults import Fault
 from ..core.types import Image
 from .errors import BagError
 
@@ -30,6 +31,7 @@ class StereoFrame:
         cameras: The cameras that the images were rectified for, by their CameraInfo; None where there is one
             rig for all frames.
         rig_problem: Why there are no cameras for the frame, in one line.
+        fault: The fault of the program that came up when it was; None in any other case.
     """
 
     stamp_s: float
@@ -40,13 +42,17 @@ class StereoFrame:
     problem: str = ""
     cameras: StereoRectifier | None = None
     rig_problem: str = ""
+    fault: Fault | None = None
 
     def seen_by(self, cameras: StereoRectifier) -> StereoFrame:
         """Return the frame as cameras see it: rectified, with their rig."""
         if self.problem:
             return self
-        cameras = cameras.for_images(self.left, self.right)
-        left, right = cameras.apply(self.left, self.right)
+        try:
+            cameras = cameras.for_images(self.left, self.right)
+            left, right = cameras.apply(self.left, self.right)
+        except Exception as error:  # noqa: BLE001  (whatever it is, the other frames go on)
+            return self.failed(error)
         return replace(self, left=left, right=right, cameras=cameras)
 
     @classmethod
@@ -72,6 +78,14 @@ class StereoFrame:
         except ImageError as error:
             nothing = np.empty((0, 0), np.uint8)
             return cls(stamp_s, nothing, nothing, recorded_ns, name, str(error))
+        except Exception as error:  # noqa: BLE001  (whatever it is, the other frames go on)
+            nothing = np.empty((0, 0), np.uint8)
+            return cls(stamp_s, nothing, nothing, recorded_ns, name).failed(error)
+
+    def failed(self, error: Exception) -> StereoFrame:
+        """Return the frame without images: what was done with them raised what was not foreseen."""
+        nothing, fault = np.empty((0, 0), np.uint8), Fault.of(error)
+        return replace(self, left=nothing, right=nothing, problem=fault.what, fault=fault)
 
 
 def readable(frames: Iterable[StereoFrame], name: str) -> Iterator[StereoFrame]:

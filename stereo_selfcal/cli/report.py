@@ -13,6 +13,7 @@ from ..core.drive.drive import Drive, DriveSegment, clock
 from ..core.errors import printable
 from ..core.geometry.pose import POSE_COMPONENTS, POSE_NAMES, Extrinsics
 from ..core.geometry.uncertainty import UncertaintyTerm
+from ..core.reservations import Reservation
 from ..offline import AttemptSummary, FrameRow, Replay
 from ..report.uncertainty import std_of, variance_line
 
@@ -116,6 +117,7 @@ def as_dict(replay: Replay) -> dict[str, Any]:
             | ({"name": row.name} if row.name else {})
             | {"accepted": row.accepted, "reason": row.reason}
             | _pose(row.extrinsics)
+            | {"reservations": _reservations(row.reservations, 1)}
             | {"attempts": [_attempt(attempt) for attempt in row.attempts]}
             for row in replay.rows
         ],
@@ -125,6 +127,8 @@ def as_dict(replay: Replay) -> dict[str, Any]:
             for change in drive.changes
         ],
         "uncertainty": None if extrinsics is None else _uncertainty(estimate.uncertainty),
+        "with_reservations": replay.with_reservations,
+        "reservations": _reservations(estimate.reservations, estimate.n_frames),
     }
     if replay.camera_changes:
         content["camera_changes"] = [_camera_change(change) for change in replay.camera_changes]
@@ -154,12 +158,20 @@ def _segment(segment: DriveSegment) -> dict[str, Any]:
         "spread": _pose(segment.spread),
         "standard_error": None if segment.standard_error is None else _pose(segment.standard_error),
         "uncertainty": _uncertainty(segment.estimate.uncertainty),
+        "reservations": _reservations(segment.estimate.reservations, segment.estimate.n_frames),
     }
 
 
 def _uncertainty(terms: Sequence[UncertaintyTerm]) -> dict[str, Any]:
     """Return the standard deviations that each term alone leaves, by its name."""
     return {term.name: _pose(std_of(term.covariance)) for term in terms}
+
+
+def _reservations(reservations: Sequence[Reservation], n_frames: int) -> list[dict[str, Any]]:
+    return [
+        {"kind": str(each.kind), "frames": each.frames, "message": each.text(n_frames)}
+        for each in reservations
+    ]
 
 
 def _attempt(attempt: AttemptSummary) -> dict[str, Any]:

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import math
+import numbers
+import threading
 from dataclasses import replace
+from typing import Any
+
+import numpy as np
 
 from .camera.rig import StereoRig
 from .config import CalibratorConfig
 from .drive.fusion import fuse_frames
+from .errors import shortened
 from .evidence.frame_evidence import FrameObservations
 from .lanes import frame_checks
 from .lanes.hypotheses import NoPattern, find_hypotheses, unused_lines
 from .lanes.lane_pair import LanePattern
-from .results import CalibrationResult, rejected, result_of
+from .numerics.linear import is_covariance
+from .results import CalibrationResult, caught, rejected, result_of
 from .search.attempt import Attempt
+from .search.diagnosis import diagnose
 from .search.solve import solve
 from .search.strategy import choose, hypotheses
 from .types import Image
@@ -31,18 +40,37 @@ class Calibrator:
         self.config = config or CalibratorConfig()
         self._accepted: list[CalibrationResult] = []
         self._last: CalibrationResult | None = None
+        self._lock = threading.Lock()  # of these two; frames are calibrated without it
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy is made from: everything but the lock."""
+        with self._lock:
+            state = self.__dict__ | {"_accepted": list(self._accepted)}
+        del state["_lock"]
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._lock = threading.Lock()
 
     def add(self, left: Image, right: Image, stamp_s: float = 0.0) -> CalibrationResult:
         """Calibrate one frame and remember it when it is accepted.
 
-        The result depends on this frame alone: the random numbers start from the seed for each frame.
+        The result depends on this frame alone: the random numbers start from the seed for each frame. What
+        was not foreseen refuses the frame (``internal_error``), and the result has its traceback. Several
+        threads may add frames and read the estimate.
 
         Args:
             left: (H, W) uint8 rectified image of the left camera.
             right: The same of the right camera.
             stamp_s: Time stamp of the frame [s].
+
+        Raises:
+            TypeError: The time stamp is no number.
+            ValueError: It is not finite.
         """
-        result = self.calibrate_frame(left, right, stamp_s)
+        stamp_s = _checked_stamp(stamp_s)
+        result = caught(lambda: self.calibrate_frame(left, right, stamp_s), stamp_s)
         self.remember(result)
         return result
 
@@ -51,29 +79,38 @@ class Calibrator:
 
         Args:
             result: Result of :meth:`calibrate_frame`, of this calibrator or of one with the same settings.
+
+        Raises:
+            ValueError: It is accepted, and its covariance is not finite and positive definite.
         """
-        if result.accepted:
-            # The points and lines are dropped: they take as much memory as images, and a bag has many frames.
-            self._accepted.append(result.slim())
-        self._last = result
+        # The points and lines are dropped: they take as much memory as images, and a bag has many frames.
+        kept = result.slim().copied() if result.accepted else result
+        if kept.accepted and (kept.covariance is None or not is_covariance(kept.covariance)):
+            raise ValueError(f"the covariance {kept.covariance} of a result is not positive definite")
+        with self._lock:
+            if kept.accepted:
+                self._accepted.append(kept)
+            self._last = kept
 
     @property
     def estimate(self) -> CalibrationResult:
         """The accepted frames so far, fused; the last rejection when none was accepted."""
-        if not self._accepted:
-            if self._last is not None:
-                return self._last
-            return rejected(frame_checks.no_frames())
-        return fuse_frames(self._accepted, self.rig)
+        with self._lock:
+            accepted, last = list(self._accepted), self._last
+        if accepted:
+            return fuse_frames(accepted, self.rig).copied()
+        return rejected(frame_checks.no_frames()) if last is None else last
 
     def calibrate_frame(self, left: Image, right: Image, stamp_s: float = 0.0) -> CalibrationResult:
-        """Calibrate one frame without adding it to the estimate; arguments and result as for :meth:`add`.
+        """Calibrate one frame without adding it to the estimate, and let every exception pass.
 
-        The hypotheses about its lines are solved one after the other, until one is accepted.
+        Arguments and result are those of :meth:`add`. The hypotheses about its lines are solved one after the
+        other, until one is accepted.
         """
         refusal = frame_checks.check_images(left, right, self.rig)
         if refusal:
             return rejected(refusal, stamp_s)
+        left, right = np.asarray(left), np.asarray(right)  # of plain arrays, whatever was derived from them
         frame = FrameObservations.from_images((left, right), self.config)
         first = find_hypotheses(frame.points, frame.images, self.rig, self.config)
         attempts: list[Attempt] = []
@@ -88,6 +125,9 @@ class Calibrator:
             result = rejected(
                 first.patterns.rejection, stamp_s, pattern=first.patterns.pattern, attempts=tuple(attempts)
             )
+        if result.rejection is not None:
+            cause = diagnose(result.rejection, first, result.pattern, frame, self.rig, self.config)
+            result = replace(result, rejection=cause, message=cause.message)
         return replace(result, unused_lines=unused_lines(first, result.pattern))
 
     def extract(self, left: Image, right: Image) -> LanePattern | NoPattern:
@@ -106,6 +146,21 @@ class Calibrator:
         frame = FrameObservations.from_images((left, right), self.config)
         found = find_hypotheses(frame.points, frame.images, self.rig, self.config).patterns
         return found[0] if isinstance(found, list) else found
+
+
+def _checked_stamp(stamp_s: float) -> float:
+    """Return a time stamp as a float.
+
+    Raises:
+        TypeError: It is no number.
+        ValueError: It is not finite.
+    """
+    if isinstance(stamp_s, bool) or not isinstance(stamp_s, numbers.Real):
+        raise TypeError(f"stamp_s is {shortened(stamp_s)}: a number of seconds is needed")
+    value = float(stamp_s)
+    if not math.isfinite(value):
+        raise ValueError(f"stamp_s is {value}: a finite number of seconds is needed")
+    return value
 
 
 def calibrate(

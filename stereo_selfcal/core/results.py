@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
+from .faults import Fault
 from .geometry.pose import Extrinsics
 from .geometry.uncertainty import UncertaintyTerm
 from .lanes.lane_pair import ImageLine, LanePattern
 from .numerics.genetic import GeneticResult
 from .rejection import GateReading, Rejection, RejectReason
+from .reservations import Reservation, mostly_reserved
 from .search.attempt import Attempt
 from .types import Array
 
@@ -37,7 +39,9 @@ class CalibrationResult:
             rejected.
         attempts: Every hypothesis that was solved for this frame, in order; empty when several are fused.
         confirmed_by_texture: Whether the texture of the road surface has confirmed the lines.
-        notes: Sentences about imperfections that are no reason to refuse the frame.
+        fault: The fault of the program for which the frame is refused; None in any other case.
+        reservations: What could not be checked, or is not quite as it should be, and is no reason to refuse
+            the frame; of several frames, with the number of those it holds for.
     """
 
     message: str
@@ -53,10 +57,11 @@ class CalibrationResult:
     unused_lines: tuple[ImageLine, ...] = ()
     genetic: GeneticResult | None = None
     gates: tuple[GateReading, ...] = ()
-    notes: tuple[str, ...] = ()
+    reservations: tuple[Reservation, ...] = ()
     uncertainty: tuple[UncertaintyTerm, ...] = ()
     attempts: tuple[Attempt, ...] = ()
     confirmed_by_texture: bool = False
+    fault: Fault | None = None
 
     @property
     def accepted(self) -> bool:
@@ -69,11 +74,27 @@ class CalibrationResult:
         return None if self.rejection is None else self.rejection.reason
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """The reservations as sentences."""
+        return tuple(each.text(self.n_frames) for each in self.reservations)
+
+    @property
+    def with_reservations(self) -> bool:
+        """Whether there is a calibration, and a reservation that holds for most of its frames."""
+        return self.accepted and mostly_reserved(self.reservations, self.n_frames)
+
+    @property
     def std(self) -> Extrinsics | None:
         """Standard deviations (height_m, pitch_rad, roll_rad), None when rejected."""
         if self.covariance is None:
             return None
         return Extrinsics(*(math.sqrt(float(variance)) for variance in self.covariance.diagonal()))
+
+    def copied(self) -> CalibrationResult:
+        """Return the result with a covariance of its own, which its reader may change."""
+        terms = tuple(replace(term, covariance=term.covariance.copy()) for term in self.uncertainty)
+        covariance = None if self.covariance is None else self.covariance.copy()
+        return replace(self, covariance=covariance, uncertainty=terms, stages=dict(self.stages))
 
     def slim(self) -> CalibrationResult:
         """Return the result without its points and lines, which take as much memory as an image."""
@@ -107,7 +128,7 @@ def result_of(chosen: Attempt, attempts: Sequence[Attempt], stamp_s: float) -> C
         lane_yaw_rad=chosen.estimate.lane_yaw_rad,
         lane_curvature_per_m=chosen.lane_curvature_per_m,
         n_frames=1,
-        notes=chosen.estimate.notes,
+        reservations=chosen.estimate.reservations,
         confirmed_by_texture=chosen.poses.textured is not None,
     )
     return replace(accepted, message=announce(accepted))
@@ -117,6 +138,24 @@ def rejected(rejection: Rejection, stamp_s: float = 0.0, **evidence: object) -> 
     """Return the result of a refused frame; ``evidence`` sets further fields of the result."""
     # The fields have many types; a name that does not exist fails at once.
     return CalibrationResult(message=rejection.message, rejection=rejection, stamp_s=stamp_s, **evidence)  # type: ignore[arg-type]
+
+
+def refused_for(fault: Fault, stamp_s: float) -> CalibrationResult:
+    """Return the result of a frame in which a fault of the program has come up."""
+    return rejected(fault.rejection, stamp_s, fault=fault)
+
+
+def caught(work: Callable[[], CalibrationResult], stamp_s: float) -> CalibrationResult:
+    """Return the result of some work on one frame; a refusal where it raises what was not foreseen.
+
+    Args:
+        work: Everything from the frame's data to its result.
+        stamp_s: Time stamp of the frame [s].
+    """
+    try:
+        return work()
+    except Exception as error:  # noqa: BLE001  (whatever it is, the other frames go on)
+        return refused_for(Fault.of(error), stamp_s)
 
 
 def announce(result: CalibrationResult, n_outliers: int = 0) -> str:

@@ -8,7 +8,7 @@ from ..bags import StereoFrame
 from ..core.calibrator import Calibrator
 from ..core.camera.rectifier import StereoRectifier
 from ..core.rejection import Bound, Rejection, RejectReason
-from ..core.results import CalibrationResult, rejected
+from ..core.results import CalibrationResult, caught, refused_for, rejected
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +36,19 @@ class FrameHead:
 def calibrate_frame(calibrator: Calibrator, frame: StereoFrame) -> CalibrationResult:
     """Calibrate a frame with the rig of its own cameras; refuse one without images or without cameras.
 
+    One in which something comes up that was not foreseen is refused as well, and its result has the
+    traceback.
+
     Args:
         calibrator: Has the settings, and the rig of frames that come without cameras of their own.
         frame: The frame.
     """
+    return caught(lambda: _calibrate_frame(calibrator, frame), frame.stamp_s)
+
+
+def _calibrate_frame(calibrator: Calibrator, frame: StereoFrame) -> CalibrationResult:
+    if frame.fault is not None:
+        return refused_for(frame.fault, frame.stamp_s)
     if frame.rig_problem and not frame.problem:
         unusable = Rejection(
             RejectReason.CAMERA_INFO_UNUSABLE,

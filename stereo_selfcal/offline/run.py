@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -12,6 +13,7 @@ from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
 from ..core.drive.camera_changes import CameraChange, CameraFollower
 from ..core.drive.drive import Drive, estimate_drive
+from ..core.faults import FaultLog
 from ..core.results import CalibrationResult
 from .frame import FrameHead, calibrate_frame
 from .pool import calibrate_in_order
@@ -55,6 +57,11 @@ class Replay:
         return self.drive.estimate
 
     @property
+    def with_reservations(self) -> bool:
+        """Whether there is a calibration that is to be trusted less: something is wrong with its frames."""
+        return self.estimate.accepted and (self.damage is not None or self.estimate.with_reservations)
+
+    @property
     def shown(self) -> FrameRow:
         """The frame for a single picture: the last accepted one, or the last one when none was."""
         return next((row for row in reversed(self.rows_of_rig) if row.accepted), self.rows[-1])
@@ -94,6 +101,8 @@ def assemble_replay(
 ) -> Replay:
     """Make the outcome of a recording from its frames, wherever they were calibrated.
 
+    The traceback of each distinct fault of the program is logged once: to stderr, where nothing is set up.
+
     Args:
         frames: Results of all frames, in order; where a BagError ends them, those before it count.
         calibrator: A calibrator of the rig, which has seen no frame. Frames of other cameras begin anew with
@@ -107,6 +116,7 @@ def assemble_replay(
     since = 0
     damage = None
     follower = CameraFollower()
+    faults = FaultLog(logging.getLogger(__name__).error)
     try:
         for head, result in frames:
             if head.cameras is not None:
@@ -115,6 +125,7 @@ def assemble_replay(
                     calibrator = Calibrator(head.cameras.rig, calibrator.config)
                 since = since if change is None else len(rows)
             calibrator.remember(result)
+            faults.note(result.fault, head.stamp_s)
             rows.append(FrameRow.from_result(result, head.stamp_s, head.recorded_ns, head.name))
             on_row(rows[-1])
     except BagError as error:

@@ -20,6 +20,8 @@ _BEFORE_GATES = {
     RejectReason.LINES_NOT_MATCHED: "check that left and right are not swapped and the images are rectified, "
     f"and {FIND_LINES}",
     RejectReason.LINES_NOT_CONVERGING: "the horizon must be in view: pitch the camera up",
+    RejectReason.IMAGES_UPSIDE_DOWN: "turn the images by 180 deg, with a CameraInfo of them, and exchange "
+    "left and right where the whole rig hangs upside down",
     RejectReason.NO_FRAMES: "record stereo frames",
     RejectReason.INTERNAL_ERROR: "a fault of this program: report it with the traceback from the log",
 }

@@ -14,11 +14,12 @@ from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
 from ..core.drive.camera_changes import CameraFollower
 from ..core.errors import ImageError, RigError
+from ..core.faults import Fault
 from ..core.results import CalibrationResult
 from ..core.types import Image
 from .config import NodeConfig
 from .pair_source import PairSource, known_rectifier, no_pair_reason, publishers_text
-from .record import FrameReport, calibrate_timed
+from .record import FrameReport, calibrate_timed, failed_frame
 
 _CLOCK_STEP_S = 1e-3  # a call that ends at once must not divide by zero
 # After this time without a pair, the camera is said to have stopped. It may send one image per second.
@@ -80,7 +81,7 @@ class CalibrationCall:
             pair = self._source.next_pair(remaining_s)
             if pair is not None:
                 self._last_pair = time.monotonic(), self._source.state.counts
-                self._take(pair)
+                self._take_or_refuse(pair)
                 if self._calibrator is not None and self._accepted == self._config.frames:
                     estimate = self._calibrator.estimate
                     message = estimate.message + self._changes() + self._doubts()
@@ -93,6 +94,16 @@ class CalibrationCall:
             return CallOutcome("interrupted: the node shuts down")
         elapsed_s = max(time.monotonic() - start_s, _CLOCK_STEP_S)
         return CallOutcome(self._failure(before, elapsed_s) + self._doubts())
+
+    def _take_or_refuse(self, pair: StampedPair[Any]) -> None:
+        """Calibrate one pair; refuse it where something comes up that was not foreseen."""
+        try:
+            self._take(pair)
+        except Exception as error:  # noqa: BLE001  (whatever it is, the next pairs are taken)
+            frame = failed_frame(Fault.of(error), pair.stamp_ns)
+            self._last_rejection = frame.result.message
+            if self._report is not None:
+                self._report(frame)
 
     def _take(self, pair: StampedPair[Any]) -> None:
         """Calibrate one pair, or remember why it could not be."""

@@ -13,6 +13,7 @@ from ..core.camera.image_messages import message_to_grey
 from ..core.camera.pairing import StampedPair
 from ..core.camera.rig import StereoRig
 from ..core.errors import ImageError, RigError
+from ..core.faults import Fault
 from ..core.types import Image
 from .config import NodeConfig
 from .inputs import StereoInput
@@ -44,9 +45,17 @@ class LiveFrame:
 
 @dataclass(frozen=True, slots=True)
 class NoFrame:
-    """Why there is no frame, in one sentence."""
+    """Why there is no frame.
+
+    Attributes:
+        reason: One sentence.
+        fault: The fault of the program that came up while it was read; None in any other case.
+        stamp_ns: Stamp of the frame in which it came up [ns].
+    """
 
     reason: str
+    fault: Fault | None = None
+    stamp_ns: int = 0
 
 
 def known_rig(source: PairSource, config: NodeConfig) -> StereoRig | None:
@@ -115,7 +124,7 @@ class LiveFrames:
             while not self._claimed.is_set() and not self._source.stopped:
                 pair = self._source.next_pair(_SLICE_S)
                 if pair is not None:
-                    return self._read(pair)
+                    return self._read_or_refuse(pair)
                 elapsed_s = time.monotonic() - start_s
                 if elapsed_s >= timeout_s:
                     elapsed_s = max(elapsed_s, _CLOCK_STEP_S)
@@ -123,6 +132,13 @@ class LiveFrames:
             return None
         finally:
             self._source.end()
+
+    def _read_or_refuse(self, pair: StampedPair[Any]) -> LiveFrame | NoFrame:
+        try:
+            return self._read(pair)
+        except Exception as error:  # noqa: BLE001  (whatever it is, the next frames are read)
+            fault = Fault.of(error)
+            return NoFrame(fault.rejection.message, fault, pair.stamp_ns)
 
     def _read(self, pair: StampedPair[Any]) -> LiveFrame | NoFrame:
         images, stamp_ns = [], pair.stamp_ns

@@ -12,7 +12,7 @@ from ..core.calibrator import Calibrator
 from .config import NodeConfig
 from .live import LiveFrame, NoFrame
 from .memory import trim_heap
-from .record import FrameReport, calibrate_timed
+from .record import FrameReport, calibrate_timed, failed_frame
 
 # The longest wait at a time: a changed period, and cameras other than before, are noticed after it.
 TICK_S = 0.5
@@ -70,6 +70,8 @@ class Monitor:
         """Calibrate one frame, if there is one and its rig is known."""
         config = self._config()
         frame = self._take(config.monitor_period_s)
+        if isinstance(frame, NoFrame) and frame.fault is not None:
+            self._report(failed_frame(frame.fault, frame.stamp_ns))
         if not isinstance(frame, LiveFrame) or frame.rig is None:
             return
         # A new calibrator for each frame: it would fuse all frames it has accepted.

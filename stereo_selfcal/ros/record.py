@@ -8,11 +8,14 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from ..core.calibrator import Calibrator
 from ..core.camera.pairing import stamp_to_s
 from ..core.camera.rig import StereoRig
+from ..core.faults import Fault
 from ..core.rejection import Rejection
-from ..core.results import CalibrationResult
+from ..core.results import CalibrationResult, refused_for
 from ..core.types import Image
 
 
@@ -21,9 +24,10 @@ class FrameReport:
     """One frame that went through the calibrator.
 
     Attributes:
-        left: (H, W) uint8 image of the left camera, as it was calibrated.
+        left: (H, W) uint8 image of the left camera, as it was calibrated; (0, 0) where a fault of the program
+            came up before it was.
         right: The same of the right camera.
-        rig: The rig both come from.
+        rig: The rig both come from; None where it is not known.
         result: The result of this frame.
         stamp_ns: Stamp of the frame [ns].
         elapsed_s: How long it took [s].
@@ -31,7 +35,7 @@ class FrameReport:
 
     left: Image
     right: Image
-    rig: StereoRig
+    rig: StereoRig | None
     result: CalibrationResult
     stamp_ns: int
     elapsed_s: float
@@ -49,6 +53,12 @@ def calibrate_timed(calibrator: Calibrator, left: Image, right: Image, stamp_ns:
     start_s = time.monotonic()
     result = calibrator.add(left, right, stamp_to_s(stamp_ns))
     return FrameReport(left, right, calibrator.rig, result, stamp_ns, time.monotonic() - start_s)
+
+
+def failed_frame(fault: Fault, stamp_ns: int) -> FrameReport:
+    """Return the report of a frame that could not be read, for a fault of the program."""
+    nothing = np.empty((0, 0), np.uint8)
+    return FrameReport(nothing, nothing, None, refused_for(fault, stamp_to_s(stamp_ns)), stamp_ns, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

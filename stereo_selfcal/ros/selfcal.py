@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 from ..core.camera.rig import StereoRig
 from ..core.drive.states import Event, State
 from ..core.errors import ConfigError, RigError
+from ..core.faults import FaultLog
 from ..core.lanes.lane_pair import LanePattern
 from ..core.results import CalibrationResult
 from ..core.types import Array
@@ -71,6 +72,7 @@ class SelfcalNode:
             self._outputs = Outputs(self.node, self._parameters)
             self._calibrating = threading.Lock()
             self._record = FrameRecord()
+            self._faults = FaultLog(self.node.get_logger().error)
             self._last_lines: tuple[LanePattern, StereoRig] | None = None
             self._keeper = CalibrationKeeper()
             self._publishing = threading.Lock()  # a call and the watch may publish at the same time
@@ -228,13 +230,19 @@ class SelfcalNode:
 
     def _on_frame(self, report: FrameReport) -> None:
         """Count and show a frame that was calibrated; called by the thread of the call."""
-        self._record.add(report)
+        self._count(report)
         self._views.show(report)
         self._remember_lines(report)
 
+    def _count(self, report: FrameReport) -> None:
+        self._record.add(report)
+        self._faults.note(report.result.fault, report.result.stamp_s)
+
     def _on_watched(self, report: FrameReport) -> None:
         """Give a frame to the watch; called by its thread."""
-        self._record.add(report)
+        self._count(report)
+        if report.rig is None:
+            return
         event = self._keeper.watched(report.result, report.rig)
         if event is Event.CONFIRMED:
             self.node.get_logger().info(f"{self._keeper.state}: {self._keeper.reason}")
@@ -253,7 +261,7 @@ class SelfcalNode:
         self.node.get_logger().info(f"recalibrated by the watch: {better.message}; {saved}")
 
     def _remember_lines(self, report: FrameReport) -> None:
-        if report.result.accepted and report.result.pattern is not None:
+        if report.rig is not None and report.result.pattern is not None and report.result.accepted:
             self._last_lines = report.result.pattern, report.rig
 
     def _lanes(self, result: CalibrationResult) -> tuple[Array, ...]:

@@ -59,7 +59,14 @@ def test_json_is_one_object_with_all_digits(bag, calibrator, monkeypatch, capsys
     assert out.count("\n") == 1
     content = json.loads(out)
     contract = ["accepted", "reason", "message", "extrinsics", "std", "lane_yaw_rad", "frames"]
-    assert list(content) == [*contract, "segments", "changes", "uncertainty"]
+    assert list(content) == [
+        *contract,
+        "segments",
+        "changes",
+        "uncertainty",
+        "with_reservations",
+        "reservations",
+    ]
     assert content["changes"] == []
     assert [segment["frames"] for segment in content["segments"]] == [3]
     estimate = calibrator.made[0].estimate
@@ -75,9 +82,21 @@ def test_json_is_one_object_with_all_digits(bag, calibrator, monkeypatch, capsys
         "height_m": None,
         "pitch_rad": None,
         "roll_rad": None,
+        "reservations": [],
         "attempts": [],
     }
     assert content["frames"][0]["pitch_rad"] == 0.05
+
+
+def test_json_has_the_reservations_of_the_estimate_and_of_each_frame(capsys):
+    assert main([str(ROOT / "bags" / "straight_road"), "--max-frames", "2", "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    said = "not checked against the texture of the road surface: too little texture"
+    fused = {"kind": "not_checked_by_texture", "frames": 2, "message": f"{said} (2 of 2 frames)"}
+    assert content["with_reservations"] is True
+    assert content["reservations"] == content["segments"][0]["reservations"] == [fused]
+    assert content["frames"][0]["reservations"] == [fused | {"frames": 1, "message": said}]
+    assert content["message"].endswith(f"; {said} (2 of 2 frames)")
 
 
 def test_files(bag, calibrator, tmp_path, capsys):

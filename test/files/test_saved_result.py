@@ -11,6 +11,7 @@ from result_making import RIG, a_result, write
 
 from stereo_selfcal import ConfigError, StereoRig
 from stereo_selfcal.core.errors import OutputError
+from stereo_selfcal.core.reservations import Reservation, ReservationKind
 from stereo_selfcal.files.result_file import format_result, load_result, result_parameters
 from stereo_selfcal.files.saved_result import check_fits
 
@@ -191,3 +192,20 @@ def test_a_stamp_that_is_none_is_not_written(tmp_path, stamp_s):
     with pytest.raises(OutputError, match=r"not written: provenance\.stamp is"):
         write(tmp_path / "out.yaml", a_result(stamp_s=stamp_s))
     assert (tmp_path / "out.yaml").read_bytes() == before
+
+
+def test_reservations_are_kept_with_the_frames_they_hold_for(tmp_path):
+    path = tmp_path / "result.yaml"
+    kept = (
+        Reservation(ReservationKind.NOT_CHECKED_BY_TEXTURE, "too little texture", 3),
+        Reservation(ReservationKind.KERB_NOT_EXCLUDED),
+    )
+    path.write_text(
+        format_result(dataclasses.replace(a_result(), reservations=kept), RIG, "bag", 7), encoding="utf-8"
+    )
+    again = load_result(path).as_result()
+    assert again.reservations == kept and again.with_reservations
+    assert again.message.endswith(f"; {kept[0].sentence} (3 of 3 frames); {kept[1].sentence} (1 of 3 frames)")
+    path.write_text(path.read_text().replace("kerb_not_excluded", "of_no_kind"), encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"provenance\.reservations: 'of_no_kind' .* none that is known"):
+        load_result(path)

@@ -8,7 +8,7 @@ import yaml
 from bag_making import RIG, Camera, cameras, make_bag, picture
 from fake_calibrator import use_fake
 
-from stereo_selfcal.bags import BagError, StereoBag
+from stereo_selfcal.bags import BagError, StereoBag, reader
 from stereo_selfcal.cli.replay import main
 from stereo_selfcal.offline import open_source
 
@@ -41,6 +41,35 @@ def test_raw_images_are_rectified(tmp_path):
             np.testing.assert_array_equal(frame.right, right)
             assert not np.array_equal(left, picture("left", index))
             np.testing.assert_array_equal(source.frame_at(frame.recorded_ns).left, left)
+
+
+def test_a_fault_while_a_frame_is_decoded_or_rectified_refuses_that_frame(
+    tmp_path, monkeypatch, capsys, caplog
+):
+    path = make_bag(tmp_path / "bag", raw_cameras(), n_frames=4)
+    use_fake(monkeypatch)
+    decode, rectify, calls = reader._grey, StereoRectifier.apply, []
+
+    def decode_or_fail(*given):
+        calls.append(given)
+        if len(calls) == 3:  # the left image of the second frame
+            raise KeyError("a bug")
+        return decode(*given)
+
+    def rectify_or_fail(self, left, right):
+        if len(calls) == 7:  # the fourth frame: the third call of the second frame is missing
+            raise ZeroDivisionError("another bug")
+        return rectify(self, left, right)
+
+    monkeypatch.setattr(reader, "_grey", decode_or_fail)
+    monkeypatch.setattr(StereoRectifier, "apply", rectify_or_fail)
+    assert main([str(path), "--raw", "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    reasons = [frame["reason"] for frame in content["frames"]]
+    assert reasons == [None, "internal_error", None, "internal_error"]
+    assert len(caplog.messages) == 2
+    assert "KeyError: 'a bug' (test_bag_source.py" in caplog.messages[0]
+    assert "Traceback" in caplog.messages[1] and "rectify_or_fail" in caplog.messages[1]
 
 
 def test_raw_topics_are_found_beside_rectified_ones(tmp_path):

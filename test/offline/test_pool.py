@@ -107,6 +107,20 @@ def test_a_bug_in_a_worker_is_raised_here(soon, monkeypatch):
 
 
 @pytest.mark.slow
+def test_a_fault_on_one_frame_refuses_it_and_its_traceback_comes_from_the_worker(soon, caplog):
+    road = Road(9)
+    road.images[2] = tuple(image.view(worker_tasks.Faulty) for image in road.images[2])
+    alone = calibrate_recording(road)
+    caplog.clear()
+    together = calibrate_recording(road, jobs=2)
+    assert text(together) == text(alone)
+    assert [row.reason for row in together.rows] == [None, None, "internal_error"] * 3
+    assert "ZeroDivisionError: a bug (worker_tasks.py, line" in together.rows[2].rejection.message
+    (logged,) = caplog.messages
+    assert "Traceback (most recent call last)" in logged and "worker_tasks.py" in logged
+
+
+@pytest.mark.slow
 def test_workers_end_when_nobody_wants_the_rest(soon):
     """A reader of standard output has gone away, say."""
 

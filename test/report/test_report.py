@@ -20,6 +20,7 @@ from stereo_selfcal.core.evidence.gates import GATES
 from stereo_selfcal.core.geometry.pose import Extrinsics
 from stereo_selfcal.core.geometry.uncertainty import TERMS
 from stereo_selfcal.core.rejection import Bound, GateReading, RejectReason
+from stereo_selfcal.core.reservations import Reservation, ReservationKind
 from stereo_selfcal.offline import BagSource, calibrate_recording
 from stereo_selfcal.report.page import render_report
 from stereo_selfcal.report.remedies import remedies, remedy_of
@@ -308,3 +309,18 @@ def test_a_reason_that_is_new_has_the_remedy_of_its_frame(nothing):
     assert remedy_of(new) == "leave at once"
     assert remedy_of(replace(new, rejection=None)) == ""
     assert remedy_of(row) == remedies()["no_lines_found"]
+
+
+def test_reservations_of_most_frames_are_in_the_verdict(road):
+    source, replay = road
+    reserved = Reservation(ReservationKind.NOT_CHECKED_BY_TEXTURE, "too little texture", 3)
+    estimate = replace(replay.estimate, reservations=(reserved,), n_frames=4)
+    told = replace(replay, drive=replace(replay.drive, estimate=estimate))
+    assert told.with_reservations
+    page = Page(render_report(source, told))
+    assert "Calibrated, with reservations The camera" in page.text
+    assert f"{reserved.sentence[1:]} (3 of 4 frames)." in page.text
+    few = replace(estimate, reservations=(replace(reserved, frames=2),))
+    page = Page(render_report(source, replace(replay, drive=replace(replay.drive, estimate=few))))
+    assert "with reservations" not in page.text
+    assert "(2 of 4 frames)" in page.text

@@ -427,16 +427,48 @@ def test_call_ends_at_its_timeout_while_refusals_go_on():
     assert source.pairs
 
 
-def test_exception_of_the_estimator_is_not_swallowed(monkeypatch):
+def test_a_fault_of_the_estimator_refuses_the_pair_and_is_reported(monkeypatch):
     def fail(*_args):
         raise ZeroDivisionError
 
+    reports = []
     monkeypatch.setattr(FakeCalibrator, "add", fail)
-    with pytest.raises(ZeroDivisionError):
-        CalibrationCall(Source(pair()), config()).run()
+    outcome = CalibrationCall(Source(pair()), config(), reports.append).run()
+    assert "ended the work on this frame: ZeroDivisionError (test_calibration.py, line" in outcome.message
+    assert "Traceback" in reports[0].result.fault.trace
 
 
 def test_shutdown_ends_the_call():
     source = Source()
     source.stopped = True
     assert CalibrationCall(source, config()).run().message == "interrupted: the node shuts down"
+
+
+def test_a_fault_while_a_pair_is_read_refuses_it_and_the_next_one_is_taken(monkeypatch):
+    read, calls, reports = calibration._grey, [], []
+
+    def read_or_fail(message, topic):
+        calls.append(topic)
+        if len(calls) == 1:
+            raise IndexError("a bug")
+        return read(message, topic)
+
+    monkeypatch.setattr(calibration, "_grey", read_or_fail)
+    outcome = CalibrationCall(Source(pair(1), pair(2)), config(), reports.append).run()
+    assert outcome.result is not None
+    refused = reports[0].result
+    assert refused.reason is RejectReason.INTERNAL_ERROR
+    assert "IndexError: a bug (test_calibration.py, line" in refused.message
+    assert "Traceback" in refused.fault.trace
+    assert (reports[0].left.size, reports[0].rig, reports[0].stamp_ns) == (0, None, 1)
+
+
+def test_a_call_of_faults_only_says_so(monkeypatch):
+    def fail(message, topic):
+        raise IndexError("a bug")
+
+    monkeypatch.setattr(calibration, "_grey", fail)
+    outcome = CalibrationCall(Source(pair(1), pair(2)), config()).run()
+    assert outcome.result is None
+    assert "no frame accepted, 2 pairs" in outcome.message
+    assert "last refusal: 1 fault of this program, 0 allowed, ended the work on this frame" in outcome.message

@@ -150,3 +150,15 @@ def test_known_rig():
     with pytest.raises(RigError, match="baseline of zero"):
         known_rig(Input(infos=(info_message("left"),) * 2), CONFIG)
     assert missing_info(Input()) == ""
+
+
+def test_a_fault_while_a_frame_is_read_is_a_reason_with_its_traceback(monkeypatch):
+    def fail(message):
+        raise IndexError("a bug")
+
+    monkeypatch.setattr(live_module, "message_to_grey", fail)
+    frame = live(Input(pair())).one(1.0)
+    assert isinstance(frame, NoFrame)
+    assert "IndexError: a bug (test_live.py, line" in frame.reason
+    assert "Traceback" in frame.fault.trace
+    assert frame.stamp_ns == 5

@@ -5,7 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from stereo_selfcal import Calibrator, CalibratorConfig
 from stereo_selfcal.core.rejection import RejectReason
+from stereo_selfcal.core.results import caught
 from stereo_selfcal.ros import monitor as monitor_module
 from stereo_selfcal.ros.live import LiveFrame, NoFrame
 from stereo_selfcal.ros.monitor import TICK_S, Monitor
@@ -163,3 +165,31 @@ def test_a_frame_is_reported_with_its_stamp():
 )
 def test_without_a_frame_or_its_rig_nothing_is_reported(frame):
     assert step(frame) == []
+
+
+def test_a_fault_while_a_frame_is_read_is_a_refused_frame_of_the_watch():
+    stage, reports = Stage(2.0), []
+    fault = caught(lambda: 1 // 0, 0.0).fault
+    stage.monitor._take = lambda _: NoFrame("a bug", fault, 7_000_000_000)
+    stage.monitor._report = reports.append
+    stage.monitor.step()
+    (report,) = reports
+    assert report.result.reason is RejectReason.INTERNAL_ERROR
+    assert (report.result.fault, report.result.stamp_s, report.rig) == (fault, 7.0, None)
+
+
+def test_a_fault_of_the_calibrator_is_a_refused_frame_of_the_watch(monkeypatch):
+    def fail(*_):
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr(Calibrator, "calibrate_frame", fail)
+    stage, reports = Stage(2.0), []
+    config = SimpleNamespace(monitor_period_s=2.0, calibrator=CalibratorConfig())
+    stage.monitor._config, stage.monitor._take, stage.monitor._report = (
+        lambda: config,
+        lambda _: LIVE,
+        reports.append,
+    )
+    stage.monitor.step()
+    assert reports[0].result.reason is RejectReason.INTERNAL_ERROR
+    assert not stage.errors

@@ -18,10 +18,12 @@ from rclpy.parameter import Parameter
 from ros_graph import RESULTS, Camera, rendered
 
 from stereo_selfcal import CalibrationResult, Extrinsics
+from stereo_selfcal.core.faults import FaultLog
+from stereo_selfcal.core.results import caught
 from stereo_selfcal.files.result_file import load_result, write_result
 from stereo_selfcal.ros import selfcal as selfcal_module
 from stereo_selfcal.ros.calibration import CallOutcome
-from stereo_selfcal.ros.record import FrameReport
+from stereo_selfcal.ros.record import FrameReport, failed_frame
 from stereo_selfcal.ros.selfcal import SelfcalNode
 
 POSE = np.array([1.5, 0.05, -0.01])
@@ -90,6 +92,18 @@ def drive(selfcal, n, shift=0.0, start_s=0.0):
         pose = POSE + shift + rng.standard_normal(3) * (3e-3, 1e-3, 1e-3)
         frame = result(pose, start_s + i * STEP_S)
         selfcal._on_watched(FrameReport(None, None, ros_graph.RIG, frame, int(frame.stamp_s * 1e9), 0.05))
+
+
+def test_a_fault_on_a_frame_is_logged_once_counted_and_ends_no_watch(start, monkeypatch):
+    logged = []
+    monkeypatch.setattr(selfcal_module, "FaultLog", lambda _: FaultLog(logged.append))
+    selfcal = start()
+    fault = caught(lambda: 1 // 0, 0.0).fault
+    for stamp_ns in range(3):
+        selfcal._on_watched(failed_frame(fault, stamp_ns))
+        selfcal._on_frame(failed_frame(fault, stamp_ns))
+    assert selfcal._record.statistics.rejected == {"internal_error": 6}
+    assert len(logged) == 1 and "ZeroDivisionError" in logged[0] and "Traceback" in logged[0]
 
 
 def test_calibration_of_the_last_run_is_there_from_the_start(graph, start, saved):

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ..numerics.linear import rank_of, solve_linear
 from ..numerics.robust import Reweighting, fit_reweighted
 from ..numerics.statistics import MEDIAN_CHI2_3, upper_median
 from ..rejection import Bound, NotFitted
@@ -24,6 +25,8 @@ MIN_BLOCKS = 12
 _MIN_STRIPE_BLOCKS = 3
 
 _LEAST_STRIPES = 2  # one stripe on either side of the lane
+
+_DETERMINED = "numbers of the road that the stripes determine"
 
 # Tukey's biweight on the deviance of a block of three displacements: 95 % efficiency for normal errors.
 _TUKEY_DEVIANCE = 30.0
@@ -94,6 +97,8 @@ class Step:
         if steepness <= 0.0:
             return NotFitted("mean slope of the weighted residuals", steepness, Bound.LEAST, 0.0)
         covariance = np.zeros((len(self.step), len(self.step)))
+        if not np.all(np.isfinite(self.information)):
+            return NotFitted(_DETERMINED, 0, Bound.LEAST, len(self.free))
         inverse = np.linalg.pinv(self.information, hermitian=True)
         covariance[np.ix_(self.free, self.free)] = inverse * (scatter / steepness**2 * variance)
         return covariance
@@ -144,10 +149,12 @@ def solve_step(
     def fit(weights: Array, scale: float | Array) -> tuple[Array, Array] | NotFitted:
         weights = weights / scale
         normal = (weights @ normals).reshape(prior_information.shape) + prior_information
-        rank = int(np.linalg.matrix_rank(normal, hermitian=True)) if np.isfinite(normal).all() else 0
+        rank = rank_of(normal, hermitian=True)
         if rank < len(normal):
-            return NotFitted("numbers of the road that the stripes determine", rank, Bound.LEAST, len(normal))
-        change = np.linalg.solve(normal, weights @ sides + prior_side)
+            return NotFitted(_DETERMINED, rank, Bound.LEAST, len(normal))
+        change = solve_linear(normal, weights @ sides + prior_side, _DETERMINED)
+        if isinstance(change, NotFitted):
+            return change
         residual = displacement - design @ change
         deviance = np.einsum("mi,mij,mj->m", residual, information, residual) / blocks.variance
         return change, deviance

@@ -22,6 +22,7 @@ from ..geometry.uncertainty import UncertaintyTerm, merge_terms
 from ..lanes.lane_pair import ImageLine, LanePattern
 from ..lanes.line_geometry import lane_in_road
 from ..numerics.derivatives import central_difference, linearise
+from ..numerics.linear import invert, is_covariance, rank_of, solve_linear
 from ..rejection import Bound, NotFitted
 from ..road.stripe_model import predict_edges
 from ..types import Array
@@ -33,6 +34,7 @@ _N_ITERATIONS = 2
 _STEPS = np.array([1e-5, 1e-6, 1e-6, 1e-6, 1e-5, 1e-5])
 _LINE_STEP_PX = 1e-3
 _DEGREES_OF_FREEDOM = 2
+_DETERMINED = "numbers of the road that the lines determine"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,31 +82,48 @@ def propagate(
         of errors by the method of least squares", Phys. Rev. 40, 1932).
     """
     pattern = pattern.boundaries  # the information of the extra lines is not counted
+    fit = _fit_parameters(pattern, rig, extrinsics)
+    if isinstance(fit, NotFitted):
+        return fit
+    parameters, of_lines, chi2 = fit
+    jac_pose_lines = _sensitivity(pattern, rig, extrinsics.as_array(), config)
+    if isinstance(jac_pose_lines, NotFitted):
+        return jac_pose_lines
+    covariance = jac_pose_lines @ of_lines @ jac_pose_lines.T
+    covariance *= _enlargement(chi2)
+    covariance = (covariance + covariance.T) / 2.0
+    if not is_covariance(covariance):
+        return NotFitted(_DETERMINED, min(rank_of(covariance), 2), Bound.LEAST, len(covariance))
+    return LineFit(covariance, float(parameters[3]), chi2)
+
+
+def _fit_parameters(
+    pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics
+) -> tuple[Array, Array, float] | NotFitted:
+    """Return the six parameters of the lines, the covariance (8, 8) of the lines, and their chi-squared."""
     lines = (*pattern.left, *pattern.right)
     measured = np.array([value for line in lines for value in (line.u_mid, line.slope)])
     information = np.zeros((8, 8))
     for i, line in enumerate(lines):
-        information[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = np.linalg.inv(line.covariance)
+        of_line = invert(line.covariance, "numbers of a line that its points determine")
+        if isinstance(of_line, NotFitted):
+            return of_line
+        information[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = of_line
     parameters = np.concatenate([extrinsics.as_array(), lane_in_road(pattern, rig, extrinsics)])
     for _ in range(_N_ITERATIONS):
         predicted, jac_transposed = linearise(lambda p: _predict(p, lines, rig), parameters, _STEPS)
         normal = jac_transposed @ information @ jac_transposed.T
-        rank = int(np.linalg.matrix_rank(normal)) if np.all(np.isfinite(normal)) else 0
+        rank = rank_of(normal)
         if rank < len(parameters):
-            return NotFitted(
-                "numbers of the road that the lines determine", rank, Bound.LEAST, len(parameters)
-            )
-        parameters = parameters + np.linalg.solve(
-            normal, jac_transposed @ information @ (measured - predicted)
-        )
+            return NotFitted(_DETERMINED, rank, Bound.LEAST, len(parameters))
+        step = solve_linear(normal, jac_transposed @ information @ (measured - predicted), _DETERMINED)
+        if isinstance(step, NotFitted):
+            return step
+        parameters = parameters + step
     residual = measured - _predict(parameters[None], lines, rig)[0]
     chi2 = float(residual @ information @ residual)
-    jac_pose_lines = _sensitivity(pattern, rig, extrinsics.as_array(), config)
-    if isinstance(jac_pose_lines, NotFitted):
-        return jac_pose_lines
-    covariance = jac_pose_lines @ np.linalg.inv(information) @ jac_pose_lines.T
-    covariance *= _enlargement(chi2)
-    return LineFit((covariance + covariance.T) / 2.0, float(parameters[3]), chi2)
+    covariance = invert(information, "numbers of the lines that their points determine")
+    return covariance if isinstance(covariance, NotFitted) else (parameters, covariance, chi2)
 
 
 def _enlargement(chi2: float) -> float:
@@ -150,11 +169,11 @@ def _sensitivity(
                 columns[boundary] += step * change
                 g_l[0, 2 * i + j] = (fitness.angle_with(columns, pattern.rows, estimate) - angle) / step
     system = np.block([[d_t.T @ d_t, g_t.T], [g_t, np.zeros((1, 1))]])
-    rank = int(np.linalg.matrix_rank(system)) if np.all(np.isfinite(system)) else 0
+    rank, what = rank_of(system), "equations of the best fit that are independent"
     if rank < len(system):
-        return NotFitted("equations of the best fit that are independent", rank, Bound.LEAST, len(system))
-    solution: Array = -np.linalg.solve(system, np.concatenate([d_t.T @ d_l, g_l]))[:3]
-    return solution
+        return NotFitted(what, rank, Bound.LEAST, len(system))
+    solution = solve_linear(system, np.concatenate([d_t.T @ d_l, g_l]), what)
+    return solution if isinstance(solution, NotFitted) else -solution[:3]
 
 
 def _predict(parameters: Array, lines: tuple[ImageLine, ...], rig: StereoRig) -> Array:

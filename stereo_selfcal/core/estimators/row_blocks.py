@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ..numerics.linear import invert_each, solve_each
 from ..numerics.statistics import upper_median
 from ..types import Array, Image
 from .edge_response import StepResponse, runs_of
@@ -77,7 +78,7 @@ class RowBlocks:
         cross = self.normal[..., others, 3, None]
         within = self.normal[..., others[:, None], others]
         ridge = _RIDGE * (np.trace(within, axis1=-1, axis2=-2)[..., None, None] + 1.0)
-        solved = np.linalg.solve(
+        solved = solve_each(
             within + np.eye(len(others)) * ridge,
             np.concatenate([cross, self.normal[..., others, 7, None]], axis=-1),
         )
@@ -196,7 +197,7 @@ def _eliminate(
         steepness: (...) expected steepness of the ramp.
     """
     n = _N_LEVELS
-    levels = np.linalg.solve(gram[..., :n, :n] + np.eye(n) * _RIDGE, gram[..., :n, 10:])[..., 0]
+    levels = solve_each(gram[..., :n, :n] + np.eye(n) * _RIDGE, gram[..., :n, 10:])[..., 0]
     left, right = levels[..., 1] - levels[..., 0], levels[..., 1] - levels[..., 2]
     # The unknowns as mixtures of the terms: three levels and the steepness of the ramp; the displacements of
     # the left and the right edge and the change of the blur; the grey value.
@@ -208,13 +209,11 @@ def _eliminate(
     mix[..., 8, 6], mix[..., 9, 6] = left, -right
     normal = np.swapaxes(mix, -1, -2) @ gram @ mix
     nuisances = normal[..., :4, :4] + np.diag([_RIDGE, _RIDGE, _RIDGE, _RIDGE + noise / _RAMP_STD**2])
-    inverse = np.linalg.inv(nuisances)
+    inverse = invert_each(nuisances)
     reduced = normal[..., 4:, 4:] - np.swapaxes(normal[..., :4, 4:], -1, -2) @ inverse @ normal[..., :4, 4:]
     information, gradient, squares = reduced[..., :3, :3], reduced[..., :3, 3], reduced[..., 3, 3]
     trace = np.trace(information, axis1=-1, axis2=-2)[..., None, None]
-    displacement = np.linalg.solve(information + np.eye(3) * (_RIDGE * trace + 1e-9), gradient[..., None])[
-        ..., 0
-    ]
+    displacement = solve_each(information + np.eye(3) * (_RIDGE * trace + 1e-9), gradient[..., None])[..., 0]
     freedom = count - 7
     usable = complete & (freedom > 0)
     unexplained = squares - np.einsum("...i,...i", gradient, displacement)

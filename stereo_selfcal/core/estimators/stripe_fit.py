@@ -23,6 +23,7 @@ from ..geometry.pose import Extrinsics
 from ..lanes.lane_pair import LanePattern, row_towards
 from ..lanes.line_geometry import lane_in_road
 from ..numerics.derivatives import central_difference, point_by_point
+from ..numerics.linear import is_covariance, rank_of
 from ..rejection import Bound, NotFitted
 from ..road.stripe_model import N_POSE, bent_columns, predict_edges
 from ..types import Array, Image
@@ -71,6 +72,9 @@ _FIRST_ROW = 0.97
 _LEAST_ROWS_OF_BLOCKS = MIN_BLOCKS // 4  # two stripes in two images give four blocks to a row of blocks
 
 _MAX_VIGNETTING = 0.6  # share of the light lost in the farthest corner: more than with any lens on a car
+
+# A fit that turns the camera further has diverged: the search allows 60 deg at most.
+_MOST_TURN_DEG = 75.0
 
 _BLUR_START_PX, _BLUR_MIN_PX, BLUR_MAX_PX = 0.5, 0.05, 3.0
 
@@ -139,13 +143,10 @@ def refine(
         return NotFitted(
             "blocks of rows below the vanishing point", n_blocks, Bound.LEAST, _LEAST_ROWS_OF_BLOCKS
         )
-    yaw, *left_edges = lane_in_road(pattern, rig, start)
-    n_stripes = len(left_edges)
-    widths = _start_widths(images, pattern, rig, start)
-    heights = np.zeros(n_stripes)
-    road = np.array(
-        [*start.as_array(), yaw, curvature_per_m or 0.0, *(left_edges - widths / 2.0), *widths, *heights]
-    )
+    road = _start_road(images, pattern, rig, start, curvature_per_m or 0.0)
+    if isinstance(road, NotFitted):
+        return road
+    heights = np.split(road[N_POSE:], 3)[2]
     varied = _varied(pattern, curvature_per_m is not None)
     blur = np.full(2, _BLUR_START_PX)
     noise = 0.0  # not known before the first pass
@@ -174,17 +175,16 @@ def refine(
                 loss = vignetting + _measure_vignetting(blocks, darkening)
                 vignetting = np.clip(loss, 0.0, _MAX_VIGNETTING)
         middles, widths, heights = np.split(road[N_POSE:], 3)
-        least_m = float(min(road[0], widths.min())) if np.all(np.isfinite(road)) else -np.inf
-        if least_m <= 0.0:
-            return NotFitted("least of the height and the stripes' widths", least_m, Bound.LEAST, 0.0, "m")
+        diverged = _divergence(road)
+        if diverged is not None:
+            return diverged
     assert isinstance(solution, Step)  # there are passes
-    covariance = solution.covariance(blocks.variance)
+    covariance = _covariance_of_pose(solution, blocks.variance)
     if isinstance(covariance, NotFitted):
         return covariance
-    pose = Extrinsics.from_array(road[:3])
     return StripeFit(
-        extrinsics=pose,
-        covariance=(covariance[:3, :3] + covariance[:3, :3].T) / 2.0,
+        extrinsics=Extrinsics.from_array(road[:3]),
+        covariance=covariance,
         lane_yaw_rad=float(road[3]),
         curvature_per_m=float(road[_CURVATURE]),
         positions_m=middles,
@@ -196,6 +196,50 @@ def refine(
         n_blocks=len(solution.relative),
         residuals=_residuals(blocks, jac_columns_road, step, columns, slopes, all_rows),
     )
+
+
+def _start_road(
+    images: tuple[Image, Image],
+    pattern: LanePattern,
+    rig: StereoRig,
+    start: Extrinsics,
+    curvature_per_m: float,
+) -> Array | NotFitted:
+    """Return the parameters of the road to start from, (5 + 3 L,); the lines give yaw and positions."""
+    yaw, *left_edges = lane_in_road(pattern, rig, start)
+    widths = _start_widths(images, pattern, rig, start)
+    heights = np.zeros(len(left_edges))
+    road = np.array(
+        [*start.as_array(), yaw, curvature_per_m, *(left_edges - widths / 2.0), *widths, *heights]
+    )
+    n_finite = int(np.count_nonzero(np.isfinite(road)))
+    if n_finite < len(road):
+        return NotFitted("numbers of the road that the lines determine", n_finite, Bound.LEAST, len(road))
+    return road
+
+
+def _divergence(road: Array) -> NotFitted | None:
+    """Return how the parameters of a road show that the fit has diverged; None where they do not."""
+    widths = np.split(road[N_POSE:], 3)[1]
+    least_m = float(min(road[0], widths.min())) if np.all(np.isfinite(road)) else -np.inf
+    if least_m <= 0.0:
+        return NotFitted("least of the height and the stripes' widths", least_m, Bound.LEAST, 0.0, "m")
+    turn_deg = float(np.degrees(np.abs(road[1:4]).max()))
+    if turn_deg >= _MOST_TURN_DEG:
+        return NotFitted("greatest angle of the fit", turn_deg, Bound.MOST, _MOST_TURN_DEG, "deg")
+    return None
+
+
+def _covariance_of_pose(solution: Step, variance: float) -> Array | NotFitted:
+    """Return the covariance (3, 3) of the pose, or why there is none."""
+    covariance = solution.covariance(variance)
+    if isinstance(covariance, NotFitted):
+        return covariance
+    of_pose: Array = (covariance[:3, :3] + covariance[:3, :3].T) / 2.0
+    if not is_covariance(of_pose):
+        rank = min(rank_of(of_pose), len(of_pose) - 1)
+        return NotFitted("numbers of the pose that the stripes determine", rank, Bound.LEAST, len(of_pose))
+    return of_pose
 
 
 def _predict(
@@ -285,7 +329,7 @@ def _start_widths(
 ) -> Array:
     """Return the width (L,) of each stripe [m] whose right edge has the strongest fall of grey values."""
     horizon = float(pattern.vanishing_point[1])
-    rows = np.arange(int(horizon) + 2 * BLOCK_ROWS, rig.height, 2)
+    rows = np.arange(max(0, int(horizon) + 2 * BLOCK_ROWS), rig.height, 2)
     px_per_m = (rows - horizon) / start.height_m * rig.fx / rig.fy
     score = np.zeros((len(pattern.columns[0]), len(_WIDTHS_M)))
     for image, lines in zip(images, pattern.lines, strict=True):

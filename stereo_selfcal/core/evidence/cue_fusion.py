@@ -15,12 +15,14 @@ import numpy as np
 from ..estimators.texture_alignment import TextureFit
 from ..geometry.pose import POSE_COMPONENTS, Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, merge_terms, propagate_terms
+from ..numerics.linear import invert, solve_linear
 from ..numerics.statistics import UNLIKELY_CHI2_3
 from ..rejection import Bound, NotFitted
 from ..tolerances import AGREEMENT, WRONG
 from ..types import Array
 from .estimate import Estimate
 
+_DETERMINED = "numbers of the pose that lines and texture determine"
 _SURE_SIGMAS = 3.0  # one in 370 for normal errors
 
 
@@ -42,7 +44,7 @@ def too_uncertain(covariance: Array) -> NotFitted | None:
     return NotFitted(what, value, Bound.MOST, limit, unit.symbol)
 
 
-def combine(lines: Estimate, texture: TextureFit) -> Estimate:
+def combine(lines: Estimate, texture: TextureFit) -> Estimate | NotFitted:
     """Return the mean of lines and texture, weighted by their information, with the terms of both.
 
     They share no pixel, as the texture is aligned without the paint. The unevenness of the road that both
@@ -53,9 +55,19 @@ def combine(lines: Estimate, texture: TextureFit) -> Estimate:
     Args:
         lines: Estimate from lines, with the terms of the road's shape.
         texture: The alignment of the road surface.
+
+    Returns:
+        The mean, or why there is none: one of them leaves a component of the pose open.
     """
-    information = [np.linalg.inv(lines.covariance), np.linalg.inv(texture.covariance)]
-    total = np.linalg.inv(information[0] + information[1])
+    of_lines, of_texture = (invert(each.covariance, _DETERMINED) for each in (lines, texture))
+    if isinstance(of_lines, NotFitted):
+        return of_lines
+    if isinstance(of_texture, NotFitted):
+        return of_texture
+    information = [of_lines, of_texture]
+    total = invert(information[0] + information[1], _DETERMINED)
+    if isinstance(total, NotFitted):
+        return total
     line_pose, texture_pose = lines.pose.as_array(), texture.extrinsics.as_array()
     mean = total @ (information[0] @ line_pose + information[1] @ texture_pose)
     terms = [
@@ -63,7 +75,10 @@ def combine(lines: Estimate, texture: TextureFit) -> Estimate:
         *propagate_terms(texture.terms, total @ information[1]),
     ]
     difference = line_pose - texture_pose
-    chi2 = float(difference @ np.linalg.solve(lines.covariance + texture.covariance, difference))
+    weighted = solve_linear(lines.covariance + texture.covariance, difference, _DETERMINED)
+    if isinstance(weighted, NotFitted):
+        return weighted
+    chi2 = float(difference @ weighted)
     if chi2 > UNLIKELY_CHI2_3:
         excess = total * (chi2 / len(difference) - 1.0)
         terms.append(UncertaintyTerm("combination_disagreement", (excess + excess.T) / 2.0))

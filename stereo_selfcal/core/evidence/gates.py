@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from ..lanes.frame_checks import FIND_LINES
-from ..rejection import GateReading, Rejection, RejectReason
+from ..rejection import GateReading, NotFitted, Rejection, RejectReason
 from . import measurements
 from .frame_evidence import Evidence
 from .measurements import Reading
@@ -62,6 +62,14 @@ def evaluate_gates(
     return tuple(taken), None
 
 
+def undetermined(why: NotFitted) -> Rejection:
+    """Refuse an estimate that leaves a part of the pose open."""
+    return Rejection(
+        RejectReason.ESTIMATE_UNCERTAIN, why.what, why.value, why.bound, why.limit, why.unit, _SEE_MORE
+    )
+
+
+_SEE_MORE = "drive on, in the middle of a flat lane where more of both lines is seen"
 _KERB = "one of the lines may be a kerb, or the road may not be flat: drive on, in the middle of a flat lane"
 _ONE_ROAD = f"check that left and right are not swapped, and {FIND_LINES}"
 
@@ -211,7 +219,7 @@ GATES: tuple[Gate, ...] = (
         "certain",
         "certain enough",
         RejectReason.ESTIMATE_UNCERTAIN,
-        "drive on, in the middle of a flat lane where more of both lines is seen",
+        _SEE_MORE,
         measurements.read_uncertainty,
     ),
     Gate(

@@ -14,6 +14,8 @@ from ..geometry.pose import Extrinsics, road_from_camera_rotation
 from ..geometry.rays import LEAST_DISPARITY_PX
 from ..lanes.lane_pair import LanePattern
 from ..lanes.line_geometry import N_ROWS, HeightOverLane, lane_in_road, rays_of_lines
+from ..numerics.linear import solve_linear
+from ..rejection import NotFitted
 from ..road.priors import HALF_LANE_WIDTH_M
 from ..road.surface import LEAST_WEIGHT, unit_covariances
 from ..tolerances import KERB_SIGMAS, MAX_LINE_HEIGHT_M
@@ -80,7 +82,9 @@ def _height_over_cells(
     planes = np.column_stack([np.ones(len(at)), at])
     n, mean = len(positions_m), weights / weights.sum()
     to_cells, measured = mean @ road[:n, n:], road[n:, n:] + np.diag(variances)
-    kriging = np.linalg.solve(measured, np.column_stack([to_cells, planes[n:]]))
+    kriging = solve_linear(measured, np.column_stack([to_cells, planes[n:]]), "cells that are independent")
+    if isinstance(kriging, NotFitted):
+        return HeightOverLane(float(mean @ heights), np.inf)  # nothing is known of the surface there
     cell_weights, information = kriging[:, 0], planes[n:].T @ kriging[:, 1:]
     # The error of the plane that the cells determine.
     plane_error = mean @ planes[:n] - cell_weights @ planes[n:]

@@ -16,7 +16,9 @@ from ..geometry.uncertainty import UncertaintyTerm, propagate_terms
 from ..lanes.lane_pair import LanePattern
 from ..lanes.line_geometry import rays_of_lines
 from ..numerics.derivatives import central_difference, point_by_point
+from ..numerics.linear import solve_linear
 from ..numerics.statistics import UNLIKELY_CHI2_3
+from ..rejection import NotFitted
 from ..road.priors import (
     CROSS_FALL_STD,
     MAX_LANE_WIDTH_M,
@@ -121,8 +123,9 @@ def stage_disagreement_covariance(
     if refined is None:
         return np.zeros((3, 3))
     difference = refined.extrinsics.as_array() - line_pose.as_array()
-    chi2 = float(difference @ np.linalg.solve(covariance + refined.covariance, difference))
-    return np.outer(difference, difference) * (chi2 > UNLIKELY_CHI2_3)
+    weighted = solve_linear(covariance + refined.covariance, difference, "numbers of the pose that are known")
+    explained = not isinstance(weighted, NotFitted) and float(difference @ weighted) <= UNLIKELY_CHI2_3
+    return np.outer(difference, difference) * (not explained)
 
 
 def paint_angle_covariance(
@@ -149,9 +152,10 @@ def paint_angle_covariance(
     jac_pose_disparities = jac_pose_plane @ np.linalg.pinv(ray)
     pose_covariance = jac_pose_disparities @ jac_pose_disparities.T
     jac_angle = _jac_angle_pose(pattern.boundaries, rig, extrinsics)
-    pose_change = (
-        pose_covariance @ jac_angle / (jac_angle @ pose_covariance @ jac_angle) * PAINT_ANGLE_STD_RAD
-    )
+    angle_variance = float(jac_angle @ pose_covariance @ jac_angle)
+    if not angle_variance > 0.0:  # the lines do not show the angle
+        return np.zeros((3, 3))
+    pose_change = pose_covariance @ jac_angle / angle_variance * PAINT_ANGLE_STD_RAD
     covariance: Array = np.outer(pose_change, pose_change)
     return covariance
 

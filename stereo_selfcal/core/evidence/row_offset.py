@@ -16,6 +16,7 @@ from ..camera.rig import StereoRig
 from ..estimators.sampling import half_disparity, sample, usable_samples
 from ..geometry.plane import plane_from_pose
 from ..geometry.pose import Extrinsics
+from ..numerics.linear import invert, is_covariance
 from ..numerics.robust import Reweighting, fit_reweighted, scale_by_median
 from ..numerics.statistics import upper_median
 from ..rejection import Bound, NotFitted
@@ -278,7 +279,12 @@ def combine_cells(
     found = fit_reweighted(fit, len(target), _REWEIGHTING, _SCALE)
     assert not isinstance(found, NotFitted)  # the ridge makes the equations regular
     solution, normal = found.solution
-    covariance = np.linalg.inv(normal) * found.scale**2 * len(target) / (len(target) - 2)
+    inverse = invert(normal, "numbers of the offset that the cells determine")
+    if isinstance(inverse, NotFitted):
+        return inverse
+    covariance = inverse * found.scale**2 * len(target) / (len(target) - 2)
+    if not is_covariance(covariance):  # all cells in one column, but for rounding
+        return NotFitted("numbers of the offset that the cells determine", 1, Bound.LEAST, 2)
     std = np.sqrt(np.diag(covariance))
     used = int(np.count_nonzero(found.weights))
     return VerticalOffset(float(solution[0]), float(std[0]), float(solution[1]), float(std[1]), used)

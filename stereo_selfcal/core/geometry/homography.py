@@ -11,6 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..camera.rig import StereoRig
+from ..numerics.linear import invert
+from ..rejection import NotFitted
 from ..types import Array
 from .pose import BODY_FROM_OPTICAL, Extrinsics, road_from_camera_rotation
 
@@ -48,9 +50,12 @@ def image_from_road(rig: StereoRig, extrinsics: Extrinsics, side: Side) -> Array
 
 
 def road_from_image(rig: StereoRig, extrinsics: Extrinsics, side: Side) -> Array:
-    """Return the inverse perspective: the homography from image pixels to the road, shape (3, 3)."""
-    inverse: Array = np.linalg.inv(image_from_road(rig, extrinsics, side)).astype(np.float64)
-    return inverse
+    """Return the inverse perspective: the homography from image pixels to the road, shape (3, 3).
+
+    A camera within the plane of the road sees it as a line: then all numbers are NaN.
+    """
+    inverse = invert(image_from_road(rig, extrinsics, side), "numbers of the homography to the road")
+    return np.full((3, 3), np.nan) if isinstance(inverse, NotFitted) else inverse
 
 
 def apply_homography(matrix: Array, points: npt.ArrayLike) -> Array:

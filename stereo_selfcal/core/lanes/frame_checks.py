@@ -26,30 +26,9 @@ FIND_LINES = "drive on a straight road with painted lines on both sides of the c
 def check_images(left: Any, right: Any, rig: StereoRig) -> Rejection | None:
     """Refuse anything but two 8-bit grey images of the rig's size."""
     for side, image in (("left", left), ("right", right)):
-        if image is None or (isinstance(image, np.ndarray) and image.size == 0):
-            return Rejection(
-                RejectReason.IMAGE_EMPTY,
-                f"the {side} image is empty: it has {{value}}",
-                0,
-                Bound.LEAST,
-                1,
-                "px",
-                "check the camera driver",
-            )
-        if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 2:
-            array = isinstance(image, np.ndarray)
-            found = f"{image.dtype} of shape {image.shape}" if array else type(image)
-            flat = array and image.ndim == 2
-            return Rejection(
-                RejectReason.IMAGE_TYPE,
-                f"the {side} image is {found}, not 2-D uint8: it has {{value}} "
-                + ("bits per grey value" if flat else "dimensions"),
-                _bits(image.dtype) if flat else np.ndim(image) if array else 0,
-                Bound.EXACTLY,
-                _GREY_BITS if flat else 2,
-                "",
-                "convert it to 8-bit grey first",
-            )
+        refusal = _check_array(side, image)
+        if refusal is not None:
+            return refusal
     if left.shape != right.shape:
         return Rejection(
             RejectReason.IMAGE_SIZES_DIFFER,
@@ -81,6 +60,45 @@ def check_images(left: Any, right: Any, rig: StereoRig) -> Rejection | None:
             _MIN_IMAGE_PX,
             "px",
             "use larger images",
+        )
+    return None
+
+
+def _check_array(side: str, image: Any) -> Rejection | None:
+    """Refuse an image that is no 2-D uint8 array with a grey value for each pixel."""
+    if image is None or (isinstance(image, np.ndarray) and image.size == 0):
+        return Rejection(
+            RejectReason.IMAGE_EMPTY,
+            f"the {side} image is empty: it has {{value}}",
+            0,
+            Bound.LEAST,
+            1,
+            "px",
+            "check the camera driver",
+        )
+    if isinstance(image, np.ma.MaskedArray):
+        return Rejection(
+            RejectReason.IMAGE_TYPE,
+            f"the {side} image is a masked array: {{value}} of {{limit}} grey values are known",
+            int(np.ma.count(image)),
+            Bound.LEAST,
+            image.size,
+            "",
+            "give a plain array, with a grey value for each pixel",
+        )
+    if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 2:
+        array = isinstance(image, np.ndarray)
+        found = f"{image.dtype} of shape {image.shape}" if array else type(image)
+        flat = array and image.ndim == 2
+        return Rejection(
+            RejectReason.IMAGE_TYPE,
+            f"the {side} image is {found}, not 2-D uint8: it has {{value}} "
+            + ("bits per grey value" if flat else "dimensions"),
+            _bits(image.dtype) if flat else np.ndim(image) if array else 0,
+            Bound.EXACTLY,
+            _GREY_BITS if flat else 2,
+            "",
+            "convert it to 8-bit grey first",
         )
     return None
 

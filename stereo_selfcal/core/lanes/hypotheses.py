@@ -10,6 +10,7 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
 from ..geometry.plane import jacobian_pose_wrt_plane, plane_from_pose
+from ..numerics.linear import invert
 from ..rejection import NotFitted, Rejection, RejectReason
 from ..road.priors import LANE_WIDTH_M, MAX_CROSS_FALL
 from ..types import Image
@@ -24,6 +25,7 @@ from .matching import (
     MatchedLines,
     Matches,
     first_sampled_row,
+    is_sampled,
     match_lines,
     pair_lines,
     sample_pattern,
@@ -103,7 +105,11 @@ def _patterns(
     converging = [pair for pair, refusal in zip(pairs, refusals, strict=True) if refusal is None]
     if refusals[0] is not None and not converging:
         return NoPattern(refusals[0], sample_pattern(pairs[0], rig, config))
-    refined = [refit for pair in converging if (refit := _refit(pair, points, rig, config)) is not None]
+    refined = [
+        refit
+        for pair in converging
+        if (refit := _refit(pair, points, rig, config)) is not None and is_sampled(refit, rig, config)
+    ]
     if not refined:
         return NoPattern(frame_checks.lines_too_short(config))
     refined.sort(key=lambda pair: -pair.score)
@@ -151,7 +157,9 @@ def lines_below_plane(patterns: list[LanePattern], rig: StereoRig) -> list[Below
         if isinstance(closed, NotFitted):
             continue
         plane = plane_from_pose(closed.extrinsics, rig)
-        jac_plane_pose = np.linalg.inv(jacobian_pose_wrt_plane(plane, rig))
+        jac_plane_pose = invert(jacobian_pose_wrt_plane(plane, rig), "numbers of the plane by the pose")
+        if isinstance(jac_plane_pose, NotFitted):
+            continue
         covariance = jac_plane_pose @ closed.covariance @ jac_plane_pose.T
         own_offsets_m = np.array(
             [height_and_offset_m(left, right, plane, rig)[1] for left, right in _line_pairs(pattern)]

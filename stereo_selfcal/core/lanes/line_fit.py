@@ -183,7 +183,8 @@ def _robust_line(v: Array, u: Array, weights: Array) -> tuple[tuple[float, float
         t0, t1 = float(used @ u), float(used @ (v * u))
         determinant = s0 * s2 - s1 * s1
         if determinant <= _SINGULAR * s0 * s2:
-            return NotFitted("spread of the rows", determinant / (s0 * s2), Bound.LEAST, _SINGULAR)
+            spread = determinant / (s0 * s2) if s0 * s2 > 0.0 else 0.0
+            return NotFitted("spread of the rows", spread, Bound.LEAST, _SINGULAR)
         a, b = (s2 * t0 - s1 * t1) / determinant, (s0 * t1 - s1 * t0) / determinant
         # Residuals in units of a point of mean weight.
         return (a, b, np.array([[s2, -s1], [-s1, s0]]) / determinant), (u - a - b * v) * root

@@ -106,10 +106,15 @@ def _rows_of(left: ImageLine, right: ImageLine, rig: StereoRig) -> tuple[Array, 
 
 
 def rays_of_lines(pattern: LanePattern, rig: StereoRig) -> list[Array]:
-    """Return the rays (N, 3) from the middle of the baseline to each line, in the rows where it was seen."""
+    """Return the rays (N, 3) from the middle of the baseline to each line, in the rows where it was seen.
+
+    Of a line that lies between two sampled rows, it is the row next to it.
+    """
     rays = []
     for index, line in enumerate(pattern.left):
         seen = (pattern.rows >= line.rows.min()) & (pattern.rows <= line.rows.max())
+        if not seen.any():
+            seen[np.argmin(np.abs(pattern.rows - line.rows.mean()))] = True
         rays.append(pixel_rays(rig, pattern.columns[:, index, seen].mean(axis=0), pattern.rows[seen]))
     return rays
 

@@ -20,6 +20,8 @@ import numpy.typing as npt
 
 from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
+from ..numerics.linear import solve_linear
+from ..rejection import NotFitted
 from ..types import Array, Image
 from .lane_pair import ImageLine, LanePattern, row_towards
 
@@ -163,12 +165,17 @@ def pair_lines(matches: Matches, rig: StereoRig, config: CalibratorConfig) -> li
 
 
 def _roll_possible(first: Match, second: Match, rig: StereoRig, config: CalibratorConfig) -> bool:
-    """Whether the roll of the plane through two boundaries is within the search range."""
+    """Whether the roll of the plane through two boundaries is within the search range.
+
+    Two lines of one slope leave the roll open: they meet nowhere, and so bound no lane.
+    """
     # d = a + A u + B v on a plane, so along a line of slope m the disparity grows by A m + B a row.
     slopes = np.array([first.left.line.slope, second.left.line.slope])
     growths = slopes - np.array([first.right.line.slope, second.right.line.slope])
-    across, down = np.linalg.solve(np.column_stack([slopes, np.ones(2)]), growths)
-    roll = np.arctan2(across * rig.fx, down * rig.fy)
+    tilt = solve_linear(np.column_stack([slopes, np.ones(2)]), growths, "slopes of the lines that differ")
+    if isinstance(tilt, NotFitted):
+        return False
+    roll = np.arctan2(tilt[0] * rig.fx, tilt[1] * rig.fy)
     return bool(abs(roll) <= config.search.roll_max_rad)
 
 
@@ -275,6 +282,12 @@ def sample_pattern(matched: MatchedLines, rig: StereoRig, config: CalibratorConf
     rows: npt.NDArray[np.float64] = np.arange(first, rig.height, config.extraction.sample_step_px)
     columns = np.array([[line.column_at(rows) for line in lines] for lines in (matched.left, matched.right)])
     return LanePattern(matched.left, matched.right, matched.vanishing_point, rows, columns)
+
+
+def is_sampled(matched: MatchedLines, rig: StereoRig, config: CalibratorConfig) -> bool:
+    """Whether at least two rows of the image are sampled; else the lines meet too close to its bottom."""
+    first = first_sampled_row(matched.vanishing_point, rig, config)
+    return first + config.extraction.sample_step_px < rig.height
 
 
 def first_sampled_row(vanishing_point: Array, rig: StereoRig, config: CalibratorConfig) -> float:

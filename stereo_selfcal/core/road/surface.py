@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..numerics.linear import invert, is_covariance, rank_of, solve_linear
 from ..numerics.robust import Reweighting, fit_reweighted, scale_by_median
 from ..numerics.statistics import median
 from ..rejection import Bound, NotFitted
@@ -52,6 +53,7 @@ _PROFILE_LENGTH_M = 1.0  # correlation length across the road: wheel tracks and 
 # than planes.
 _LEAST_LOG_LIKELIHOOD_RATIO = math.log(100.0)
 _WORST_STD_M = 0.3  # most standard deviation of a usable cell: the height of two kerbs
+_DETERMINED = "numbers of the plane that the cells determine"
 _LEAST_CELLS = 6  # twice the number of a plane's parameters
 _OUTLIER_WEIGHT = 0.5  # Tukey's weight at 2.5 robust standard deviations
 _ROUNDING = 1e-12  # eigenvalues below this fraction of the greatest one are rounding errors
@@ -144,9 +146,9 @@ def fit_surface(cells: CellHeights, design: Array, *, final: bool = True) -> Sur
         return NotFitted("cells whose height is known", n_seen, Bound.LEAST, _LEAST_CELLS)
     y, x, noise, at = cells.heights[seen], design[seen], cells.variances[seen], cells.xy[seen]
     greatest = np.abs(x).max(axis=0)  # a column is zero where all cells are straight ahead of the camera
-    rank = 0 if np.any(greatest == 0.0) else int(np.linalg.matrix_rank(x / greatest))
+    rank = 0 if np.any(greatest == 0.0) else rank_of(x / greatest)
     if rank < x.shape[1]:
-        return NotFitted("numbers of the plane that the cells determine", rank, Bound.LEAST, x.shape[1])
+        return NotFitted(_DETERMINED, rank, Bound.LEAST, x.shape[1])
     kernel, profile = unit_covariances(at)
     typical = (
         noise
@@ -154,19 +156,26 @@ def fit_surface(cells: CellHeights, design: Array, *, final: bool = True) -> Sur
         + _TYPICAL_ROUGHNESS * np.diag(kernel)
         + np.diag(profile)
     )
-    weights, off = _robust_weights(y, x, np.sqrt(typical))
+    robust = _robust_weights(y, x, np.sqrt(typical))
+    if isinstance(robust, NotFitted):
+        return robust
+    weights, off = robust
     # An outlier gets a larger variance, so that it counts less. The variances of the other cells stay as they
     # are; otherwise unevenness of the road would be treated as noise.
     outlier = weights < _OUTLIER_WEIGHT
     inflated = noise + np.where(outlier, off**2 / np.maximum(weights, LEAST_WEIGHT), 0.0)
     unevenness = RoadUnevenness(_TYPICAL_ROUGHNESS, _TYPICAL_MISMATCH_PX, 1.0)
     if final:
-        unevenness = _estimate_unevenness(y, x, inflated, profile, kernel, cells.metres[seen])
+        try:
+            unevenness = _estimate_unevenness(y, x, inflated, profile, kernel, cells.metres[seen])
+        except np.linalg.LinAlgError:  # variances so different that rounding decides
+            return NotFitted("covariances of the cells that can be inverted", 0, Bound.LEAST, 1)
     inflated = inflated + (unevenness.mismatch_px * cells.metres[seen]) ** 2
     total = unevenness.roughness * kernel + unevenness.camber**2 * profile + np.diag(inflated)
-    weighted = np.linalg.solve(total, x).T
-    covariance = np.linalg.inv(weighted @ x)
-    solve = covariance @ weighted
+    least_squares = _least_squares(total, x)
+    if isinstance(least_squares, NotFitted):
+        return least_squares
+    covariance, solve = least_squares
     plane = solve @ y
     everywhere = np.zeros(len(cells.heights))
     everywhere[seen] = weights
@@ -203,17 +212,38 @@ def unit_covariances(xy: Array) -> tuple[Array, Array]:
     return 0.5 * (growth[:, None] + growth - apart**_EXPONENT), bent[:, None] * bent * alike
 
 
-def _robust_weights(y: Array, x: Array, sigma: Array) -> tuple[Array, Array]:
+def _least_squares(total: Array, x: Array) -> tuple[Array, Array] | NotFitted:
+    """Return the covariance (3, 3) of a plane, and the matrix (3, S) that gives it from the heights.
+
+    Args:
+        total: (S, S) covariance of the heights.
+        x: (S, 3) derivative of the heights by the parameters of the plane.
+    """
+    weighted = solve_linear(total, x, "heights of the cells that are independent")
+    if isinstance(weighted, NotFitted):
+        return weighted
+    covariance = invert(weighted.T @ x, _DETERMINED)
+    if isinstance(covariance, NotFitted):
+        return covariance
+    if not is_covariance(covariance):
+        return NotFitted(_DETERMINED, min(rank_of(covariance), 2), Bound.LEAST, len(covariance))
+    return covariance, covariance @ weighted.T
+
+
+def _robust_weights(y: Array, x: Array, sigma: Array) -> tuple[Array, Array] | NotFitted:
     """Return the weights (S,) and the residuals (S,) of a robust fit that begins with absolute deviations."""
     rows, target = x / sigma[:, None], y / sigma
 
-    def fit(weights: Array, _: object) -> tuple[Array, Array]:
+    def fit(weights: Array, _: object) -> tuple[Array, Array] | NotFitted:
         weighted = rows.T * weights
-        plane = np.linalg.solve(weighted @ rows, weighted @ target)
+        plane = solve_linear(weighted @ rows, weighted @ target, _DETERMINED)
+        if isinstance(plane, NotFitted):
+            return plane
         return plane, target - rows @ plane
 
     found = fit_reweighted(fit, len(y), _REWEIGHTING, _SCALE)
-    assert not isinstance(found, NotFitted)  # the cells determine a plane, whatever their weights
+    if isinstance(found, NotFitted):
+        return found
     return found.weights, found.residuals * sigma
 
 

@@ -16,7 +16,7 @@ from ..evidence.cross_checks import JudgedEstimate, cross_check_texture
 from ..evidence.cue_fusion import too_uncertain
 from ..evidence.estimate import Estimate, StagePoses
 from ..evidence.frame_evidence import Evidence, FrameObservations, Hypothesis
-from ..evidence.gates import evaluate_gates
+from ..evidence.gates import evaluate_gates, undetermined
 from ..evidence.lane_heights import surely_same
 from ..evidence.nuisances import (
     rig_terms,
@@ -32,7 +32,9 @@ from ..geometry.uncertainty import UncertaintyTerm, merge_terms
 from ..lanes.closed_form import contradictions, solve_plane
 from ..lanes.lane_pair import LanePattern
 from ..numerics.genetic import GeneticResult, maximise_each
-from ..rejection import GateReading, NotFitted, Rejection, fitted
+from ..numerics.linear import is_covariance, rank_of
+from ..rejection import Bound, GateReading, NotFitted, Rejection, fitted
+from ..reservations import Reservation, ReservationKind
 from ..tolerances import KERB_SIGMAS
 from .attempt import Attempt, Verdict
 from .texture_guided_lines import line_on_road
@@ -57,10 +59,29 @@ def solve(
         ValueError: The hypothesis has neither a pair of lines nor the texture of the road surface.
     """
     if hypothesis.pattern is not None:
-        return _solve_lines(hypothesis, hypothesis.pattern, frame, rig, config)
+        return _sound(_solve_lines(hypothesis, hypothesis.pattern, frame, rig, config))
     if hypothesis.locating_texture is None:
         raise ValueError("a hypothesis needs a pair of lines or the texture of the road surface")
-    return _solve_surface(hypothesis, hypothesis.locating_texture, frame, rig, config)
+    return _sound(_solve_surface(hypothesis, hypothesis.locating_texture, frame, rig, config))
+
+
+def _sound(attempt: Attempt) -> Attempt:
+    """Return the attempt; refused where its estimate is not finite, or has no positive definite covariance.
+
+    Whatever its stages did: a result can be published, written and fused.
+    """
+    if attempt.estimate is None:
+        return attempt
+    values = np.array([*attempt.estimate.pose.as_array(), attempt.estimate.lane_yaw_rad])
+    n_finite, covariance = int(np.count_nonzero(np.isfinite(values))), attempt.estimate.covariance
+    if n_finite < len(values):
+        why = NotFitted("numbers of the pose that are finite", n_finite, Bound.LEAST, len(values))
+    elif not is_covariance(covariance):
+        rank = min(rank_of(covariance), len(covariance) - 1)
+        why = NotFitted("numbers of the pose that are determined", rank, Bound.LEAST, len(covariance))
+    else:
+        return attempt
+    return _refused(attempt.hypothesis, undetermined(why), attempt.readings, attempt.poses, attempt.genetic)
 
 
 def _solve_lines(
@@ -89,14 +110,14 @@ def _solve_lines(
     assert not isinstance(fit, NotFitted)  # the gate "determined" refuses where there is no fit
     closed = solve_plane(pattern, rig)
     if isinstance(closed, NotFitted):
-        notes: tuple[str, ...] = (f"no closed form: {closed.reason}",)
+        reservations: tuple[Reservation, ...] = (Reservation(ReservationKind.NO_CLOSED_FORM, closed.reason),)
     else:
         poses = replace(poses, closed_form=closed.extrinsics)
-        notes = contradictions(closed, pose, fit.covariance)
+        reservations = contradictions(closed, pose, fit.covariance)
     stripe_fit = refine(frame.images, pattern, rig, pose)
     refined = fitted(stripe_fit)
     if isinstance(stripe_fit, NotFitted):
-        notes = (*notes, f"not refined: {stripe_fit.reason}")
+        reservations = (*reservations, Reservation(ReservationKind.NOT_REFINED, stripe_fit.reason))
     else:
         poses = replace(poses, refined=stripe_fit.extrinsics)
         evidence = replace(
@@ -108,7 +129,7 @@ def _solve_lines(
     readings, refusal = evaluate_gates(evidence, already=readings)
     if refusal:
         return _refused(hypothesis, refusal, readings, poses, genetic)
-    estimate = _estimate(pose, fit, refined, evidence, notes)
+    estimate = _estimate(pose, fit, refined, evidence, reservations)
     lines = JudgedEstimate(estimate, poses, evidence, readings)
     checked = cross_check_texture(lines, hypothesis, pattern, frame, rig)
     if checked.rejection is not None:
@@ -119,7 +140,7 @@ def _solve_lines(
         Verdict.ACCEPTED if confirmed else Verdict.UNCONFIRMED,
         ""
         if confirmed
-        else f"lines that were not the first choice need the texture; {checked.estimate.notes[-1]}",
+        else f"lines that were not the first choice need the texture; {_unchecked(checked.estimate)}",
         poses=checked.poses,
         readings=checked.readings,
         estimate=checked.estimate,
@@ -128,12 +149,18 @@ def _solve_lines(
     )
 
 
+def _unchecked(estimate: Estimate) -> str:
+    """Return why an estimate was not checked against the texture."""
+    kind = ReservationKind.NOT_CHECKED_BY_TEXTURE
+    return next(each.sentence for each in estimate.reservations if each.kind is kind)
+
+
 def _estimate(
     genetic: Extrinsics,
     line_fit: LineFit,
     refined: StripeFit | None,
     evidence: Evidence,
-    notes: tuple[str, ...],
+    reservations: tuple[Reservation, ...],
 ) -> Estimate:
     """Return the estimate from lines, by the fit of the stripes' grey values where there is one."""
     terms = line_fit.terms if refined is None else (UncertaintyTerm("noise", refined.covariance),)
@@ -147,7 +174,7 @@ def _estimate(
         genetic if refined is None else refined.extrinsics,
         merge_terms((*terms, *more)),
         line_fit.lane_yaw_rad if refined is None else refined.lane_yaw_rad,
-        notes,
+        reservations,
     )
 
 
@@ -173,9 +200,7 @@ def _solve_surface(
             UncertaintyTerm("slope_unseen", unseen_slope_covariance(profile)),
         )
     )
-    estimate = Estimate(
-        texture.extrinsics, terms, 0.0, ("from the road surface, confirmed by one line only",)
-    )
+    estimate = Estimate(texture.extrinsics, terms, 0.0, (Reservation(ReservationKind.ONE_LINE_ONLY),))
     uncertain = too_uncertain(estimate.covariance)
     if uncertain is not None:
         return not_fitted(f"the road surface alone leaves {uncertain.reason}")

@@ -30,11 +30,13 @@ from ..lanes.matching import (
     Match,
     MatchedLines,
     Matches,
+    is_sampled,
     looks_alike,
     may_lie_on_road,
     sample_pattern,
     similarity,
 )
+from ..numerics.linear import solve_linear
 from ..rejection import NotFitted
 from ..tolerances import MAX_LINE_HEIGHT_M
 from ..types import Image
@@ -67,10 +69,13 @@ def roads_of_single_lines(
             continue
         disparity = left.column_at(v) - right.column_at(v)
         ray = np.column_stack([np.ones(2), -(v - rig.cy) / rig.fy])
-        p0, p2 = np.linalg.solve(ray, disparity)
+        plane = solve_linear(ray, disparity, "numbers of the plane that a line determines")
+        if isinstance(plane, NotFitted) or plane[1] >= 0.0:
+            continue
+        p0, p2 = plane
         road_pose = pose_from_plane(DisparityPlane(np.array([p0, 0.0, p2]), PlaneCamera.MIDDLE), rig)
         inside = box.height_min_m <= road_pose.height_m <= box.height_max_m
-        if p2 < 0.0 and inside and abs(road_pose.pitch_rad) <= box.pitch_max_rad:
+        if inside and abs(road_pose.pitch_rad) <= box.pitch_max_rad:
             yield road_pose
 
 
@@ -128,7 +133,11 @@ def lines_on_road(
                     side.append(match)
     pairs = [MatchedLines.of_matches(first, second) for first, second in product(*sides)]
     reach_px = MAX_GAP_RAD * rig.fy
-    pairs = [pair for pair in pairs if abs(_horizon_gap_px(pair, plane, rig)) <= reach_px]
+    pairs = [
+        pair
+        for pair in pairs
+        if abs(_horizon_gap_px(pair, plane, rig)) <= reach_px and is_sampled(pair, rig, config)
+    ]
     pairs.sort(key=lambda pair: -pair.score)
     return [sample_pattern(pair, rig, config) for pair in pairs[:_MOST_PATTERNS]]
 

@@ -12,9 +12,11 @@ from stereo_selfcal.core.lanes.lane_pair import LanePattern
 from stereo_selfcal.core.lanes.line_fit import fit_line
 from stereo_selfcal.core.lanes.matching import (
     Candidate,
+    Match,
     MatchedLines,
     common_point,
     first_sampled_row,
+    is_sampled,
     match_lines,
     pair_lines,
     sample_pattern,
@@ -228,3 +230,24 @@ def test_step_and_fraction_are_settings():
     rows = sample_pattern(matched, PAPER_RIG, config).rows
     np.testing.assert_allclose(np.diff(rows), 7.0)
     assert rows[0] == pytest.approx(479 - 0.5 * (479 - ideal.vanishing_point[1]))
+
+
+def test_lines_of_one_slope_bound_no_lane():
+    """Two lines of one slope leave the roll open; their equations once ended a whole recording."""
+    pattern = ideal_pattern(PAPER_RIG, POSE)
+    lines = [replace(line, slope=-0.5) for line in pattern.left]
+    others = [replace(line, slope=-0.6) for line in pattern.right]
+    matches = tuple(
+        [Match(Candidate(left, 9.0), Candidate(right, 9.0), 1.0)]
+        for left, right in zip(lines, others, strict=True)
+    )
+    assert pair_lines(matches, PAPER_RIG, CONFIG) == []
+
+
+def test_lines_that_meet_at_the_bottom_of_the_image_are_not_sampled():
+    pattern = ideal_pattern(PAPER_RIG, POSE)
+    matched = MatchedLines(pattern.left, pattern.right, 1.0, pattern.vanishing_point, 0.0)
+    assert is_sampled(matched, PAPER_RIG, CONFIG)
+    for row in (PAPER_RIG.height - 1.0, PAPER_RIG.height + 50.0):
+        low = replace(matched, vanishing_point=np.array([320.0, row]))
+        assert not is_sampled(low, PAPER_RIG, CONFIG)

@@ -1,0 +1,273 @@
+"""Why a frame was refused, as far as its images themselves show it: the cause in place of the consequence.
+
+Lines that are not found, not matched or contradict each other have many causes. Two of them are seen in the
+images. Both cameras see the same scene with the same lens, so where one image differs grossly from the other,
+it is that camera: its exposure, its focus, its cover. And where images show the lines of a road when they are
+turned by 180 degrees, they are upside down. Only frames that were refused are diagnosed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from ..camera.rig import StereoRig
+from ..config import CalibratorConfig
+from ..evidence.frame_evidence import FrameObservations
+from ..geometry.homography import SIDES
+from ..lanes.frame_checks import FIND_LINES
+from ..lanes.hypotheses import LaneHypotheses, find_hypotheses
+from ..lanes.lane_pair import ImageLine, LanePattern
+from ..lanes.stripe_points import find_stripe_points
+from ..rejection import Bound, Rejection, RejectReason
+from ..types import Array, Image
+
+# Refusals that say that the lines of both images do not fit each other, or that there are none.
+_OF_LINES = (
+    RejectReason.NO_LINES_FOUND,
+    RejectReason.LINES_NOT_MATCHED,
+    RejectReason.LINES_INCONSISTENT,
+    RejectReason.LINES_NOT_CONVERGING,
+    RejectReason.LINE_NOT_PAINTED,
+    RejectReason.STAGES_DISAGREE,
+    RejectReason.FITNESS_TOO_LOW,
+    RejectReason.IMAGES_NOT_RECTIFIED,
+    RejectReason.TEXTURE_DISAGREES,
+    RejectReason.ESTIMATE_UNCERTAIN,
+)
+_OF_MISSING_LINES = (
+    RejectReason.NO_LINES_FOUND,
+    RejectReason.LINES_NOT_MATCHED,
+    RejectReason.LINES_NOT_CONVERGING,
+)
+
+# Exposures that are set together differ by a quarter (`core.lanes.matching`); a third is no such difference.
+_LEAST_BRIGHTNESS = 1 / 3
+# A lens that is covered or fogged leaves less than a fifth of the contrast.
+_LEAST_CONTRAST = 1 / 5
+# Share of white pixels of an image, and of its paint, beyond that of the other image. A gain that clips paint
+# moves its edges; rims and noise leave a few of a hundred pixels white.
+_MOST_WHITE, _MOST_WHITE_PAINT = 0.25, 0.25
+_WHITE_GREY = 250  # noise makes clipping visible a few grey levels below 255
+# Steepness of the edges of an image, over that of the other one. A blur of 2 px halves it; of 211 recorded
+# and rendered pairs, the least was 0.70.
+_LEAST_STEEPNESS = 0.6
+_NEAR_PX, _FAR_PX = 1, 16  # an edge rises over a pixel or two; over 16 px, all of its contrast is there
+_EDGE_PERCENTILE = 99.8  # of the differences of grey values: those of the edges of two stripes
+_MOST_EDGES = 1.25  # contrast of the edges of an image over that of the other one, by different gains
+_LEAST_EDGE_GREY = 8.0  # an image without edges has no steepness
+_LEAST_MEAN_GREY = 6.0  # where the brighter image is darker, it is night, and no camera is at fault
+
+
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """What tells the image of one camera from that of the other.
+
+    Attributes:
+        mean: Mean grey value.
+        contrast: Standard deviation of the grey values.
+        white: Share of white pixels in the lower half.
+        paint: Share of white pixels on the lines; 0 without lines.
+        edges: Contrast of its edges [grey levels].
+        steepness: Rise of its edges over a pixel, as a part of their contrast.
+    """
+
+    mean: float
+    contrast: float
+    white: float
+    paint: float
+    edges: float
+    steepness: float
+
+
+def diagnose(
+    rejection: Rejection,
+    found: LaneHypotheses,
+    pattern: LanePattern | None,
+    frame: FrameObservations,
+    rig: StereoRig,
+    config: CalibratorConfig,
+) -> Rejection:
+    """Return the cause of a refusal where the images show it, else the refusal itself.
+
+    Args:
+        rejection: The refusal.
+        found: The lines of the frame.
+        pattern: The pair of lines that was refused, None where there is none.
+        frame: Images and stripe points.
+        rig: Intrinsics and baseline.
+        config: Settings.
+    """
+    if rejection.reason not in _OF_LINES:
+        return rejection
+    of_cameras = _lines_of_cameras(found, pattern)
+    looks = [_look(image, lines) for image, lines in zip(frame.images, of_cameras, strict=True)]
+    for check in (_dark, _flat, _white, _blurred):
+        for camera, side in enumerate(SIDES):
+            cause = check(side, looks[camera], looks[1 - camera])
+            if cause is not None:
+                return cause
+    if np.array_equal(*frame.images):
+        return _same_picture()
+    if rejection.reason in _OF_MISSING_LINES:
+        return _upside_down(frame, rig, config) or rejection
+    return rejection
+
+
+def _lines_of_cameras(found: LaneHypotheses, pattern: LanePattern | None) -> list[list[ImageLine]]:
+    """Return the lines of the left and of the right camera: those of the pattern, or the clearest ones."""
+    if pattern is not None:
+        return [list(pattern.left), list(pattern.right)]
+    return [
+        [max(side, key=lambda each: each.votes).line for side in camera if side]
+        for camera in found.candidates
+    ]
+
+
+def _look(image: Image, lines: list[ImageLine]) -> _Look:
+    smooth = np.asarray(cv2.blur(image, (1, 3)), np.int16)  # along the columns: less noise, the same edges
+    near, far = (
+        float(np.percentile(np.abs(smooth[:, reach:] - smooth[:, :-reach]), _EDGE_PERCENTILE))
+        for reach in (_NEAR_PX, _FAR_PX)
+    )
+    on_paint = np.concatenate([_paint_of(image, line) for line in lines]) if lines else np.zeros(1)
+    return _Look(
+        mean=float(image.mean()),
+        contrast=float(image.std()),
+        white=float(np.mean(image[image.shape[0] // 2 :] >= _WHITE_GREY)),
+        paint=float(np.mean(on_paint >= _WHITE_GREY)),
+        edges=far,
+        steepness=near / max(far, _LEAST_EDGE_GREY),
+    )
+
+
+def _paint_of(image: Image, line: ImageLine) -> Array:
+    """Return the grey values in the middle of a stripe, in the rows where it was seen."""
+    rows = np.clip(np.rint(line.rows), 0, image.shape[0] - 1).astype(np.intp)
+    columns = np.clip(np.rint(line.columns + line.width_px / 2.0), 0, image.shape[1] - 1).astype(np.intp)
+    return image[rows, columns].astype(np.float64)
+
+
+def _dark(side: str, own: _Look, other: _Look) -> Rejection | None:
+    limit = _LEAST_BRIGHTNESS * other.mean
+    if own.mean >= limit or other.mean < _LEAST_MEAN_GREY:
+        return None
+    return Rejection(
+        RejectReason.IMAGE_EXPOSURE,
+        f"the {side} image is darker than the other one: its mean grey value is {{value}}, a third of the "
+        "other's is {limit}",
+        own.mean,
+        Bound.LEAST,
+        limit,
+        "",
+        f"uncover the {side} camera, or set both cameras to one exposure",
+    )
+
+
+def _flat(side: str, own: _Look, other: _Look) -> Rejection | None:
+    limit = _LEAST_CONTRAST * other.contrast
+    if own.contrast >= limit or other.contrast < _LEAST_EDGE_GREY:
+        return None
+    return Rejection(
+        RejectReason.IMAGE_EXPOSURE,
+        f"the {side} image shows almost nothing: its grey values have a standard deviation of {{value}}, a "
+        "fifth of the other's is {limit}",
+        own.contrast,
+        Bound.LEAST,
+        limit,
+        "",
+        f"uncover and clean the {side} camera, and check its exposure and its driver",
+    )
+
+
+def _white(side: str, own: _Look, other: _Look) -> Rejection | None:
+    for what, value, least, most in (
+        ("image", own.white, other.white, _MOST_WHITE),
+        ("image's paint of the lane lines", own.paint, other.paint, _MOST_WHITE_PAINT),
+    ):
+        if value > least + most:
+            return Rejection(
+                RejectReason.IMAGE_EXPOSURE,
+                f"the {side} camera is overexposed: of the {side} {what}, {{value}} is white, of the other "
+                f"one's {100 * least:.2g} %",
+                100 * value,
+                Bound.MOST,
+                100 * (least + most),
+                "%",
+                "set both cameras to one exposure that does not clip paint",
+            )
+    return None
+
+
+def _blurred(side: str, own: _Look, other: _Look) -> Rejection | None:
+    # A blur raises the contrast of no edge. Where it is higher, this camera sees what the other one does not.
+    if own.edges < _LEAST_EDGE_GREY or own.edges > _MOST_EDGES * other.edges:
+        return None
+    limit = _LEAST_STEEPNESS * other.steepness
+    if own.steepness >= limit:
+        return None
+    return Rejection(
+        RejectReason.IMAGE_BLURRED,
+        f"the {side} image is more blurred than the other one: its edges rise from pixel to pixel by "
+        "{value} of their contrast, 0.6 of the other's is {limit}",
+        own.steepness,
+        Bound.LEAST,
+        limit,
+        "",
+        f"focus and clean the lens of the {side} camera, or shorten its exposure",
+    )
+
+
+def _same_picture() -> Rejection:
+    return Rejection(
+        RejectReason.LINES_NOT_MATCHED,
+        "the left and the right image are the same picture: {value} pixels differ",
+        0,
+        Bound.LEAST,
+        1,
+        "",
+        "give the topics of two cameras, and check their drivers",
+    )
+
+
+def _turned(image: Image) -> Image:
+    return np.ascontiguousarray(image[::-1, ::-1])
+
+
+def _upside_down(frame: FrameObservations, rig: StereoRig, config: CalibratorConfig) -> Rejection | None:
+    """Return the refusal of images that show the lines of a road when they are turned by 180 degrees."""
+    upright, turned = frame.images, (_turned(frame.images[0]), _turned(frame.images[1]))
+    points = {
+        False: frame.points,
+        True: tuple(find_stripe_points(image, config.extraction) for image in turned),
+    }
+    images = {False: upright, True: turned}
+    # A principal point at the border of the image stays there.
+    turned_rig = replace(rig, cx=max(rig.width - 1 - rig.cx, 0.0), cy=max(rig.height - 1 - rig.cy, 0.0))
+    both, exchange = "both images are", "turn both images by 180 deg"
+    variants = (
+        # Which camera stands for the left and the right one, which of them are turned, and the words.
+        ((1, 0), (True, True), turned_rig, both, f"{exchange} and exchange left and right"),
+        ((0, 1), (True, True), turned_rig, both, exchange),
+        ((0, 1), (True, False), rig, "the left image is", "turn the left image by 180 deg"),
+        ((0, 1), (False, True), rig, "the right image is", "turn the right image by 180 deg"),
+    )
+    for order, turn, seen_rig, which, remedy in variants:
+        chosen = list(zip(turn, order, strict=True))
+        left, right = (images[each][camera] for each, camera in chosen)
+        left_points, right_points = (points[each][camera] for each, camera in chosen)
+        found = find_hypotheses((left_points, right_points), (left, right), seen_rig, config)
+        if isinstance(found.patterns, list):
+            return Rejection(
+                RejectReason.IMAGES_UPSIDE_DOWN,
+                f"{which} upside down: as they are, {{value}} of {{limit}} lane lines are found, turned both",
+                0,
+                Bound.LEAST,
+                2,
+                "",
+                f"{remedy}, with a CameraInfo of these images; or, where nothing hangs upside down, "
+                f"{FIND_LINES}",
+            )
+    return None
