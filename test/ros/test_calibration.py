@@ -432,3 +432,29 @@ def test_shutdown_ends_the_call():
     source = Source()
     source.stopped = True
     assert CalibrationCall(source, config()).run().message == "interrupted: the node shuts down"
+
+
+def image_of_12_bits(value):
+    data = np.full(12, value, "<u2").tobytes()
+    return SimpleNamespace(data=data, width=4, height=3, step=8, encoding="mono16", is_bigendian=0)
+
+
+def test_images_of_12_bits_are_scaled_alike_and_the_answer_says_so(monkeypatch):
+    seen = []
+
+    def calibrate(calibrator, left, right, stamp_ns):
+        seen.append((int(left.max()), int(right.max())))
+        return SimpleNamespace(result=SimpleNamespace(accepted=False, message="no lines"))
+
+    monkeypatch.setattr(calibration, "calibrate_timed", calibrate)
+    pairs = [pair(1, image_of_12_bits(4000), image_of_12_bits(2000)), pair(2, image_of_12_bits(160), image())]
+    outcome = CalibrationCall(Source(*pairs), config()).run()
+    assert seen == [(250, 125), (10, 100)]
+    assert "no value above 4095: they are taken as images of 12 bits" in outcome.message
+
+
+def test_compressed_image_that_states_gigabytes_is_refused_with_both_sizes():
+    header = b"P5\n65000 65000\n255\n"
+    bomb = SimpleNamespace(data=header, format="pgm")
+    outcome = CalibrationCall(Source(pair(1, bomb, bomb)), config()).run()
+    assert "PGM image states 65000 x 65000 pixels, the rig has 4 x 3" in outcome.message
