@@ -21,6 +21,7 @@ class Options:
         worlds: Random worlds.
         kills: Writers of result files killed.
         mutations: Mutations of each kind of file.
+        bag_mutations: Mutated recordings.
         watch_hours: Hours the watch is driven without a change, for each ride.
         bumps: Drives with each bump.
         soak_s: How long the node is soaked [s].
@@ -39,6 +40,7 @@ class Options:
     worlds: int = 2000
     kills: int = 200
     mutations: int = 500
+    bag_mutations: int = 1000
     watch_hours: int = 60
     bumps: int = 30
     soak_s: float = 600.0
@@ -59,6 +61,7 @@ QUICK = Options(
     worlds=60,
     kills=20,
     mutations=50,
+    bag_mutations=100,
     watch_hours=2,
     bumps=3,
     soak_s=60.0,
