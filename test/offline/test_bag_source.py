@@ -10,6 +10,7 @@ from fake_calibrator import use_fake
 
 from stereo_selfcal.bags import BagError, StereoBag, reader
 from stereo_selfcal.cli.replay import main
+from stereo_selfcal.core.camera.rectifier import StereoRectifier
 from stereo_selfcal.offline import open_source
 
 LENS = {"d": np.array([-0.2, 0.05, 0.001, -0.001, 0.0])}
@@ -48,7 +49,7 @@ def test_a_fault_while_a_frame_is_decoded_or_rectified_refuses_that_frame(
 ):
     path = make_bag(tmp_path / "bag", raw_cameras(), n_frames=4)
     use_fake(monkeypatch)
-    decode, rectify, calls = reader._grey, StereoRectifier.apply, []
+    decode, rectify, calls = reader.message_to_grey, StereoRectifier.apply, []
 
     def decode_or_fail(*given):
         calls.append(given)
@@ -61,7 +62,7 @@ def test_a_fault_while_a_frame_is_decoded_or_rectified_refuses_that_frame(
             raise ZeroDivisionError("another bug")
         return rectify(self, left, right)
 
-    monkeypatch.setattr(reader, "_grey", decode_or_fail)
+    monkeypatch.setattr(reader, "message_to_grey", decode_or_fail)
     monkeypatch.setattr(StereoRectifier, "apply", rectify_or_fail)
     assert main([str(path), "--raw", "--json"]) == 0
     content = json.loads(capsys.readouterr().out)
