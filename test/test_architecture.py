@@ -22,7 +22,7 @@ SYNTH_MAY_USE_EXACTLY = {"stereo_selfcal.core.geometry.pose.Extrinsics"}
 
 # The rooms of core, each of which imports from those before it only. Modules of core itself are rooms of one:
 # the floor that all stand on, and the roof that stands on all.
-FLOOR = ("errors", "types", "config", "tolerances", "rejection")
+FLOOR = ("errors", "types", "config", "tolerances", "rejection", "reservations")
 ROOMS = (
     *FLOOR,
     "numerics",

@@ -13,6 +13,7 @@ from ..core.drive.drive import Drive, DriveSegment, clock
 from ..core.errors import printable
 from ..core.geometry.pose import POSE_COMPONENTS, POSE_NAMES, Extrinsics
 from ..core.geometry.uncertainty import UncertaintyTerm
+from ..core.reservations import Reservation
 from ..offline import AttemptSummary, FrameRow, Replay
 from ..report.uncertainty import std_of, variance_line
 
@@ -108,6 +109,8 @@ def as_dict(replay: Replay) -> dict[str, Any]:
         "accepted": estimate.accepted,
         "reason": None if estimate.reason is None else str(estimate.reason),
         "message": estimate.message,
+        "with_reservations": replay.with_reservations,
+        "reservations": _reservations(estimate.reservations, estimate.n_frames),
         "extrinsics": None if extrinsics is None else _pose(extrinsics),
         "std": None if extrinsics is None or estimate.std is None else _pose(estimate.std),
         "lane_yaw_rad": estimate.lane_yaw_rad if estimate.accepted else None,
@@ -116,6 +119,7 @@ def as_dict(replay: Replay) -> dict[str, Any]:
             | ({"name": row.name} if row.name else {})
             | {"accepted": row.accepted, "reason": row.reason}
             | _pose(row.extrinsics)
+            | {"reservations": _reservations(row.reservations, 1)}
             | {"attempts": [_attempt(attempt) for attempt in row.attempts]}
             for row in replay.rows
         ],
@@ -160,6 +164,13 @@ def _segment(segment: DriveSegment) -> dict[str, Any]:
 def _uncertainty(terms: Sequence[UncertaintyTerm]) -> dict[str, Any]:
     """Return the standard deviations that each term alone leaves, by its name."""
     return {term.name: _pose(std_of(term.covariance)) for term in terms}
+
+
+def _reservations(reservations: Sequence[Reservation], n_frames: int) -> list[dict[str, Any]]:
+    return [
+        {"kind": str(each.kind), "frames": each.frames, "message": each.text(n_frames)}
+        for each in reservations
+    ]
 
 
 def _attempt(attempt: AttemptSummary) -> dict[str, Any]:

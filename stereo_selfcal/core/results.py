@@ -11,6 +11,7 @@ from .geometry.uncertainty import UncertaintyTerm
 from .lanes.lane_pair import ImageLine, LanePattern
 from .numerics.genetic import GeneticResult
 from .rejection import GateReading, Rejection, RejectReason
+from .reservations import Reservation, mostly_reserved
 from .search.attempt import Attempt
 from .types import Array
 
@@ -37,7 +38,8 @@ class CalibrationResult:
             rejected.
         attempts: Every hypothesis that was solved for this frame, in order; empty when several are fused.
         confirmed_by_texture: Whether the texture of the road surface has confirmed the lines.
-        notes: Sentences about imperfections that are no reason to refuse the frame.
+        reservations: What could not be checked, or is not quite as it should be, and is no reason to refuse
+            the frame; of several frames, with the number of those it holds for.
     """
 
     message: str
@@ -53,7 +55,7 @@ class CalibrationResult:
     unused_lines: tuple[ImageLine, ...] = ()
     genetic: GeneticResult | None = None
     gates: tuple[GateReading, ...] = ()
-    notes: tuple[str, ...] = ()
+    reservations: tuple[Reservation, ...] = ()
     uncertainty: tuple[UncertaintyTerm, ...] = ()
     attempts: tuple[Attempt, ...] = ()
     confirmed_by_texture: bool = False
@@ -67,6 +69,16 @@ class CalibrationResult:
     def reason(self) -> RejectReason | None:
         """Why there is no calibration, None when there is one."""
         return None if self.rejection is None else self.rejection.reason
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The reservations as sentences."""
+        return tuple(each.text(self.n_frames) for each in self.reservations)
+
+    @property
+    def with_reservations(self) -> bool:
+        """Whether there is a calibration, and a reservation that holds for most of its frames."""
+        return self.accepted and mostly_reserved(self.reservations, self.n_frames)
 
     @property
     def std(self) -> Extrinsics | None:
@@ -107,7 +119,7 @@ def result_of(chosen: Attempt, attempts: Sequence[Attempt], stamp_s: float) -> C
         lane_yaw_rad=chosen.estimate.lane_yaw_rad,
         lane_curvature_per_m=chosen.lane_curvature_per_m,
         n_frames=1,
-        notes=chosen.estimate.notes,
+        reservations=chosen.estimate.reservations,
         confirmed_by_texture=chosen.poses.textured is not None,
     )
     return replace(accepted, message=announce(accepted))

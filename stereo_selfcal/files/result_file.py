@@ -16,6 +16,7 @@ import yaml
 from .. import __version__
 from ..core.camera.rig import StereoRig
 from ..core.errors import ConfigError, OutputError, printable
+from ..core.reservations import reservations_to_mapping
 from ..core.results import CalibrationResult
 from .atomic_file import remove_leftovers, set_aside, write_atomically
 from .node_settings import NODE_NAME, RESULT_PREFIX
@@ -121,6 +122,8 @@ def format_result(result: CalibrationResult, rig: StereoRig, source: str, seed: 
         "rig": rig.to_mapping(),
         "covariance": _InOneLine(float(value) for value in result.covariance.ravel()),
     }
+    if result.reservations:
+        provenance["reservations"] = reservations_to_mapping(result.reservations)
     parameters = {"extrinsics": extrinsics, "provenance": provenance}
     try:
         SavedResult.from_parameters(parameters)

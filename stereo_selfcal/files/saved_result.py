@@ -14,6 +14,7 @@ from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
 from ..core.errors import ConfigError, RigError, shortened
 from ..core.geometry.pose import POSE_COMPONENTS, POSE_NAMES, STD_NAMES, Extrinsics
+from ..core.reservations import Reservation, reservations_from_mapping
 from ..core.results import CalibrationResult
 from ..core.types import Array
 from .node_settings import NODE_NAME
@@ -61,6 +62,7 @@ class SavedResult:
         provenance: stamp [s], source, frames, seed, version, schema, and whatever else is there.
         covariance: (3, 3) of (height_m, pitch_rad, roll_rad); of the standard deviations alone where
             the file has no other.
+        reservations: What could not be checked, or is not quite as it should be.
     """
 
     extrinsics: Extrinsics
@@ -68,6 +70,7 @@ class SavedResult:
     rig: StereoRig
     provenance: dict[str, Any]
     covariance: Array
+    reservations: tuple[Reservation, ...] = ()
 
     @classmethod
     def from_parameters(cls, parameters: Mapping[str, Any]) -> SavedResult:
@@ -96,6 +99,7 @@ class SavedResult:
             _rig(provenance.pop("rig", None)),
             provenance,
             _covariance(provenance.pop("covariance", None), std),
+            _reservations(provenance.pop("reservations", {}), int(provenance["frames"])),
         )
 
     @property
@@ -119,12 +123,14 @@ class SavedResult:
         when = f"at {self.stamp_s:.3f} s"
         if self.stamp_s >= _FIRST_CLOCK_S:
             when = f"on {datetime.fromtimestamp(self.stamp_s, timezone.utc):%Y-%m-%d %H:%M:%S} UTC"
+        notes = "".join(f"; {each.text(self.n_frames)}" for each in self.reservations)
         return CalibrationResult(
-            f"calibrated {when} from {frames}: {self.extrinsics.describe(self.std)}",
+            f"calibrated {when} from {frames}: {self.extrinsics.describe(self.std)}{notes}",
             extrinsics=self.extrinsics,
             covariance=self.covariance.copy(),
             stamp_s=self.stamp_s,
             n_frames=self.n_frames,
+            reservations=self.reservations,
         )
 
 
@@ -187,6 +193,13 @@ def _rig(values: Any) -> StereoRig:
     try:
         return StereoRig.from_mapping(values)
     except (RigError, OverflowError) as error:
+        raise ConfigError(f"provenance.{error}; {_REMEDY}") from error
+
+
+def _reservations(values: Any, n_frames: int) -> tuple[Reservation, ...]:
+    try:
+        return reservations_from_mapping(values, n_frames)
+    except ConfigError as error:
         raise ConfigError(f"provenance.{error}; {_REMEDY}") from error
 
 

@@ -8,6 +8,7 @@ from ..core.evidence.frame_evidence import FoundBy
 from ..core.geometry.pose import Extrinsics
 from ..core.geometry.uncertainty import UncertaintyTerm
 from ..core.rejection import GateReading, Rejection
+from ..core.reservations import Reservation
 from ..core.results import CalibrationResult
 from ..core.search.attempt import Attempt, Verdict
 from ..core.types import Array
@@ -72,7 +73,7 @@ class FrameRow:
         lane_curvature_per_m: Curvature of the lane [1/m], > 0 bends left; None when not known.
         stages: Estimate of every stage that ran, by name, when refused too.
         gates: Readings of all gates up to the first one that refused the frame.
-        notes: Sentences about what is not quite as it should be.
+        reservations: What could not be checked, or is not quite as it should be.
         uncertainty: Terms of the covariance, which they add up to; empty when refused.
         attempts: Every hypothesis that was solved for the frame, in order, and what became of it.
         confirmed_by_texture: Whether the texture of the road surface has confirmed the lines.
@@ -89,7 +90,7 @@ class FrameRow:
     lane_curvature_per_m: float | None = None
     stages: dict[str, Extrinsics] = field(default_factory=dict)
     gates: tuple[GateReading, ...] = ()
-    notes: tuple[str, ...] = ()
+    reservations: tuple[Reservation, ...] = ()
     uncertainty: tuple[UncertaintyTerm, ...] = ()
     attempts: tuple[AttemptSummary, ...] = ()
     confirmed_by_texture: bool = False
@@ -112,7 +113,7 @@ class FrameRow:
             result.lane_curvature_per_m if accepted else None,
             result.stages,
             result.gates,
-            result.notes,
+            result.reservations,
             result.uncertainty,
             tuple(map(AttemptSummary.of, result.attempts)),
             result.confirmed_by_texture,
@@ -122,6 +123,11 @@ class FrameRow:
     def accepted(self) -> bool:
         """Whether the frame gave a calibration."""
         return self.reason is None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The reservations as sentences."""
+        return tuple(each.sentence for each in self.reservations)
 
     @property
     def confirmed(self) -> bool:

@@ -55,6 +55,11 @@ class Replay:
         return self.drive.estimate
 
     @property
+    def with_reservations(self) -> bool:
+        """Whether there is a calibration that is to be trusted less: something is wrong with its frames."""
+        return self.estimate.accepted and (self.damage is not None or self.estimate.with_reservations)
+
+    @property
     def shown(self) -> FrameRow:
         """The frame for a single picture: the last accepted one, or the last one when none was."""
         return next((row for row in reversed(self.rows_of_rig) if row.accepted), self.rows[-1])

@@ -27,8 +27,6 @@ from .tried import tried
 from .uncertainty import uncertainty_table, unit_symbol
 
 _TEMPLATE = "report.html.j2"
-# If the road surface has confirmed less than this part of the accepted frames, the verdict says so.
-_MOSTLY = 0.5
 _MOST_CAUSES = 3  # named in the verdict
 _HOUR_S = 3600.0
 _VERY_MANY = 100  # standard errors: more of them say nothing more
@@ -93,21 +91,10 @@ def _verdict(replay: Replay) -> dict[str, Any]:
         text += f", and did not move during {span}." if drive.judged else "."
         if not drive.judged:
             doubts.append("The recording is too short to tell a move of the camera: that takes four minutes.")
-    accepted = [row for row in rows if row.accepted]
-    confirmed = sum(row.confirmed for row in accepted)
-    if confirmed < _MOSTLY * len(accepted):
-        share = f"Only {confirmed}" if confirmed else "None"
-        doubts.append(
-            f"{share} of {_number(len(accepted), 'accepted frame')} could be confirmed by the road "
-            "surface between the lines: lines alone can be those of a kerb, or of a road that is not level "
-            "across."
-        )
-    if drive.changes:
-        kind, word = "warn", "Calibrated, and moved"
-    elif replay.damage or confirmed < _MOSTLY * len(accepted):
-        kind, word = "warn", "Calibrated, with reservations"
-    else:
-        kind, word = "good", "Calibrated"
+    doubts += [f"{note[0].upper()}{note[1:]}." for note in estimate.notes]
+    moved = ", and moved" if drive.changes else ""
+    word = f"Calibrated{moved}{', with reservations' if replay.with_reservations else ''}"
+    kind = "warn" if drive.changes or replay.with_reservations else "good"
     return {"word": word, "kind": kind, "sentence": text, "doubts": doubts}
 
 

@@ -10,6 +10,7 @@ from picture_making import ACCEPTED, FRAME, PATTERN, POSE, REJECTION, RIG, has_c
 
 from stereo_selfcal.core.geometry.pose import Extrinsics
 from stereo_selfcal.core.rejection import Bound, GateReading
+from stereo_selfcal.core.reservations import Reservation, ReservationKind
 from stereo_selfcal.core.results import rejected
 from stereo_selfcal.pictures.canvas import GREEN, SKY_BLUE, VERMILION
 from stereo_selfcal.pictures.overview import draw_debug_image, draw_fringes, draw_overview
@@ -105,8 +106,8 @@ def test_gates_are_shown_and_the_closed_one_stands_out():
 def test_notes_are_shown():
     """What is not quite as it should be stands below the numbers."""
     plain, noted = (
-        draw_overview(FRAME.left, FRAME.right, RIG, replace(ACCEPTED, notes=notes))
-        for notes in ((), ("not checked against the asphalt",))
+        draw_overview(FRAME.left, FRAME.right, RIG, replace(ACCEPTED, reservations=reservations))
+        for reservations in ((), (Reservation(ReservationKind.NOT_CHECKED_BY_TEXTURE),))
     )
     assert len(noted) > len(plain)
 

@@ -15,6 +15,7 @@ from builtin_interfaces.msg import Time
 from stereo_selfcal import CalibrationResult, Extrinsics, StereoRig
 from stereo_selfcal.core.camera.pairing import PairCounts
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
+from stereo_selfcal.core.reservations import Reservation, ReservationKind
 from stereo_selfcal.ros.calibration_keeper import ActiveCalibration, CalibrationKeeper
 from stereo_selfcal.ros.diagnostics import (
     ERROR,
@@ -36,7 +37,7 @@ RESULT = CalibrationResult(
     extrinsics=Extrinsics(1.4, math.radians(3.0), math.radians(-0.5)),
     covariance=np.diag([1e-6, math.radians(0.01) ** 2, math.radians(0.02) ** 2]),
     n_frames=4,
-    notes=("not checked against the asphalt",),
+    reservations=(Reservation(ReservationKind.NOT_CHECKED_BY_TEXTURE, frames=3),),
 )
 ACTIVE = ActiveCalibration(RESULT, RIG, 0.0, "saved to /data/x.yaml")
 REJECTION = Rejection(
@@ -84,7 +85,7 @@ def test_all_is_well():
     assert values["roll"] == "-0.5000 deg (std 0.0200)"
     assert values["age"] == "5 min 12 s"
     assert (values["from_frames"], values["saved"]) == ("4", "saved to /data/x.yaml")
-    assert values["notes"] == "not checked against the asphalt"
+    assert values["notes"] == "not checked against the texture of the road surface (3 of 4 frames)"
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from ..evidence.nuisances import rig_terms
 from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, merge_terms, propagate_terms, total_covariance
 from ..numerics.statistics import OUTLIER_SIGMAS, SIGMA_OVER_MAD
+from ..reservations import Reservation, merge_reservations
 from ..results import CalibrationResult, announce
 from ..types import Array
 
@@ -58,6 +59,10 @@ class AcceptedFrame(Protocol):
     @property
     def uncertainty(self) -> tuple[UncertaintyTerm, ...]:
         """Terms of the covariance; empty where they are not known."""
+
+    @property
+    def reservations(self) -> tuple[Reservation, ...]:
+        """What could not be checked, or is not quite as it should be."""
 
     @property
     def confirmed_by_texture(self) -> bool:
@@ -142,6 +147,7 @@ def fuse_frames(
         extrinsics=pose,
         covariance=total_covariance(uncertainty),
         uncertainty=uncertainty,
+        reservations=merge_reservations(frame.reservations for frame in good),
         confirmed_by_texture=confirmed,
         lane_yaw_rad=float(np.mean(yaws)) if yaws else None,
         lane_curvature_per_m=float(np.mean(bends)) if bends else None,

@@ -21,6 +21,7 @@ from ..lanes.extra_lines import inner_line_height
 from ..lanes.lane_pair import LanePattern
 from ..lanes.line_geometry import HeightOverLane, lane_in_road
 from ..rejection import GateReading, Rejection, fitted
+from ..reservations import ReservationKind
 from ..road.cell_grid import CELL_WIDTH_M
 from .cue_fusion import combine
 from .estimate import Estimate, StagePoses
@@ -49,8 +50,6 @@ _MARGIN_M = CELL_WIDTH_M
 # texture between the lines is aligned alone as well. That surface begins this far inside of either line: a
 # kerb's face of 15 cm with a margin (`core.evidence.stripe_border`), and half a stripe.
 _INSET_M = 0.3
-OTHER_SLOPE = "the road is not seen far enough to exclude another slope of it ahead"
-_KERB = "a kerb beside a line cannot be ruled out; the uncertainty allows for it"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,10 +95,13 @@ def cross_check_texture(
         rig: Intrinsics and baseline.
 
     Returns:
-        Lines and texture combined; or the estimate with a note where the texture is too weak; or a refusal.
+        Lines and texture combined; or a refusal; or the estimate with a reservation where the texture is not
+        asked or is too weak.
     """
     estimate, evidence, config = lines.estimate, lines.evidence, lines.evidence.config
     if not config.texture.check:
+        off = estimate.with_reservation(ReservationKind.NOT_CHECKED_BY_TEXTURE, "texture.check is 0")
+        lines = replace(lines, estimate=off)
         return _cross_check_lines_only(lines, hypothesis, pattern, frame, rig)
     _, left_m, right_m = lane_in_road(pattern.boundaries, rig, estimate.pose)
     limits_m = (float(right_m) - _MARGIN_M, float(left_m) + _MARGIN_M)
@@ -128,7 +130,7 @@ def cross_check_texture(
     if fit is None or lacking:
         if config.texture.required:
             evidence = replace(evidence, texture_sufficiency=sufficiency)
-        estimate = estimate.with_note(f"not checked against the texture of the road surface: {lacking}")
+        estimate = estimate.with_reservation(ReservationKind.NOT_CHECKED_BY_TEXTURE, lacking)
         lines = replace(lines, estimate=estimate, evidence=evidence)
         return _cross_check_lines_only(lines, hypothesis, pattern, frame, rig)
     evidence = replace(
@@ -150,7 +152,7 @@ def cross_check_texture(
         UncertaintyTerm("slope_unseen", unseen_slope_covariance(*profiles)),
     )
     if slope_ahead_unknown(*profiles):
-        combined = combined.with_note(OTHER_SLOPE)
+        combined = combined.with_reservation(ReservationKind.SLOPE_AHEAD_UNKNOWN)
     return replace(checked, estimate=combined, poses=replace(poses, combined=combined.pose))
 
 
@@ -166,7 +168,7 @@ def _cross_check_lines_only(
     estimate = lines.estimate.with_terms(UncertaintyTerm("crown", crown_covariance(evidence.refined)))
     if evidence.refined is not None and evidence.profile is not None:
         if slope_ahead_unknown(evidence.profile):  # also where it is bent
-            estimate = estimate.with_note(OTHER_SLOPE)
+            estimate = estimate.with_reservation(ReservationKind.SLOPE_AHEAD_UNKNOWN)
         borders = measure_borders(frame.images, pattern, evidence.refined, rig)
         evidence = replace(evidence, borders=borders)
         certain = {border.line for border in borders if not border.doubtful}
@@ -176,7 +178,7 @@ def _cross_check_lines_only(
             UncertaintyTerm("kerb", kerb_covariance(pattern, rig, estimate.pose, doubtful)),
         )
         if doubtful:
-            estimate = estimate.with_note(_KERB)
+            estimate = estimate.with_reservation(ReservationKind.KERB_NOT_EXCLUDED)
     std = np.sqrt(np.diag(estimate.covariance))
     evidence = replace(evidence, stripes_fitted=evidence.refined is not None, std=std)
     if hypothesis.other_lines is not None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, merge_terms, total_covariance
+from ..reservations import Reservation, ReservationKind
 from ..types import Array
 
 
@@ -46,13 +47,13 @@ class Estimate:
         pose: Height, pitch and roll.
         terms: Terms of the uncertainty, one for each name; their sum is the covariance.
         lane_yaw_rad: Yaw of the camera against the lane [rad], > 0: it points left of it.
-        notes: Sentences about imperfections that are no reason to refuse the estimate.
+        reservations: What could not be checked, or is not quite as it should be.
     """
 
     pose: Extrinsics
     terms: tuple[UncertaintyTerm, ...]
     lane_yaw_rad: float
-    notes: tuple[str, ...] = ()
+    reservations: tuple[Reservation, ...] = ()
 
     @property
     def covariance(self) -> Array:
@@ -63,6 +64,6 @@ class Estimate:
         """Return the estimate with further terms of its uncertainty."""
         return replace(self, terms=merge_terms((*self.terms, *terms)))
 
-    def with_note(self, note: str) -> Estimate:
-        """Return the estimate with one more note."""
-        return replace(self, notes=(*self.notes, note))
+    def with_reservation(self, kind: ReservationKind, detail: str = "") -> Estimate:
+        """Return the estimate with one more reservation."""
+        return replace(self, reservations=(*self.reservations, Reservation(kind, detail)))

@@ -19,6 +19,7 @@ from ..geometry.plane import DisparityPlane, PlaneCamera, jacobian_pose_wrt_plan
 from ..geometry.pose import POSE_COMPONENTS, Extrinsics
 from ..geometry.rays import pixel_rays
 from ..rejection import Bound, NotFitted
+from ..reservations import Reservation, ReservationKind
 from ..road.priors import LINE_HEIGHT_STD_M
 from ..types import Array
 from .lane_pair import LanePattern
@@ -72,7 +73,7 @@ def solve_plane(pattern: LanePattern, rig: StereoRig) -> ClosedForm | NotFitted:
     return ClosedForm(pose_from_plane(plane, rig), covariance)
 
 
-def contradictions(closed: ClosedForm, genetic: Extrinsics, covariance: Array) -> tuple[str, ...]:
+def contradictions(closed: ClosedForm, genetic: Extrinsics, covariance: Array) -> tuple[Reservation, ...]:
     """Return where the closed form contradicts the genetic algorithm.
 
     Args:
@@ -81,15 +82,18 @@ def contradictions(closed: ClosedForm, genetic: Extrinsics, covariance: Array) -
         covariance: (3, 3) of it.
 
     Returns:
-        A sentence for each of height, pitch and roll that differs by more than both uncertainties.
+        A reservation for each of height, pitch and roll that differs by more than both uncertainties.
     """
     difference = closed.extrinsics.as_array() - genetic.as_array()
     # Both are estimated from the same lines, so the sum of their variances is an upper bound.
     std = np.sqrt(np.diag(closed.covariance) + np.diag(covariance))
     return tuple(
-        f"the closed form differs from the genetic algorithm in {component.label} by "
-        f"{component.unit.text(delta, '+', fine=True)}, {abs(delta) / sigma:.0f} standard deviations, "
-        f"at most {_CONTRADICTION_SIGMAS:g} expected"
+        Reservation(
+            ReservationKind.CLOSED_FORM_DIFFERS,
+            f"{component.label} by "
+            f"{component.unit.text(delta, '+', fine=True)}, {abs(delta) / sigma:.0f} standard deviations, "
+            f"at most {_CONTRADICTION_SIGMAS:g} expected",
+        )
         for component, delta, sigma in zip(POSE_COMPONENTS, difference, std, strict=True)
         if abs(delta) > _CONTRADICTION_SIGMAS * sigma
     )

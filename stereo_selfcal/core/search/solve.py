@@ -33,6 +33,7 @@ from ..lanes.closed_form import contradictions, solve_plane
 from ..lanes.lane_pair import LanePattern
 from ..numerics.genetic import GeneticResult, maximise_each
 from ..rejection import GateReading, NotFitted, Rejection, fitted
+from ..reservations import Reservation, ReservationKind
 from ..tolerances import KERB_SIGMAS
 from .attempt import Attempt, Verdict
 from .texture_guided_lines import line_on_road
@@ -89,14 +90,14 @@ def _solve_lines(
     assert not isinstance(fit, NotFitted)  # the gate "determined" refuses where there is no fit
     closed = solve_plane(pattern, rig)
     if isinstance(closed, NotFitted):
-        notes: tuple[str, ...] = (f"no closed form: {closed.reason}",)
+        reservations: tuple[Reservation, ...] = (Reservation(ReservationKind.NO_CLOSED_FORM, closed.reason),)
     else:
         poses = replace(poses, closed_form=closed.extrinsics)
-        notes = contradictions(closed, pose, fit.covariance)
+        reservations = contradictions(closed, pose, fit.covariance)
     stripe_fit = refine(frame.images, pattern, rig, pose)
     refined = fitted(stripe_fit)
     if isinstance(stripe_fit, NotFitted):
-        notes = (*notes, f"not refined: {stripe_fit.reason}")
+        reservations = (*reservations, Reservation(ReservationKind.NOT_REFINED, stripe_fit.reason))
     else:
         poses = replace(poses, refined=stripe_fit.extrinsics)
         evidence = replace(
@@ -108,7 +109,7 @@ def _solve_lines(
     readings, refusal = evaluate_gates(evidence, already=readings)
     if refusal:
         return _refused(hypothesis, refusal, readings, poses, genetic)
-    estimate = _estimate(pose, fit, refined, evidence, notes)
+    estimate = _estimate(pose, fit, refined, evidence, reservations)
     lines = JudgedEstimate(estimate, poses, evidence, readings)
     checked = cross_check_texture(lines, hypothesis, pattern, frame, rig)
     if checked.rejection is not None:
@@ -119,7 +120,7 @@ def _solve_lines(
         Verdict.ACCEPTED if confirmed else Verdict.UNCONFIRMED,
         ""
         if confirmed
-        else f"lines that were not the first choice need the texture; {checked.estimate.notes[-1]}",
+        else f"lines that were not the first choice need the texture; {_unchecked(checked.estimate)}",
         poses=checked.poses,
         readings=checked.readings,
         estimate=checked.estimate,
@@ -128,12 +129,18 @@ def _solve_lines(
     )
 
 
+def _unchecked(estimate: Estimate) -> str:
+    """Return why an estimate was not checked against the texture."""
+    kind = ReservationKind.NOT_CHECKED_BY_TEXTURE
+    return next(each.sentence for each in estimate.reservations if each.kind is kind)
+
+
 def _estimate(
     genetic: Extrinsics,
     line_fit: LineFit,
     refined: StripeFit | None,
     evidence: Evidence,
-    notes: tuple[str, ...],
+    reservations: tuple[Reservation, ...],
 ) -> Estimate:
     """Return the estimate from lines, by the fit of the stripes' grey values where there is one."""
     terms = line_fit.terms if refined is None else (UncertaintyTerm("noise", refined.covariance),)
@@ -147,7 +154,7 @@ def _estimate(
         genetic if refined is None else refined.extrinsics,
         merge_terms((*terms, *more)),
         line_fit.lane_yaw_rad if refined is None else refined.lane_yaw_rad,
-        notes,
+        reservations,
     )
 
 
@@ -173,9 +180,7 @@ def _solve_surface(
             UncertaintyTerm("slope_unseen", unseen_slope_covariance(profile)),
         )
     )
-    estimate = Estimate(
-        texture.extrinsics, terms, 0.0, ("from the road surface, confirmed by one line only",)
-    )
+    estimate = Estimate(texture.extrinsics, terms, 0.0, (Reservation(ReservationKind.ONE_LINE_ONLY),))
     uncertain = too_uncertain(estimate.covariance)
     if uncertain is not None:
         return not_fitted(f"the road surface alone leaves {uncertain.reason}")

@@ -9,7 +9,6 @@ import pytest
 
 from stereo_selfcal import Calibrator, CalibratorConfig, Extrinsics, RejectReason
 from stereo_selfcal.core.estimators.stripe_fit import refine
-from stereo_selfcal.core.evidence.cross_checks import OTHER_SLOPE
 from stereo_selfcal.core.evidence.horizon import horizon_offset
 from stereo_selfcal.core.evidence.kerb_face import measure_edge_steps
 from stereo_selfcal.core.evidence.nuisances import seen_slope_covariance, unseen_slope_covariance
@@ -22,11 +21,13 @@ from stereo_selfcal.core.lanes.hypotheses import find_hypotheses
 from stereo_selfcal.core.lanes.line_geometry import height_and_offset_m
 from stereo_selfcal.core.lanes.stripe_points import find_stripe_points
 from stereo_selfcal.core.rejection import NotFitted
+from stereo_selfcal.core.reservations import Reservation, ReservationKind
 from stereo_selfcal.synth.ingredients import Car, Paint, Shadow
 from stereo_selfcal.synth.road_shape import RoadShape
 from stereo_selfcal.synth.world import LaneLine
 from stereo_selfcal.synth.worlds import named_world, render_world
 
+SLOPE_UNKNOWN = Reservation(ReservationKind.SLOPE_AHEAD_UNKNOWN)
 LINES_ALONE = CalibratorConfig.from_mapping({"texture.check": 0})
 
 
@@ -144,9 +145,9 @@ def test_lines_that_end_where_a_slope_may_begin_leave_it_open(change):
         error = result.extrinsics.as_array() - world.scene.truth().as_array()
         assert np.all(np.abs(error) < 4.0 * result.std.as_array())
     _, _, flat = bare("plain", pose=low, paints=dashes)
-    assert flat.accepted and OTHER_SLOPE in flat.notes
+    assert flat.accepted and SLOPE_UNKNOWN in flat.reservations
     _, _, high = bare("plain")
-    assert high.accepted and OTHER_SLOPE not in high.notes
+    assert high.accepted and SLOPE_UNKNOWN not in high.reservations
 
 
 def test_profile_of_a_flat_road_is_flat_also_behind_a_car():

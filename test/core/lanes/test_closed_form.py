@@ -176,14 +176,14 @@ def test_disagreement_is_said_with_name_sign_and_size(index, words, sign):
     shown = -shift if index == 0 else -math.degrees(shift)
     name, unit = words
     said = f"the closed form differs from the genetic algorithm in {name} by {shown:+.4f}{unit}"
-    assert notes == (f"{said}10 standard deviations, at most 4 expected",)
+    assert [note.sentence for note in notes] == [f"{said}10 standard deviations, at most 4 expected"]
 
 
 def test_every_quantity_that_disagrees_is_named():
     pattern = pattern_of()
     far = Extrinsics(POSE.height_m + 0.3, POSE.pitch_rad, POSE.roll_rad - 0.1)
     notes = contradictions(solve_plane(pattern, PAPER_RIG), far, claims(pattern))
-    assert [note.split(" by ")[0] for note in notes] == [
+    assert [note.sentence.split(" by ")[0] for note in notes] == [
         "the closed form differs from the genetic algorithm in height",
         "the closed form differs from the genetic algorithm in roll",
     ]
