@@ -73,7 +73,7 @@ def fleet_table(options: Options) -> Iterator[Table]:
             "recordings/s",
         ],
         "'one process': `calibrate_recording`, the function behind `replay`, one recording after the other "
-        "in a process that is up. The others are the command `fleet --no-report` from its start to its end; "
+        "in a process that is up. The others are the command `fleet --no-report` from its start to its end. "
         "'1 killed', '2 killed': SIGKILL to one or both of two workers when a third of the recordings is "
         "done; 'killed as they start': to the first two. 'interrupted': SIGINT to the command when half of "
         "them is done, 'SIGKILL': that; and then the same command again. 'with a dashboard': on Dask's "
