@@ -9,7 +9,6 @@ from __future__ import annotations
 import heapq
 import itertools
 import multiprocessing
-import signal
 import socket
 import struct
 import threading
@@ -18,6 +17,7 @@ from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -96,6 +96,8 @@ class ProcessWorkers(Workers):
         self._deaths: Counter[Job] = Counter()
         self._failed_starts = 0
         self._start_at_s = self._looked_s = time.monotonic()
+        with for_workers():  # with an own mask, or starting it later would undo that of a worker
+            resource_tracker.ensure_running()
 
     def __enter__(self) -> ProcessWorkers:
         return self
@@ -246,7 +248,6 @@ def _start_worker() -> _Worker:
 
 def _serve(connection: Connection) -> None:
     """Be a worker: do one job after the other, until nobody asks any more."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=end_with_parent, daemon=True).start()
     cv2.setNumThreads(1)  # the cores are busy with the other workers
     said_s = time.monotonic()

@@ -244,8 +244,7 @@ def make_report(path: str, settings: FleetSettings, calibrated: Calibrated) -> b
     _be_a_worker()
     try:
         with settings.open(Path(path)) as source:
-            # Names may hold bytes that are no text.
-            return render_report(source, calibrated.replay).encode(errors="backslashreplace")
+            return render_report(source, calibrated.replay).encode()
     except Exception as error:  # noqa: BLE001  (the numbers are there, whatever becomes of the report)
         return Failure(f"{type(error).__name__}: {one_line(error)}")
 

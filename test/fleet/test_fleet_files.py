@@ -191,6 +191,13 @@ def test_table_keeps_every_digit():
     assert rows[1]["reason"] == "no such file"
 
 
+def test_no_cell_of_the_table_is_a_formula():
+    names = {"bag": "=1+1", "message": "@SUM(A1)", "left": "+1", "right": "-x"}
+    (row,) = csv.DictReader(io.StringIO(csv_of([replace(GOOD, **names)])))
+    assert [row["bag"], row["message"], row["right"]] == ["'=1+1", "'@SUM(A1)", "'-x"]
+    assert float(row["roll_rad"]) == 0.0
+
+
 def test_parquet_has_the_types_of_the_columns(tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     write_table(tmp_path / "x.parquet", [GOOD, BAD])
