@@ -33,7 +33,7 @@ setup(
     python_requires=">=3.10",
     install_requires=["setuptools"],
     extras_require={
-        "fleet": ["distributed>=2024.8"],
+        "fleet": ["distributed>=2024.8", "cryptography"],
         "parquet": ["pyarrow"],
         "test": ["pytest", "hypothesis"],
     },

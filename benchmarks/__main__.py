@@ -18,6 +18,7 @@ from .bias import bias_table
 from .drives import drive_table
 from .false_alarms import false_alarm_table
 from .fleet import fleet_table
+from .fleet_state import state_table
 from .idle import answer_table, idle_table
 from .kills import kill_table
 from .limit import limit_table
@@ -64,6 +65,7 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "watch": watch_tables,
     "soak": soak_table,
     "fleet": fleet_table,
+    "fleet_state": state_table,
     "drives": drive_table,
     "offline": offline_tables,
 }

@@ -6,7 +6,7 @@ with those of `replay`'s own function, in this process.
 
 from __future__ import annotations
 
-import csv
+import json
 import os
 import resource
 import signal
@@ -14,12 +14,15 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from stereo_selfcal import ConfigError
 from stereo_selfcal.fleet.outcome import BagOutcome
 from stereo_selfcal.offline import BagSource, calibrate_recording
 from stereo_selfcal.synth.bag import write_bag
@@ -32,8 +35,6 @@ _N_FRAMES = 3
 _NOISE = 0.02
 _POLL_S = 0.05
 _ROOT = Path(__file__).resolve().parents[1]
-# Columns that may differ from run to run: none of them is a number that was measured.
-_NAMES = ("bag", "report")
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,11 +73,11 @@ def fleet_table(options: Options) -> Iterator[Table]:
             "recordings/s",
         ],
         "'one process': `calibrate_recording`, the function behind `replay`, one recording after the other "
-        "in a process that is up. The others are the command `fleet --no-report` from its start to its end; "
-        "about 3 s of it are the start and the end of Dask's processes. 'killed': SIGKILL to one of two "
-        "workers when a third of the recordings is done. 'interrupted': SIGINT to the command when half of "
-        f"them is done, and the same command again. {os.cpu_count()} cores, which other work may have used "
-        "as well.",
+        "in a process that is up. The others are the command `fleet --no-report` from its start to its end. "
+        "'1 killed', '2 killed': SIGKILL to one or both of two workers when a third of the recordings is "
+        "done; 'killed as they start': to the first two. 'interrupted': SIGINT to the command when half of "
+        "them is done, 'SIGKILL': that; and then the same command again. 'with a dashboard': on Dask's "
+        f"processes, with TLS. {os.cpu_count()} cores, which other work may have used as well.",
     )
     # Where SIGINT is ignored, as in the background of a shell, so it would be in the runs.
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -89,12 +90,18 @@ def fleet_table(options: Options) -> Iterator[Table]:
         table.add("one process", "", f"{n}", "", f"{cpu_s:.1f}", f"{wall_s:.1f}", f"{n / wall_s:.2f}")
         fleet = _Fleet(Path(folder), expected)
         _add(table, "2 workers", fleet.run("2 workers", 2), 0)
-        killed = fleet.run("killed", 2, _when_done(n // 3, _kill_worker))
-        _add(table, f"2 workers, {killed.killed} killed", killed, 0)
-        first = fleet.run("interrupted", 2, _when_done(n // 2, lambda run: run.send_signal(signal.SIGINT)))
-        _add(table, "2 workers, interrupted", first, 0)
-        _add(table, "the same again", fleet.run("interrupted", 2), first.done)
-        _add(table, "and again", fleet.run("interrupted", 2), n)
+        with_dashboard = fleet.run("dashboard", 2, more=["--dashboard-port", "0"])
+        _add(table, "2 workers, with a dashboard", with_dashboard, 0)
+        for count in (1, 2):
+            killed = fleet.run(f"killed{count}", 2, _when_done(n // 3, partial(_kill_workers, count)))
+            _add(table, f"2 workers, {killed.killed} killed", killed, 0)
+        started = fleet.run("started", 2, lambda run, _: _kill_workers(2, run))
+        _add(table, f"2 workers, {started.killed} killed as they start", started, 0)
+        for name, number in (("interrupted", signal.SIGINT), ("SIGKILL", signal.SIGKILL)):
+            first = fleet.run(name, 2, _when_done(n // 2, partial(_send, number)))
+            _add(table, f"2 workers, {name}", first, 0)
+            _add(table, "the same again", fleet.run(name, 2), first.done)
+        _add(table, "and again", fleet.run(name, 2), n)
     yield table
 
 
@@ -136,6 +143,7 @@ class _Fleet:
         name: str,
         workers: int,
         meddle: Callable[[subprocess.Popen[bytes], Path], int] = lambda run, results: 0,
+        more: Sequence[str] = (),
     ) -> _Run:
         """Run it once, and look at what it has left.
 
@@ -143,10 +151,11 @@ class _Fleet:
             name: Name of the output folder.
             workers: Number of workers.
             meddle: Called once it runs, with the process and the folder of its results; returns kills.
+            more: Further options.
         """
         output = self._folder / name
         command = [sys.executable, "-m", "stereo_selfcal", "fleet", str(self._folder / "bags")]
-        command += ["--output", str(output), "--workers", str(workers), "--dashboard-port", "0"]
+        command += ["--output", str(output), "--workers", str(workers), *more]
         command += ["--no-report"]  # as little as the process it is compared with
         start_s, cpu_s = time.perf_counter(), _children_s()
         with subprocess.Popen(
@@ -155,19 +164,19 @@ class _Fleet:
             killed = meddle(run, output / "results")
             status = run.wait()
         wall_s, cpu_s = time.perf_counter() - start_s, _children_s() - cpu_s
-        with (output / "table.csv").open(newline="", encoding="utf-8") as file:
-            rows = [row for row in csv.DictReader(file) if row["status"] != "not_done"]
-        wrong = sum(not self._as_expected(row) for row in rows)
-        return _Run(status, wall_s, cpu_s, killed, len(rows), wrong)
+        # A command that was killed has written no table.
+        files = list((output / "results").glob("*.json"))
+        wrong = sum(not self._as_expected(file) for file in files)
+        return _Run(status, wall_s, cpu_s, killed, len(files), wrong)
 
-    def _as_expected(self, row: dict[str, str]) -> bool:
-        values = self._expected[Path(row["bag"]).name].to_mapping()
-        # A float is written with all its digits, so equal texts are equal numbers.
-        return all(
-            text == ("" if values[name] is None else str(values[name]))
-            for name, text in row.items()
-            if name not in _NAMES
-        )
+    def _as_expected(self, file: Path) -> bool:
+        """Whether a result can be read and is that of `replay`, to the last digit."""
+        try:
+            row = BagOutcome.from_mapping(json.loads(file.read_text(encoding="utf-8"))["outcome"])
+        except (ValueError, KeyError, ConfigError):
+            return False
+        expected = self._expected[Path(row.bag).name]
+        return row == replace(expected, bag=row.bag, left=row.left, right=row.right, report=row.report)
 
 
 def _children_s() -> float:
@@ -177,30 +186,42 @@ def _children_s() -> float:
 
 
 def _when_done(
-    n: int, act: Callable[[subprocess.Popen[bytes]], None]
+    n: int, act: Callable[[subprocess.Popen[bytes]], int]
 ) -> Callable[[subprocess.Popen[bytes], Path], int]:
-    """Return what waits for so many results and then acts once."""
+    """Return what waits for so many results and then acts; it returns how many were killed."""
 
     def meddle(run: subprocess.Popen[bytes], results: Path) -> int:
         while run.poll() is None:
             if results.is_dir() and len(list(results.glob("*.json"))) >= n:
-                act(run)
-                return 1
+                return act(run)
             time.sleep(_POLL_S)
         return 0
 
     return meddle
 
 
-def _kill_worker(run: subprocess.Popen[bytes]) -> None:
-    """Kill one of the workers of a run, by its process id."""
-    children = Path(f"/proc/{run.pid}/task/{run.pid}/children")
-    found = children.read_text(encoding="ascii").split()
-    # Those started by threads are children of the thread.
-    for task in Path(f"/proc/{run.pid}/task").iterdir():
-        found += (task / "children").read_text(encoding="ascii").split()
-    for pid in found:
-        if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes():
-            os.kill(int(pid), signal.SIGKILL)
-            return
-    raise RuntimeError("the run has no worker to kill")
+def _send(number: signal.Signals, run: subprocess.Popen[bytes]) -> int:
+    run.send_signal(number)
+    return 0
+
+
+def _kill_workers(count: int, run: subprocess.Popen[bytes]) -> int:
+    """Kill so many of the workers of a run, by their process ids; wait for them. Return how many."""
+    killed: set[str] = set()
+    while len(killed) < count and run.poll() is None:
+        found: list[str] = []
+        with suppress(OSError):  # a process may end while it is looked at
+            # Those started by threads are children of the thread.
+            for task in Path(f"/proc/{run.pid}/task").iterdir():
+                found += (task / "children").read_text(encoding="ascii").split()
+        for pid in found:
+            with suppress(OSError):
+                if (
+                    len(killed) < count
+                    and pid not in killed
+                    and b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()
+                ):
+                    os.kill(int(pid), signal.SIGKILL)
+                    killed.add(pid)
+        time.sleep(_POLL_S)
+    return len(killed)

@@ -27,6 +27,7 @@ class Options:
         bumps: Drives with each bump.
         soak_s: How long the node is soaked [s].
         fleet_bags: Recordings of the fleet.
+        states: Mutations of the folder of a fleet.
         drives: Simulated drives of each kind.
         drive_frames: Frames of the rendered drive.
         all_sizes: Whether to go through all image sizes, or the smallest two only.
@@ -47,6 +48,7 @@ class Options:
     bumps: int = 30
     soak_s: float = 600.0
     fleet_bags: int = 200
+    states: int = 500
     drives: int = 200
     drive_frames: int = 450
     all_sizes: bool = True
@@ -69,6 +71,7 @@ QUICK = Options(
     bumps=3,
     soak_s=60.0,
     fleet_bags=12,
+    states=20,
     drives=5,
     drive_frames=60,
     all_sizes=False,

@@ -15,7 +15,7 @@ COMMANDS = {
     "replay": ("stereo_selfcal.cli.replay", "calibrate from a recording, without ROS"),
     "fleet": (
         "stereo_selfcal.cli.fleet",
-        "calibrate many recordings on many processes (needs Dask), without ROS",
+        "calibrate many recordings on many processes, without ROS",
     ),
     "synth": ("stereo_selfcal.cli.synth", "write a synthetic recording with its truth, without ROS"),
     "limits": (

@@ -7,7 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stereo_selfcal.core.config import CalibratorConfig
-from stereo_selfcal.fleet.work import Failure, FleetSettings
+from stereo_selfcal.fleet.scheduling import FleetRun
+from stereo_selfcal.fleet.store import Bag
+from stereo_selfcal.fleet.work import FleetSettings
+from stereo_selfcal.fleet.workers import Failure
 from stereo_selfcal.synth.bag import write_bag
 from stereo_selfcal.synth.scenes import custom_scene
 
@@ -22,35 +25,64 @@ def make_bags(folder: Path, n: int, n_frames: int = 2) -> list[Path]:
     return paths
 
 
+# Dask does not replace a worker that dies before its nanny has heard of its start.
 NANNY_HEARS_S = 1.0
+FOR_EVER_S = 1000.0
 
 
 @dataclass(frozen=True, slots=True)
 class Deadly(FleetSettings):
-    """Settings under which recordings of some names kill the process that opens them.
+    """Settings under which recordings of some names kill the process that opens them, or hang.
 
     Attributes:
         always: Names of recordings that always do.
         once: A file that a recording of the name of its stem leaves, and dies, if it is not there.
+        after_s: How long a process lives before it is killed [s].
+        hanging: Names of recordings that never open.
+        stopping: Names of recordings that stop the process.
     """
 
     always: tuple[str, ...] = ()
     once: str = ""
+    after_s: float = 0.0
+    hanging: tuple[str, ...] = ()
+    stopping: tuple[str, ...] = ()
 
     def open(self, path):
+        if path.name in self.hanging:
+            time.sleep(FOR_EVER_S)
+        if path.name in self.stopping:
+            os.kill(os.getpid(), signal.SIGSTOP)
         marker = Path(self.once)
         first = self.once and path.name == marker.stem and not marker.exists()
         if first:
             marker.touch()
         if first or path.name in self.always:
-            # Dask does not replace a worker that dies before its nanny has heard of its start.
-            time.sleep(NANNY_HEARS_S)
+            time.sleep(self.after_s)
             os.kill(os.getpid(), signal.SIGKILL)
         return FleetSettings.open(self, path)
 
 
-def deadly(always=(), once=""):
-    return Deadly(CalibratorConfig(), always=tuple(always), once=str(once))
+def deadly(always=(), once="", **more):
+    return Deadly(CalibratorConfig(), always=tuple(always), once=str(once), **more)
+
+
+def run_fleet(workers, paths, settings, patience_s=180.0, **options):
+    """Calibrate recordings and return what became of each by its name; fail where nothing comes in."""
+    done = {}
+
+    def on_done(item):
+        assert item.bag.path.name not in done
+        done[item.bag.path.name] = item
+
+    end_s = time.monotonic() + patience_s
+
+    def on_wait():
+        assert time.monotonic() < end_s, "nothing comes in: is a worker left?"
+
+    bags = [Bag.of(path, settings) for path in paths]
+    FleetRun(workers, settings, **options).run(bags, on_done, on_wait)
+    return done
 
 
 def report_of(path, settings, calibrated):

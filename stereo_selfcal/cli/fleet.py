@@ -7,11 +7,10 @@ import logging
 import sys
 import time
 from collections import Counter
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 from ..files.atomic_file import write_atomically
 from ..files.parameter_file import chosen_config
@@ -19,9 +18,12 @@ from ..files.rig_file import read_rig_file
 from ..fleet.bags import find_bags
 from ..fleet.index import index_page
 from ..fleet.outcome import BagOutcome, Status
+from ..fleet.processes import ProcessWorkers
+from ..fleet.scheduling import Done, FleetRun
 from ..fleet.store import Bag, Store
 from ..fleet.table import check_table, write_table
 from ..fleet.work import FleetSettings, make_report, versions
+from ..fleet.workers import PATIENCE_S, Workers, internal_error
 from ..offline import Selection, default_jobs
 from .console import (
     EXIT_NOT_ACCEPTED,
@@ -52,10 +54,10 @@ _DEFAULT_OUTPUT = Path("fleet")
 _TABLE = "table.csv"
 # Longer recordings are done in stretches: at 10 Hz about a minute of work.
 _STRETCH_S = 120.0
-_DASHBOARD_PORT = 8787  # Dask's own
 # Loggers of Dask's that repeat in many lines what is said here in one; the nanny's, which says that a worker
 # died and is replaced, is none of them.
 _CHATTY = ("client", "comm", "core", "scheduler", "worker")
+_LAST_PORT = 65535
 _TICK_S = 0.5  # between two looks of the progress bar at the clock
 
 
@@ -66,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _fleet(argv: list[str]) -> int:
     arguments = _parser().parse_args(argv)
-    _check_dask()
+    _check_cluster(arguments)
     settings = _settings(arguments)
     if arguments.table is not None:
         check_table(arguments.table)
@@ -107,6 +109,8 @@ class _Outcomes:
         self._look()
         waiting = [bag for bag in self._bags if self._rows[bag.path].status is Status.NOT_DONE]
         self._resumed = len(self._bags) - len(waiting)
+        for bag in waiting:
+            self._store.check(bag)
         return waiting
 
     def _look(self) -> None:
@@ -116,12 +120,16 @@ class _Outcomes:
                 found = self._store.finished(bag)
                 self._rows[bag.path] = self._rows[bag.path] if found is None else found
 
-    def take(self, done: Any) -> BagOutcome:
-        """Keep a recording that is done (:class:`~stereo_selfcal.fleet.scheduling.Done`)."""
+    def take(self, done: Done) -> BagOutcome:
+        """Keep a recording that is done."""
         report = "" if done.report is None else self._store.save_report(done.bag, done.report)
         outcome: BagOutcome = done.outcome.named(done.bag.name, report)
         replay = None if done.calibrated is None else as_dict(done.calibrated.replay)
-        self._store.save(done.bag, outcome, replay)
+        try:
+            self._store.save(done.bag, outcome, replay)
+        except ValueError as error:  # a number that is none, which is a fault of ours
+            outcome = BagOutcome(done.bag.name, Status.FAILED, internal_error(error).reason)
+            self._store.save(done.bag, outcome, None)
         self._rows[done.bag.path] = outcome
         return outcome
 
@@ -150,6 +158,8 @@ class _Outcomes:
         counts = self.counts
         parts = [f"{counts[status]} {status}" for status in Status if counts[status]]
         before = f" ({self._resumed} of them before)" if self._resumed else ""
+        reserved = sum(row.with_reservations for row in self._rows.values())
+        parts[-1] += f"; {reserved} with reservations" if reserved else ""
         text = f"{len(self._bags)} recordings{before}: {', '.join(parts)}\n"
         reasons = Counter(row.reason for row in self._rows.values() if row.status is Status.REFUSED)
         text += "".join(f"  {count} x {reason}\n" for reason, count in reasons.most_common())
@@ -163,10 +173,6 @@ def _run(
     waiting: Sequence[Bag], settings: FleetSettings, outcomes: _Outcomes, arguments: argparse.Namespace
 ) -> None:
     """Calibrate the waiting recordings, with a progress bar."""
-    from ..fleet.scheduling import Done, FleetRun  # noqa: PLC0415  (needs Dask)
-
-    for name in _CHATTY:
-        logging.getLogger(f"distributed.{name}").setLevel(logging.CRITICAL)
     progress = Progress(len(waiting))
     start_s = shown_s = time.monotonic()
     done_count = 0
@@ -190,12 +196,12 @@ def _run(
         if time.monotonic() - shown_s > _TICK_S:
             show()
 
-    with _cluster(arguments) as client:
-        sys.stderr.write(f"{len(waiting)} recordings to do; dashboard {client.dashboard_link}\n")
+    sys.stderr.write(f"{len(waiting)} recordings to do\n")
+    with _workers(arguments) as workers:
         show()
         try:
             report = make_report if arguments.reports else None
-            FleetRun(client, settings, arguments.stretch_s, report).run(waiting, on_done, on_wait)
+            FleetRun(workers, settings, arguments.stretch_s, report).run(waiting, on_done, on_wait)
         except KeyboardInterrupt:
             progress.clear()
             sys.stderr.write(
@@ -219,22 +225,42 @@ def _note(counts: Counter[Status], done: int, total: int, elapsed_s: float) -> s
     return ", ".join(parts)
 
 
-def _cluster(arguments: argparse.Namespace) -> AbstractContextManager[Any]:
+@contextmanager
+def _workers(arguments: argparse.Namespace) -> Iterator[Workers]:
+    count = arguments.workers or default_jobs()
+    if arguments.scheduler is None and arguments.dashboard_port is None:
+        with ProcessWorkers(count, arguments.patience_s) as workers:
+            yield workers
+        return
     from ..fleet import cluster  # noqa: PLC0415  (needs Dask)
 
+    for name in _CHATTY:
+        logging.getLogger(f"distributed.{name}").setLevel(logging.CRITICAL)
     if arguments.scheduler is not None:
-        return cluster.existing_cluster(arguments.scheduler)
-    return cluster.local_cluster(arguments.workers or default_jobs(), arguments.dashboard_port)
+        connected = cluster.existing_cluster(arguments.scheduler)
+    else:
+        connected = cluster.local_cluster(count, arguments.dashboard_port, arguments.output)
+    with connected as client:
+        sys.stderr.write(f"dashboard {client.dashboard_link}\n")
+        yield cluster.DaskWorkers(client, arguments.patience_s)
 
 
-def _check_dask() -> None:
-    try:
-        import distributed  # noqa: F401, PLC0415
-    except ModuleNotFoundError as error:
-        raise UsageError(
-            f"Dask is not installed ({error.name} is missing): pip install 'distributed>=2024.8', "
-            "or calibrate one recording at a time with replay"
-        ) from error
+def _check_cluster(arguments: argparse.Namespace) -> None:
+    """Refuse what does not go together, and miss Dask before any work is done for it."""
+    if arguments.scheduler is None and arguments.dashboard_port is None:
+        return
+    if arguments.scheduler is not None:
+        for name in ("workers", "dashboard_port"):
+            if getattr(arguments, name) is not None:
+                option = f"--{name.replace('_', '-')}"
+                raise UsageError(f"{option} is of processes on this machine, --scheduler of another cluster")
+    needed = ("distributed",) if arguments.scheduler is not None else ("distributed", "cryptography")
+    for name in needed:
+        if find_spec(name) is None:
+            raise UsageError(
+                f"Dask is not installed ({name} is missing): pip install 'distributed>=2024.8' cryptography, "
+                "or leave out --scheduler and --dashboard-port to use processes of this machine"
+            )
 
 
 def _settings(arguments: argparse.Namespace) -> FleetSettings:
@@ -253,6 +279,18 @@ def _settings(arguments: argparse.Namespace) -> FleetSettings:
 
 def _stretch_s(text: str) -> float | None:
     return time_s(text) or None
+
+
+def _patience_s(text: str) -> float:
+    if time_s(text) == 0.0:
+        raise argparse.ArgumentTypeError("0 is no time")
+    return time_s(text)
+
+
+def _port(text: str) -> int:
+    if not text.isdecimal() or int(text) > _LAST_PORT:
+        raise argparse.ArgumentTypeError(f"{text} is no port, 0 to {_LAST_PORT}")
+    return int(text)
 
 
 def _parser() -> Parser:
@@ -280,18 +318,26 @@ def _parser() -> Parser:
         action="store_false",
         help="make no reports, which cost three frames each",
     )
+    add("--workers", metavar="N", type=positive_int, help="processes on this machine (default: one a core)")
     add(
         "--scheduler",
         metavar="ADDRESS",
-        help="an existing Dask cluster, tcp://HOST:PORT (default: this machine)",
+        help="an existing Dask cluster, tls://HOST:PORT or tcp://HOST:PORT (default: this machine)",
     )
-    add("--workers", metavar="N", type=positive_int, help="processes on this machine (default: one a core)")
     add(
         "--dashboard-port",
         metavar="PORT",
-        type=int,
-        default=_DASHBOARD_PORT,
-        help="of Dask's dashboard on the loopback interface (default: %(default)s)",
+        type=_port,
+        help="have Dask start the processes on this machine, with its dashboard on this port of the loopback "
+        "interface, which all users of the machine can read (default: none)",
+    )
+    add(
+        "--patience",
+        dest="patience_s",
+        metavar="S",
+        type=_patience_s,
+        default=PATIENCE_S,
+        help="give up a recording that has given no frame for S seconds (default: %(default)g)",
     )
     add(
         "--stretch",

@@ -1,5 +1,5 @@
-"""Many recordings on many processes, through Dask: one task a recording, or a stretch of a long one.
+"""Many recordings on many processes: one task a recording, or a stretch of a long one.
 
-The code of a worker (:mod:`.work`) and the stored outcome of a recording (:mod:`.outcome`, :mod:`.store`) do
-not depend on Dask. Only :mod:`.scheduling` and :mod:`.cluster` do.
+Workers are processes of this machine (:mod:`.processes`) or those of a Dask cluster (:mod:`.cluster`, the
+only module that needs Dask). What they do is in :mod:`.work`, and who does what in :mod:`.scheduling`.
 """

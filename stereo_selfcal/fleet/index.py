@@ -24,7 +24,7 @@ h1 { font-size: 1.4rem; }
 td.why { min-width: 20rem; font-size: .85rem; }
 b.status { border-left: .5rem solid var(--c); padding-left: .4rem; white-space: nowrap; }
 .calibrated { --c: #009e73; } .refused { --c: #e69f00; } .damaged { --c: #cc79a7; }
-.failed { --c: #d55e00; } .not_done { --c: #999; }
+.reserved { --c: #f0e442; } .failed { --c: #d55e00; } .not_done { --c: #999; }
 .note { border-left: .5rem solid #d55e00; padding: .4rem .8rem; }
 """
 
@@ -68,7 +68,9 @@ def index_page(outcomes: Sequence[BagOutcome], about: str) -> str:
         about: One line on how they were made: versions, settings.
     """
     counts = Counter(outcome.status for outcome in outcomes)
+    reserved = sum(outcome.with_reservations for outcome in outcomes)
     summary = ", ".join(f"{counts[status]} {_words(status)}" for status in Status if counts[status])
+    summary += f"; {reserved} with reservations" if reserved else ""
     left = counts[Status.NOT_DONE]
     note = f'<p class="note">Interrupted: {left} recordings are not done yet.</p>' if left else ""
     heads = "".join(f"<th>{escape(head)}</th>" for head in _HEADS)
@@ -109,11 +111,15 @@ def _row(outcome: BagOutcome) -> str:
         said = outcome.message.partition("; ")[2]  # the numbers are in the other cells
     else:
         said = ": ".join(dict.fromkeys(filter(None, (outcome.reason, outcome.message))))
+    reserved, colour = "", str(outcome.status)
+    if outcome.with_reservations:
+        reserved = ", with reservations"
+        colour = "reserved" if outcome.status is Status.CALIBRATED else colour
     counts = (outcome.frames, outcome.accepted, outcome.confirmed, outcome.moves)
     pose, std = outcome.extrinsics, outcome.std
     cells = [
         f"<td>{link}</td>",
-        f'<td><b class="status {outcome.status}">{_words(outcome.status)}</b></td>',
+        f'<td><b class="status {colour}">{_words(outcome.status)}{reserved}</b></td>',
         *(_cell(count, str(count)) for count in counts),
         *(_component(component, pose, std) for component in POSE_COMPONENTS),
         f'<td class="why">{escape(said)}</td>',

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from enum import Enum
 from typing import Any
 
-from ..core.errors import ConfigError
+from ..core.errors import ConfigError, printable, shortened
 from ..core.geometry.pose import POSE_NAMES, STD_NAMES, Extrinsics
 from ..offline import Replay
 
@@ -28,7 +28,7 @@ class Status(Enum):
 
 @dataclass(frozen=True, slots=True)
 class BagOutcome:
-    """One row of the table.
+    """One row of the table. Its texts are printable lines, whatever names and messages are made of.
 
     Attributes:
         bag: The recording as it was named.
@@ -42,6 +42,7 @@ class BagOutcome:
         confirmed: How many of these the road surface has confirmed.
         extrinsics: The calibration, None where there is none. Each component is a column of the table.
         std: Its standard deviations, None where there is none. Each is a column as well.
+        with_reservations: Whether the calibration is to be trusted less: the message says why.
         moves: How often the camera was moved; the pose is that after the last time.
         moved_at_s: When it was moved last [s]; None if it was not.
         lane_yaw_rad: Mean yaw against the lane [rad], > 0: the camera points left.
@@ -61,6 +62,7 @@ class BagOutcome:
     confirmed: int = 0
     extrinsics: Extrinsics | None = None
     std: Extrinsics | None = None
+    with_reservations: bool = False
     moves: int = 0
     moved_at_s: float | None = None
     lane_yaw_rad: float | None = None
@@ -69,6 +71,12 @@ class BagOutcome:
     left: str = ""
     right: str = ""
     report: str = ""
+
+    def __post_init__(self) -> None:
+        """Make the texts printable: they hold names from outside."""
+        for name, kind in COLUMN_KINDS.items():
+            if kind == TEXT:
+                object.__setattr__(self, name, printable(getattr(self, name)))
 
     @classmethod
     def from_replay(cls, bag: str, replay: Replay, topics: tuple[str, str]) -> BagOutcome:
@@ -90,6 +98,7 @@ class BagOutcome:
             confirmed=sum(row.confirmed for row in rows),
             extrinsics=estimate.extrinsics if estimate.accepted else None,
             std=estimate.std if estimate.accepted else None,
+            with_reservations=replay.with_reservations,
             moves=len(changes),
             moved_at_s=changes[-1].at_s if changes else None,
             lane_yaw_rad=estimate.lane_yaw_rad if estimate.accepted else None,
@@ -123,30 +132,43 @@ class BagOutcome:
         Raises:
             ConfigError: It is something else.
         """
-        for name in (name for name, kind in COLUMN_KINDS.items() if kind == FLOAT):
-            value = values.get(name)
-            if not (value is None or (isinstance(value, float) and math.isfinite(value))):
-                raise ConfigError(f"{name} is {value!r}: not a number")
+        if not isinstance(values, dict) or set(values) != set(COLUMNS):
+            raise ConfigError(f"not a row of a fleet: {shortened(values)}")
+        for name, kind in COLUMN_KINDS.items():
+            if not _is_of(kind, values[name]):
+                raise ConfigError(f"{name} is {shortened(values[name])}: not of type {kind}")
         others = {name: value for name, value in values.items() if name not in (*POSE_NAMES, *STD_NAMES)}
         try:
             others["status"] = Status(values["status"])
-            return cls(**others, extrinsics=_pose(values, POSE_NAMES), std=_pose(values, STD_NAMES))
-        except (TypeError, KeyError, ValueError) as error:
+            row = cls(**others, extrinsics=_pose(values, POSE_NAMES), std=_pose(values, STD_NAMES))
+        except (TypeError, ValueError) as error:
             raise ConfigError(f"not a row of a fleet ({error})") from error
+        if row.status is Status.CALIBRATED and (row.extrinsics is None or row.std is None):
+            raise ConfigError("not a row of a fleet: calibrated, without a pose")
+        return row
 
 
 def _pose(values: dict[str, Any], names: tuple[str, ...]) -> Extrinsics | None:
     """Return the pose, or the standard deviations, in some columns; None where all of them are empty.
 
     Raises:
-        KeyError: A column is missing.
         TypeError: Some columns are empty, others not.
     """
     numbers = [values[name] for name in names]
     return None if numbers == [None] * len(names) else Extrinsics(*map(float, numbers))
 
 
-FLOAT = "float | None"
+def _is_of(kind: str, value: Any) -> bool:
+    """Whether a value out of a file is one of a column."""
+    if kind == FLOAT:
+        return value is None or (isinstance(value, float) and math.isfinite(value))
+    if kind == INT:
+        return type(value) is int and 0 <= value <= _LARGEST
+    return isinstance(value, bool if kind == BOOL else str)
+
+
+FLOAT, INT, BOOL, TEXT = "float | None", "int", "bool", "str"
+_LARGEST = 2**63 - 1  # in a column of Parquet
 
 
 def _column_kinds() -> dict[str, str]:

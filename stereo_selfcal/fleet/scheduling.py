@@ -1,38 +1,28 @@
-"""The tasks of a fleet on a Dask cluster: their submission, their results, and their repetition."""
+"""The tasks of a fleet: their submission to workers, their results, and their repetition."""
 
 from __future__ import annotations
 
-import time
-import uuid
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from distributed import Client, Future, KilledWorker, as_completed
-
-from .cluster import ClusterError
 from .outcome import BagOutcome, Status
 from .store import Bag
 from .work import (
     Calibrated,
-    Failure,
     FleetSettings,
     Stretch,
     Stretches,
     calibrate_bag,
     calibrate_stretch,
     join,
-    one_line,
 )
+from .workers import Died, Failure, Job, Workers
 
 # Makes the report of a calibrated recording, on a worker: (path, settings, calibrated recording) -> HTML.
 ReportMaker = Callable[[str, FleetSettings, Calibrated], bytes | Failure]
 
-# Priority of the tasks of a recording that is begun. With it, reports arrive continuously, and few
-# recordings are half done when a run is interrupted.
-_BEGUN = 10
-_POLL_S = 0.02
-_LOST = "the connection to the scheduler is lost; the same command goes on from here"
+_POLL_S = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,10 +46,10 @@ class Done:
 
 @dataclass(slots=True, eq=False)
 class _Task:
-    """A task in the cluster, and its purpose."""
+    """What a worker does, and its purpose."""
 
     bag: Bag
-    kind: str  # calibrate, stretch, report: the names in Dask's dashboard
+    kind: str  # calibrate, stretch, report
     work: _Divided | Calibrated | None = None
     index: int = 0
 
@@ -77,13 +67,13 @@ class _Divided:
 
 
 class FleetRun:
-    """Calibrates recordings on a cluster.
+    """Calibrates recordings.
 
     A recording at which workers died again and again, or which waited on such workers, is tried once more
     when all others are done, with nothing beside it: only one that kills its workers then is given up.
 
     Args:
-        client: Connection to the cluster.
+        workers: Who does it.
         settings: How every recording is calibrated.
         stretch_s: Longer recordings are done in stretches of about this length [s]; None for never.
         make_report: Makes the reports, None for no reports.
@@ -91,22 +81,16 @@ class FleetRun:
 
     def __init__(
         self,
-        client: Client,
+        workers: Workers,
         settings: FleetSettings,
         stretch_s: float | None = None,
         make_report: ReportMaker | None = None,
     ) -> None:
-        self._client = client
-        # Settings go to the cluster once, not with each of 10 000 tasks.
+        self._workers = workers
         self._settings = settings
         self._stretch_s = stretch_s
         self._make_report = make_report
-        self._tasks: dict[Any, tuple[_Task, Future]] = {}  # by the key of the task
-        self._completed: Any = None
-        # Of this run alone: a cluster may serve many, and be cancelling those of one that has ended.
-        # The address of an object may have been that of another.
-        self._name = uuid.uuid4().hex[:12]
-        self._attempts = 0
+        self._waiting_for = 0
         self._suspects: list[Bag] = []
         self._alone = False
         self._on_done: Callable[[Done], None] = lambda done: None
@@ -126,10 +110,9 @@ class FleetRun:
             on_wait: Called in this thread now and then while nothing comes in.
 
         Raises:
-            ClusterError: The cluster was lost.
+            WorkersError: No worker is left.
         """
         self._on_done, self._on_wait = on_done, on_wait
-        self._completed = as_completed()
         try:
             for bag in bags:
                 self._calibrate(bag, self._stretch_s)
@@ -139,44 +122,35 @@ class FleetRun:
                 self._calibrate(bag, self._stretch_s)
                 self._drain()
         finally:
-            self._cancel()
+            self._workers.cancel()
 
     def _calibrate(self, bag: Bag, stretch_s: float | None) -> None:
-        self._submit(
-            _Task(bag, "calibrate"), calibrate_bag, str(bag.path), self._settings, stretch_s, priority=0
-        )
+        self._submit(_Task(bag, "calibrate"), calibrate_bag, stretch_s)
 
-    def _submit(self, task: _Task, work: Callable[..., Any], *arguments: Any, priority: int = _BEGUN) -> None:
-        """Hand a task to the cluster under a name that a person can read in the dashboard."""
-        self._attempts += 1  # no name is used twice: that of a failed task would give its failure
-        key = (task.kind, task.bag.stem, task.index, f"{self._name}.{self._attempts}")
-        future = self._client.submit(work, *arguments, key=key, pure=False, priority=priority)
-        self._tasks[future.key] = task, future
-        self._completed.add(future)
+    def _submit(self, task: _Task, work: Callable[..., Any], *arguments: Any) -> None:
+        """Have something done with a recording.
+
+        What belongs to one that is begun goes first: reports arrive continuously, and few recordings are half
+        done when a run is interrupted.
+        """
+        name = (task.kind, task.bag.stem, task.index)
+        arguments = (str(task.bag.path), self._settings, *arguments)
+        self._workers.submit(Job(task, name, work, arguments, begun=task.kind != "calibrate"))
+        self._waiting_for += 1
 
     def _drain(self) -> None:
         """Take results until all tasks are done."""
-        while self._tasks:
-            while not self._completed.has_ready():
+        while self._waiting_for:
+            done = self._workers.result(_POLL_S)
+            if done is None:
                 self._on_wait()
-                if self._client.status != "running":
-                    raise ClusterError(_LOST)
-                time.sleep(_POLL_S)
-            future: Future = next(self._completed)
-            task, _ = self._tasks.pop(future.key)
-            if future.cancelled():
-                raise ClusterError(_LOST)
-            try:
-                result = future.result()
-            except KilledWorker:
-                self._killed(task)
-            except Exception as error:  # noqa: BLE001  (of Dask: what is no message, what a worker cannot load)
-                self._take(task, Failure(f"{type(error).__name__}: {one_line(error)}"))
+                continue
+            self._waiting_for -= 1
+            job, result = done
+            if isinstance(result, Died):
+                self._died(job.task, result)
             else:
-                self._take(task, result)
-            finally:
-                # Else the cluster would do it again, should the worker that has it die.
-                future.release()
+                self._take(job.task, result)
 
     def _take(self, task: _Task, result: Any) -> None:
         if task.kind == "report":
@@ -198,7 +172,7 @@ class FleetRun:
             divided = _Divided([None] * len(result.selections))
             for index, selection in enumerate(result.selections):
                 part = _Task(task.bag, "stretch", divided, index)
-                self._submit(part, calibrate_stretch, str(task.bag.path), self._settings, selection)
+                self._submit(part, calibrate_stretch, selection)
         elif isinstance(result, Calibrated):
             self._report(task.bag, result)
         else:
@@ -216,23 +190,23 @@ class FleetRun:
         if self._make_report is None:
             self._done(bag, calibrated)
         else:
-            task = _Task(bag, "report", calibrated)
-            self._submit(task, self._make_report, str(bag.path), self._settings, calibrated)
+            self._submit(_Task(bag, "report", calibrated), self._make_report, calibrated)
 
-    def _killed(self, task: _Task) -> None:
+    def _died(self, task: _Task, died: Died) -> None:
         """Deal with a task whose workers died: it, or another task that was there, is the cause."""
         if task.kind == "report":
             assert isinstance(task.work, Calibrated)
-            self._done(task.bag, task.work, problem="the workers that made the report died")
+            self._done(task.bag, task.work, problem=f"the workers that made it died ({died.cause})")
         elif task.kind == "stretch":
-            self._take(task, Failure("its worker died"))
+            self._take(task, Failure(f"its workers died ({died.cause})"))
         elif not self._alone:
             self._suspects.append(task.bag)
         else:
             self._failed(
                 task.bag,
-                "every worker that calibrated it died, even with nothing beside it: killed, or out of "
-                "memory; see how much a worker has",
+                "every worker that calibrated it died, even with nothing beside it (the last one "
+                f"{died.cause}): out of memory, or a fault of a library; see how much memory there is, and "
+                "what replay says",
             )
 
     def _failed(self, bag: Bag, reason: str) -> None:
@@ -241,10 +215,3 @@ class FleetRun:
     def _done(self, bag: Bag, calibrated: Calibrated, report: bytes | None = None, problem: str = "") -> None:
         outcome = BagOutcome.from_replay(bag.name, calibrated.replay, calibrated.topics)
         self._on_done(Done(bag, outcome, calibrated, report, problem))
-
-    def _cancel(self) -> None:
-        """Cancel the tasks that are not done."""
-        futures = [future for _, future in self._tasks.values()]
-        self._tasks.clear()
-        if futures and self._client.status == "running":
-            self._client.cancel(futures, force=True)

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
+import stat
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..core.errors import ConfigError
+from ..core.errors import ConfigError, OutputError, printable
 from ..files.atomic_file import write_atomically
+from .bags import files_of, place_of
 from .outcome import BagOutcome
 from .work import FleetSettings, versions
 
 # Raised when what stands in a result file changes: files of another schema are done again.
-_SCHEMA = 1
+_SCHEMA = 2
 _RESULTS, _REPORTS = "results", "reports"
+_LARGEST_RESULT = 2**28  # bytes; a row of a frame takes 2 kB, or 10 kB with many attempts
 _NAME_CHARACTERS = 60  # of a bag's name in that of its result: file systems allow 255
 _STRANGE = re.compile(r"[^A-Za-z0-9._-]+")
 
@@ -26,7 +30,7 @@ class Bag:
     """A recording of the fleet.
 
     Attributes:
-        name: As it was given.
+        name: As it was given, made printable.
         path: The place of it, without links.
         stem: Name of its files in the output folder: that of the bag and a hash of its place.
         key: Hash of all its numbers depend on: place, sizes and times of its files, settings, versions.
@@ -40,7 +44,7 @@ class Bag:
     @classmethod
     def of(cls, path: Path, settings: FleetSettings) -> Bag:
         """Return the recording at a path, which need not exist."""
-        place = path.resolve()
+        place = Path(place_of(path))
         identity = {
             "schema": _SCHEMA,
             "files": _state_of(place),
@@ -48,7 +52,9 @@ class Bag:
             "versions": versions(),
         }
         named = _STRANGE.sub("_", place.name)[-_NAME_CHARACTERS:]
-        return cls(str(path), place, f"{named}-{_hash(str(place))[:8]}", _hash(identity, str(place)))
+        return cls(
+            printable(str(path)), place, f"{named}-{_hash(str(place))[:8]}", _hash(identity, str(place))
+        )
 
 
 class Store:
@@ -68,16 +74,26 @@ class Store:
     def finished(self, bag: Bag) -> BagOutcome | None:
         """Return what a former run has found, None where there is nothing that still holds."""
         try:
-            content = json.loads(self._result(bag).read_text(encoding="utf-8"))
-            if content["key"] != bag.key:
+            content = json.loads(_read(self._result(bag)))
+            if content["key"] != bag.key or content["check"] != _check(content):
                 return None
             outcome = BagOutcome.from_mapping(content["outcome"])
-        except (OSError, ValueError, KeyError, TypeError, ConfigError):
+        except (OSError, ValueError, KeyError, TypeError, RecursionError, ConfigError):
             return None  # whatever is wrong with the file, doing the bag again mends it
-        has_report = bool(outcome.report) and (self.folder / outcome.report).is_file()
+        has_report = outcome.report == _report_name(bag) and (self.folder / outcome.report).is_file()
         if not outcome.finished or (self.reports and not has_report):
             return None
         return outcome.named(bag.name, outcome.report if has_report else "")
+
+    def check(self, bag: Bag) -> None:
+        """Refuse to do a recording whose result would have no place.
+
+        Raises:
+            OutputError: Something that is no file is there.
+        """
+        for path in (self._result(bag), self.folder / _report_name(bag)):
+            if os.path.lexists(path) and not path.is_file():
+                raise OutputError(f"{path} is in the way of a result: it is not a file; move it away")
 
     def save(self, bag: Bag, outcome: BagOutcome, replay: dict[str, Any] | None) -> None:
         """Write the result of a recording, whole or not at all.
@@ -91,6 +107,7 @@ class Store:
             OutputError: It cannot be written.
         """
         content = {"key": bag.key, "outcome": outcome.to_mapping(), "replay": replay}
+        content["check"] = _check(content)
         write_atomically(self._result(bag), (json.dumps(content, allow_nan=False) + "\n").encode())
 
     def save_report(self, bag: Bag, content: bytes) -> str:
@@ -99,7 +116,7 @@ class Store:
         Raises:
             OutputError: It cannot be written.
         """
-        name = f"{_REPORTS}/{bag.stem}.html"
+        name = _report_name(bag)
         write_atomically(self.folder / name, content)
         return name
 
@@ -107,14 +124,32 @@ class Store:
         return self.folder / _RESULTS / f"{bag.stem}.json"
 
 
+def _report_name(bag: Bag) -> str:
+    return f"{_REPORTS}/{bag.stem}.html"
+
+
+def _read(path: Path) -> bytes:
+    """Return the content of a result file.
+
+    Raises:
+        OSError: It cannot be read, is no file, or far too large for one.
+    """
+    # Opening a pipe would wait for somebody who writes.
+    with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:  # noqa: PTH123
+        state = os.fstat(file.fileno())
+        if not stat.S_ISREG(state.st_mode) or state.st_size > _LARGEST_RESULT:
+            raise OSError(f"{path} is no result")
+        return file.read()
+
+
+def _check(content: dict[str, Any]) -> str:
+    """Return the hash of what stands in a result file: a number that is not what it was is no result."""
+    return _hash(content["key"], content["outcome"], content["replay"])
+
+
 def _state_of(path: Path) -> list[tuple[str, int, int]]:
     """Return name, size and time of change of every file of a recording."""
-    try:
-        files = [path] if not path.is_dir() else sorted(each for each in path.rglob("*") if each.is_file())
-        states = [(each, each.stat()) for each in files]
-    except OSError:  # it is not there, or going just now; the worker says so
-        return []
-    return [(str(each.relative_to(path)), state.st_size, state.st_mtime_ns) for each, state in states]
+    return [(str(each.relative_to(path)), state.st_size, state.st_mtime_ns) for each, state in files_of(path)]
 
 
 def _hash(*values: Any) -> str:

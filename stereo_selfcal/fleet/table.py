@@ -13,7 +13,7 @@ from typing import Any
 from ..core.errors import OutputError
 from ..files.atomic_file import write_atomically
 from ..offline.csv_table import harmless
-from .outcome import COLUMN_KINDS, COLUMNS, FLOAT, BagOutcome
+from .outcome import BOOL, COLUMN_KINDS, COLUMNS, FLOAT, INT, BagOutcome
 
 CSV, PARQUET = ".csv", ".parquet"
 
@@ -51,16 +51,23 @@ def csv_of(outcomes: Sequence[BagOutcome]) -> str:
     writer.writerow(COLUMNS)
     for outcome in outcomes:
         values = outcome.to_mapping()
-        writer.writerow(["" if values[name] is None else harmless(values[name]) for name in COLUMNS])
+        writer.writerow([_cell(values[name]) for name in COLUMNS])
     return text.getvalue()
+
+
+def _cell(value: Any) -> Any:
+    """Return the cell of a value: empty for none, 1 and 0 for yes and no, a text that is no formula."""
+    return "" if value is None else int(value) if isinstance(value, bool) else harmless(value)
 
 
 def _parquet(outcomes: Sequence[BagOutcome]) -> bytes:
     pyarrow: Any = import_module("pyarrow")
     parquet: Any = import_module("pyarrow.parquet")
-    kinds = {"str": pyarrow.string(), "int": pyarrow.int64(), FLOAT: pyarrow.float64()}
+    kinds = {INT: pyarrow.int64(), BOOL: pyarrow.bool_(), FLOAT: pyarrow.float64()}
     # A status is a word.
-    schema = pyarrow.schema([(name, kinds.get(kind, kinds["str"])) for name, kind in COLUMN_KINDS.items()])
+    schema = pyarrow.schema(
+        [(name, kinds.get(kind, pyarrow.string())) for name, kind in COLUMN_KINDS.items()]
+    )
     table = pyarrow.Table.from_pylist([outcome.to_mapping() for outcome in outcomes], schema=schema)
     sink = pyarrow.BufferOutputStream()
     parquet.write_table(table, sink)

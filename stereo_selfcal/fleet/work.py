@@ -23,6 +23,7 @@ from ..offline.frame import FrameHead
 from ..offline.opening import open_source
 from ..offline.pool import calibrate_in_order
 from ..offline.run import assemble_replay
+from .workers import Failure, internal_error, one_line, progress
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,17 +119,6 @@ class Stretch:
     remarks: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Failure:
-    """Why a recording could not be calibrated.
-
-    Attributes:
-        reason: One line.
-    """
-
-    reason: str
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibrated:
     """A recording, calibrated.
@@ -166,12 +156,12 @@ def calibrate_bag(
             stretches = None if stretch_s is None else stretches_of(source, settings, stretch_s)
             if stretches is not None:
                 return stretches
-            replay = calibrate_recording(source, settings.config)
+            replay = calibrate_recording(source, settings.config, lambda _: progress())
             return Calibrated(replay, (source.left_name, source.right_name))
     except (SelfcalError, OSError) as error:
         return Failure(one_line(error))
     except Exception as error:  # noqa: BLE001  (a fault of ours must not end the other 10 000 recordings)
-        return Failure(f"internal error: {type(error).__name__}: {one_line(error)}")
+        return internal_error(error)
 
 
 def stretches_of(source: FrameSource, settings: FleetSettings, stretch_s: float) -> Stretches | None:
@@ -213,7 +203,10 @@ def calibrate_stretch(path: str, settings: FleetSettings, selection: Selection) 
     try:
         with settings.open(Path(path)) as source:
             calibrator = Calibrator(source.rig, settings.config)
-            frames = list(calibrate_in_order(source.frames(), calibrator, jobs=1))
+            frames = []
+            for frame in calibrate_in_order(source.frames(), calibrator, jobs=1):
+                frames.append(frame)
+                progress()
             topics = source.left_name, source.right_name
             return Stretch(frames, source.rig, topics, source.n_images, source.remarks)
     except Exception as error:  # noqa: BLE001  (whatever it is, the whole recording shows it again)
@@ -254,11 +247,6 @@ def make_report(path: str, settings: FleetSettings, calibrated: Calibrated) -> b
             return render_report(source, calibrated.replay).encode()
     except Exception as error:  # noqa: BLE001  (the numbers are there, whatever becomes of the report)
         return Failure(f"{type(error).__name__}: {one_line(error)}")
-
-
-def one_line(error: BaseException) -> str:
-    """Return the text of an error as one line, its type where it has none."""
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _be_a_worker() -> None:

@@ -71,7 +71,7 @@ def calibrate_in_order(
             yield FrameHead.of(frame), calibrate_frame_slim(calibrator, frame)
         return
     with _workers(jobs, calibrator.rig, calibrator.config) as workers:
-        with _for_workers():
+        with for_workers():
             for _ in range(jobs):
                 workers.submit(_get_ready)
         for frame in islice(frames, _ALONE_FRAMES):
@@ -92,7 +92,7 @@ def _by_workers(
         if frame is None:
             break
         head = FrameHead.of(frame)
-        with _death_reported(head), _for_workers():
+        with _death_reported(head), for_workers():
             waiting.append((head, workers.submit(_calibrate, frame)))
         del frame
         while len(waiting) > _AHEAD * jobs or (waiting and waiting[0][1].done()):
@@ -126,7 +126,7 @@ def _death_reported(head: FrameHead) -> Iterator[None]:
 def _workers(jobs: int, rig: StereoRig, config: CalibratorConfig) -> Iterator[ProcessPoolExecutor]:
     # Spawned, as a fork of a process with threads may hang.
     context = multiprocessing.get_context("spawn")
-    with _for_workers():  # with an own mask, or starting it later would undo this one
+    with for_workers():  # with an own mask, or starting it later would undo this one
         resource_tracker.ensure_running()
     workers = ProcessPoolExecutor(jobs, context, _start_worker, (rig, config))
     try:
@@ -136,7 +136,7 @@ def _workers(jobs: int, rig: StereoRig, config: CalibratorConfig) -> Iterator[Pr
 
 
 @contextmanager
-def _for_workers() -> Iterator[None]:
+def for_workers() -> Iterator[None]:
     """Start processes with one thread of BLAS that keep their memory, without signals: ending them is ours.
 
     They inherit the variables and the mask of signals.
@@ -161,10 +161,10 @@ def _start_worker(rig: StereoRig, config: CalibratorConfig) -> None:
     global _calibrator  # noqa: PLW0603  (what an initializer leaves for its tasks has no other place)
     _calibrator = Calibrator(rig, config)
     cv2.setNumThreads(1)  # the cores are busy with the other workers
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=end_with_parent, daemon=True).start()
 
 
-def _end_with_parent() -> None:
+def end_with_parent() -> None:
     """End this worker when the process that started it is gone, however that ended."""
     parent = multiprocessing.parent_process()
     if parent is not None:

@@ -11,16 +11,23 @@ import time
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("distributed")
-
 from fleet_making import make_bags
 
 from stereo_selfcal.cli.fleet import main
 from stereo_selfcal.cli.replay import main as replay
+from stereo_selfcal.core.config import CalibratorConfig
+from stereo_selfcal.fleet import processes
+from stereo_selfcal.fleet.store import Bag, Store
+from stereo_selfcal.fleet.work import FleetSettings
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-NOWHERE = ["--scheduler", "tcp://127.0.0.1:9"]  # no work must be left for it
+
+
+@pytest.fixture
+def nowhere():
+    """Name a cluster that is not there: no work must be left for it."""
+    pytest.importorskip("distributed")
+    return ["--scheduler", "tcp://127.0.0.1:9"]
 
 
 @pytest.fixture(scope="module")
@@ -35,8 +42,6 @@ def roads(tmp_path_factory):
         str(folder / "out"),
         "--workers",
         "2",
-        "--dashboard-port",
-        "0",
     ]
     return folder, arguments, main(arguments)
 
@@ -79,12 +84,12 @@ def test_its_numbers_are_those_of_replay(roads, capsys):
 
 
 @pytest.mark.slow
-def test_what_is_finished_is_not_done_again(roads, capsys, tmp_path):
+def test_what_is_finished_is_not_done_again(roads, capsys, tmp_path, monkeypatch):
     folder, arguments, _ = roads
     before = {path: path.stat().st_mtime_ns for path in (folder / "out" / "results").glob("road*")}
+    monkeypatch.setattr(processes, "_start_worker", lambda: pytest.fail("there is no work"))
     good = [str(folder / "bags" / name) for name in ("road2", "road0", "road1")]
-    more = ["--table", str(tmp_path / "more.csv"), *NOWHERE]
-    assert main([*good, *arguments[1:], *more]) == 0
+    assert main([*good, *arguments[1:], "--table", str(tmp_path / "more.csv")]) == 0
     assert "3 recordings (3 of them before): 3 calibrated" in capsys.readouterr().out
     assert {path: path.stat().st_mtime_ns for path in before} == before
     assert list(table(folder / "out")) == ["road2", "road0", "road1"]
@@ -92,10 +97,10 @@ def test_what_is_finished_is_not_done_again(roads, capsys, tmp_path):
 
 
 @pytest.mark.slow
-def test_other_settings_need_a_cluster_again(roads, capsys, monkeypatch):
+def test_other_settings_need_a_cluster_again(roads, capsys, monkeypatch, nowhere):
     monkeypatch.setattr("stereo_selfcal.fleet.cluster._CONNECT_S", 0.5)
     folder, arguments, _ = roads
-    assert main([str(folder / "bags" / "road0"), *arguments[1:3], "--seed", "1", *NOWHERE]) == 2
+    assert main([str(folder / "bags" / "road0"), *arguments[1:3], "--seed", "1", *nowhere]) == 2
     assert "no scheduler answers" in capsys.readouterr().err
     assert table(folder / "out")["road0"]["status"] == "not_done"
 
@@ -105,6 +110,18 @@ def test_other_settings_need_a_cluster_again(roads, capsys, monkeypatch):
     [
         ([], "required: BAG"),
         (["x", "--workers", "0"], "0 is less than 1"),
+        (["x", "--patience", "0"], "0 is no time"),
+        (["x", "--patience", "nan"], "not a time"),
+        (["x", "--dashboard-port", "70000"], "no port"),
+        (["x", "--dashboard-port", "-1"], "no port"),
+        (
+            ["x", "--scheduler", "tcp://127.0.0.1:9", "--workers", "2"],
+            "--workers is of processes on this machine",
+        ),
+        (
+            ["x", "--scheduler", "tcp://127.0.0.1:9", "--dashboard-port", "0"],
+            "--dashboard-port is of processes",
+        ),
         (["x", "--table", "x.xlsx"], "end the name in .csv or .parquet"),
         (["x", "--start", "3", "--end", "2"], "the first must be the smaller"),
         (["x", "--rig", "nowhere.yaml"], "cannot be read"),
@@ -120,11 +137,68 @@ def test_bad_usage(arguments, message, capsys, tmp_path, monkeypatch):
     assert message in err
 
 
-def test_dask_that_is_missing_is_named(monkeypatch, capsys, tmp_path):
+@pytest.mark.parametrize(
+    ("missing", "option"),
+    [
+        ("distributed", "--scheduler"),
+        ("distributed", "--dashboard-port"),
+        ("cryptography", "--dashboard-port"),
+    ],
+)
+def test_what_a_cluster_needs_and_is_missing_is_named(monkeypatch, capsys, tmp_path, missing, option):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    assert main(["x"]) == 2
-    assert "pip install" in capsys.readouterr().err
+    monkeypatch.setattr("stereo_selfcal.cli.fleet.find_spec", lambda name: None if name == missing else name)
+    assert main(["x", option, "8786"]) == 2
+    said = capsys.readouterr().err
+    assert f"{missing} is missing" in said
+    assert "pip install" in said
+
+
+@pytest.mark.slow
+def test_processes_of_this_machine_need_no_dask(roads, tmp_path):
+    folder, _, _ = roads
+    without = "import sys; sys.modules |= dict.fromkeys(['dask', 'distributed', 'cryptography']); "
+    without += "from stereo_selfcal.cli.fleet import main; sys.exit(main(sys.argv[1:]))"
+    script = tmp_path / "without.py"
+    script.write_text(f"if __name__ == '__main__':\n    {without}\n", encoding="utf-8")
+    command = [sys.executable, str(script), str(folder / "bags" / "road0"), "--output", str(tmp_path / "out")]
+    run = subprocess.run(command, env=environment(), text=True, capture_output=True, check=False)
+    assert (run.returncode, "1 calibrated" in run.stdout) == (0, True), run.stderr
+
+
+@pytest.mark.slow
+def test_where_no_worker_can_start_the_command_ends_with_a_reason_and_a_status(
+    roads, capsys, tmp_path, monkeypatch
+):
+    start = processes._start_worker
+
+    def start_and_kill():
+        worker = start()
+        worker.process.kill()
+        return worker
+
+    monkeypatch.setattr(processes, "_start_worker", start_and_kill)
+    folder, _, _ = roads
+    assert main([str(folder / "bags" / "road0"), "--output", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert (
+        "fleet: no worker is left: 5 in a row ended as they started (the last one killed by signal 9)" in said
+    )
+    assert "Traceback" not in said
+    assert table(tmp_path / "out")["road0"]["status"] == "not_done"
+
+
+def test_what_is_in_the_way_of_a_result_is_said_before_any_work_is_done(tmp_path, capsys):
+    bag = tmp_path / "road.mcap"
+    bag.write_bytes(b"no recording")
+    stem = Bag.of(bag, FleetSettings(CalibratorConfig())).stem
+    (tmp_path / "out" / "results" / f"{stem}.json").mkdir(parents=True)
+    assert main([str(bag), "--output", str(tmp_path / "out"), "--no-report"]) == 2
+    assert "is in the way of a result: it is not a file; move it away" in capsys.readouterr().err
+
+
+def environment(**more):
+    return os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, sys.path)])} | more
 
 
 def wait_for_group_to_end(group):
@@ -142,12 +216,11 @@ def wait_for_group_to_end(group):
 def test_interrupted_it_ends_cleanly_and_goes_on_where_it_was(tmp_path):
     make_bags(tmp_path / "bags", 6, n_frames=4)
     command = [sys.executable, "-m", "stereo_selfcal", "fleet", str(tmp_path / "bags")]
-    command += ["--output", str(tmp_path / "out"), "--workers", "1", "--dashboard-port", "0"]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, sys.path)])}
+    command += ["--output", str(tmp_path / "out"), "--workers", "1"]
     # In a process group of its own, all of which gets the Ctrl-C, as in a terminal.
     run = subprocess.Popen(
         command,
-        env=environment,
+        env=environment(),
         start_new_session=True,
         text=True,
         stdout=subprocess.PIPE,
@@ -171,8 +244,50 @@ def test_interrupted_it_ends_cleanly_and_goes_on_where_it_was(tmp_path):
     assert statuses.count("not_done") == 6 - finished
     assert "Interrupted" in (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
     before = {path: path.stat().st_mtime_ns for path in results.glob("*.json")}
-    again = subprocess.run(command, env=environment, text=True, capture_output=True, check=False)
+    again = subprocess.run(command, env=environment(), text=True, capture_output=True, check=False)
     assert again.returncode == 0, again.stderr
     assert f"6 recordings ({finished} of them before): 6 calibrated" in again.stdout
     assert f"{6 - finished} recordings to do" in again.stderr
     assert {path: path.stat().st_mtime_ns for path in before} == before
+
+
+@pytest.mark.slow
+def test_killed_again_and_again_it_loses_no_result_leaves_nothing_and_comes_to_an_end(tmp_path):
+    bags = make_bags(tmp_path / "bags", 6)
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "stereo_selfcal", "fleet", str(tmp_path / "bags"), "--output", str(out)]
+    command += ["--workers", "2"]
+    store = Store(out, reports=True)
+    settings = FleetSettings(CalibratorConfig())
+    seen = set()
+    for kills in range(2):
+        run = subprocess.Popen(
+            command,
+            env=environment(TMPDIR=str(scratch)),
+            start_new_session=True,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        end_s = time.monotonic() + 120
+        while len(list((out / "results").glob("*.json"))) <= kills:
+            assert run.poll() is None
+            assert time.monotonic() < end_s
+            time.sleep(0.01)
+        acknowledged = set((out / "results").glob("*.json"))
+        run.kill()
+        run.wait()
+        wait_for_group_to_end(run.pid)  # workers end with it
+        assert seen <= acknowledged <= set((out / "results").glob("*.json"))
+        finished = [bag for bag in bags if store.finished(Bag.of(bag, settings)) is not None]
+        assert len(finished) >= len(acknowledged)
+        seen = acknowledged
+    again = subprocess.run(
+        command, env=environment(TMPDIR=str(scratch)), text=True, capture_output=True, check=False
+    )
+    assert again.returncode == 0, again.stderr
+    assert "of them before): 6 calibrated" in again.stdout
+    assert not list(scratch.iterdir())
+    assert {path.name for path in out.iterdir()} == {"results", "reports", "table.csv", "index.html"}
+    assert not list(out.rglob(".*"))

@@ -6,11 +6,13 @@ import json
 import os
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from fleet_making import make_bags
 
+from stereo_selfcal.cli.fleet import _Outcomes
 from stereo_selfcal.core.camera.rig import StereoRig
 from stereo_selfcal.core.config import CalibratorConfig
 from stereo_selfcal.core.errors import ConfigError, OutputError
@@ -18,6 +20,7 @@ from stereo_selfcal.core.geometry.pose import Extrinsics
 from stereo_selfcal.fleet.bags import find_bags
 from stereo_selfcal.fleet.index import index_page
 from stereo_selfcal.fleet.outcome import COLUMNS, BagOutcome, Status
+from stereo_selfcal.fleet.scheduling import Done
 from stereo_selfcal.fleet.store import Bag, Store
 from stereo_selfcal.fleet.table import check_table, csv_of, write_table
 from stereo_selfcal.fleet.work import (
@@ -29,7 +32,9 @@ from stereo_selfcal.fleet.work import (
     stretches_of,
 )
 from stereo_selfcal.offline import BagSource, Selection, calibrate_recording
+from stereo_selfcal.report.page import render_report
 
+ROOT = Path(__file__).resolve().parent.parent.parent
 SETTINGS = FleetSettings(CalibratorConfig())
 GOOD = BagOutcome(
     "a, b",
@@ -89,7 +94,21 @@ def test_what_failed_is_tried_again(road, tmp_path, status):
 
 
 @pytest.mark.parametrize(
-    "content", [b"", b"{", b"[]", b"{}", b'{"key": 1}', b"\xff", b'{"key": "KEY", "outcome": {"bag": "x"}}']
+    "content",
+    [
+        b"",
+        b"{",
+        b"[]",
+        b"null",
+        b"{}",
+        b'{"key": 1}',
+        b"\xff",
+        b'{"key": "KEY", "outcome": {"bag": "x"}}',
+        b'{"key": "KEY", "outcome": {"bag": "x"}, "replay": null, "check": "x"}',
+        b'{"key": "KEY", "outcome": [], "replay": NaN, "check": []}',
+        b"[" * 100_000,
+        b"9" * 100_000,
+    ],
 )
 def test_a_result_file_that_is_none_is_made_anew(road, tmp_path, content):
     store = Store(tmp_path)
@@ -98,6 +117,48 @@ def test_a_result_file_that_is_none_is_made_anew(road, tmp_path, content):
     (file,) = (tmp_path / "results").iterdir()
     file.write_bytes(content.replace(b"KEY", bag.key.encode()))
     assert store.finished(bag) is None
+
+
+def test_a_result_with_a_number_that_is_none_is_a_failed_row_and_no_end_of_the_others(road, tmp_path):
+    bag = Bag.of(road, SETTINGS)
+    outcomes = _Outcomes([bag], Store(tmp_path), None)
+    assert outcomes.take(Done(bag, replace(GOOD, lane_yaw_rad=float("nan")))).status is Status.FAILED
+    outcomes.write()
+    assert "internal error: ValueError" in outcomes.summary()
+
+
+def test_a_number_that_was_changed_in_a_result_file_is_not_believed(road, tmp_path):
+    store = Store(tmp_path)
+    bag = Bag.of(road, SETTINGS)
+    store.save(bag, replace(GOOD, report=""), None)
+    (file,) = (tmp_path / "results").iterdir()
+    content = file.read_text(encoding="utf-8")
+    file.write_text(content.replace("1.4000000000000001", "1.5"), encoding="utf-8")
+    assert file.read_text(encoding="utf-8") != content
+    assert store.finished(bag) is None
+
+
+def test_a_pipe_or_a_device_in_the_place_of_a_result_is_not_read(road, tmp_path):
+    store = Store(tmp_path)
+    bag = Bag.of(road, SETTINGS)
+    path = tmp_path / "results" / f"{bag.stem}.json"
+    path.symlink_to("/dev/zero")
+    assert store.finished(bag) is None
+    path.unlink()
+    os.mkfifo(path)
+    assert store.finished(bag) is None
+    with pytest.raises(OutputError, match="is in the way of a result"):
+        store.check(bag)
+
+
+def test_a_report_elsewhere_is_none_of_a_recording(road, tmp_path):
+    """Its name in a result file becomes a link in the index."""
+    store = Store(tmp_path)
+    bag = Bag.of(road, SETTINGS)
+    (tmp_path / "other.html").touch()
+    for name in ("other.html", "javascript:alert(1)", "../other.html"):
+        store.save(bag, replace(GOOD, report=name), None)
+        assert store.finished(bag).report == ""
 
 
 def test_a_recording_whose_report_is_gone_is_done_again(road, tmp_path):
@@ -130,6 +191,13 @@ def test_table_keeps_every_digit():
     assert rows[1]["reason"] == "no such file"
 
 
+def test_no_cell_of_the_table_is_a_formula():
+    names = {"bag": "=1+1", "message": "@SUM(A1)", "left": "+1", "right": "-x"}
+    (row,) = csv.DictReader(io.StringIO(csv_of([replace(GOOD, **names)])))
+    assert [row["bag"], row["message"], row["right"]] == ["'=1+1", "'@SUM(A1)", "'-x"]
+    assert float(row["roll_rad"]) == 0.0
+
+
 def test_parquet_has_the_types_of_the_columns(tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     write_table(tmp_path / "x.parquet", [GOOD, BAD])
@@ -150,7 +218,24 @@ def test_parquet_without_pyarrow_is_refused_with_a_remedy(tmp_path, monkeypatch)
 
 @pytest.mark.parametrize(
     "change",
-    [{"height_m": float("nan")}, {"height_m": "1"}, {"height_m": None}, {"status": "fine"}, {"more": 1}],
+    [
+        {"height_m": float("nan")},
+        {"height_m": "1"},
+        {"height_m": None},
+        {"height_m": 10**400},
+        {"height_m": True},
+        {"status": "fine"},
+        {"status": ["calibrated"]},
+        {"more": 1},
+        {"bag": None},
+        {"message": 1},
+        {"frames": -1},
+        {"frames": 2.0},
+        {"frames": True},
+        {"moves": 2**63},
+        {"with_reservations": 1},
+        dict.fromkeys(["height_m", "pitch_rad", "roll_rad"]),
+    ],
 )
 def test_a_row_is_checked_when_it_is_read(change):
     assert BagOutcome.from_mapping(GOOD.to_mapping()) == GOOD
@@ -194,6 +279,28 @@ def test_a_row_is_made_of_what_replay_found(road):
     assert outcome.to_mapping()["roll_std_rad"] == replay.estimate.std.roll_rad
     assert outcome.message == replay.estimate.message
     assert json.loads(json.dumps(outcome.to_mapping()))["status"] == "calibrated"
+
+
+@pytest.mark.parametrize("bag", ["straight_road", "noisy_20"])
+def test_what_the_report_calls_with_reservations_is_so_in_the_row(bag):
+    with BagSource([ROOT / "bags" / bag]) as source:
+        replay = calibrate_recording(source)
+        page = render_report(source, replay)
+    outcome = BagOutcome.from_replay("road", replay, ("l", "r"))
+    assert outcome.status is Status.CALIBRATED
+    assert outcome.with_reservations == ("Calibrated, with reservations" in page)
+
+
+def test_a_row_with_reservations_is_one_in_table_page_and_json():
+    doubtful = replace(GOOD, with_reservations=True)
+    rows = list(csv.DictReader(io.StringIO(csv_of([GOOD, doubtful]))))
+    assert [row["with_reservations"] for row in rows] == ["0", "1"]
+    assert BagOutcome.from_mapping(json.loads(json.dumps(doubtful.to_mapping()))) == doubtful
+    assert "with reservations" not in index_page([GOOD], "")
+    page = index_page([GOOD, doubtful], "")
+    assert "2 calibrated; 1 with reservations" in page
+    assert page.count("calibrated, with reservations</b>") == 1
+    assert '<b class="status reserved">' in page
 
 
 def test_stretches_hold_every_frame_once(road):

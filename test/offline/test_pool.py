@@ -219,7 +219,7 @@ def test_workers_keep_their_memory_and_this_process_keeps_its_variables(monkeypa
     monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "1000000")  # the user's own
     monkeypatch.delenv("MALLOC_MMAP_THRESHOLD_", raising=False)
     before = dict(os.environ)
-    with pool._for_workers():
+    with pool.for_workers():
         assert os.environ["MALLOC_TRIM_THRESHOLD_"] == "1000000"
         assert int(os.environ["MALLOC_MMAP_THRESHOLD_"]) == 32 * 2**20
     assert dict(os.environ) == before
