@@ -10,6 +10,7 @@ from fake_calibrator import use_fake
 
 from stereo_selfcal.bags import BagError, StereoBag, reader
 from stereo_selfcal.cli.replay import main
+from stereo_selfcal.core.camera.rectifier import StereoRectifier
 from stereo_selfcal.offline import open_source
 
 LENS = {"d": np.array([-0.2, 0.05, 0.001, -0.001, 0.0])}
