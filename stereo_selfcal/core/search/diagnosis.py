@@ -17,11 +17,12 @@ from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
 from ..evidence.frame_evidence import FrameObservations
 from ..geometry.homography import SIDES
+from ..lanes.closed_form import solve_plane
 from ..lanes.frame_checks import FIND_LINES
 from ..lanes.hypotheses import LaneHypotheses, find_hypotheses
 from ..lanes.lane_pair import ImageLine, LanePattern
 from ..lanes.stripe_points import find_stripe_points
-from ..rejection import Bound, Rejection, RejectReason
+from ..rejection import Bound, NotFitted, Rejection, RejectReason
 from ..types import Array, Image
 
 # Refusals that say that the lines of both images do not fit each other, or that there are none.
@@ -50,6 +51,8 @@ _LEAST_CONTRAST = 1 / 5
 # Share of white pixels of an image, and of its paint, beyond that of the other image. A gain that clips paint
 # moves its edges; rims and noise leave a few of a hundred pixels white.
 _MOST_WHITE, _MOST_WHITE_PAINT = 0.25, 0.25
+# An overexposed image is brighter as a whole. Where it is not, each camera has found other lines.
+_LEAST_BRIGHTER = 1.1
 _WHITE_GREY = 250  # noise makes clipping visible a few grey levels below 255
 # Steepness of the edges of an image, over that of the other one. A blur of 2 px halves it; of 211 recorded
 # and rendered pairs, the least was 0.70.
@@ -109,9 +112,10 @@ def diagnose(
             cause = check(side, looks[camera], looks[1 - camera])
             if cause is not None:
                 return cause
-    if np.array_equal(*frame.images):
+    if looks[0].edges >= _LEAST_EDGE_GREY and np.array_equal(*frame.images):
         return _same_picture()
-    if rejection.reason in _OF_MISSING_LINES:
+    # Where a line of both images is one of a road as they are, nothing hangs upside down.
+    if rejection.reason in _OF_MISSING_LINES and not any(found.matches):
         return _upside_down(frame, rig, config) or rejection
     return rejection
 
@@ -183,6 +187,8 @@ def _flat(side: str, own: _Look, other: _Look) -> Rejection | None:
 
 
 def _white(side: str, own: _Look, other: _Look) -> Rejection | None:
+    if own.mean < _LEAST_BRIGHTER * other.mean:
+        return None
     for what, value, least, most in (
         ("image", own.white, other.white, _MOST_WHITE),
         ("image's paint of the lane lines", own.paint, other.paint, _MOST_WHITE_PAINT),
@@ -236,6 +242,16 @@ def _turned(image: Image) -> Image:
     return np.ascontiguousarray(image[::-1, ::-1])
 
 
+def _may_be_a_road(pattern: LanePattern, rig: StereoRig, config: CalibratorConfig) -> bool:
+    """Whether the plane through two lines is that of a road in the search space."""
+    closed = solve_plane(pattern, rig)
+    if isinstance(closed, NotFitted):
+        return False
+    lower, upper = config.search.bounds()
+    pose = closed.extrinsics.as_array()
+    return bool(np.all((np.array(lower) < pose) & (pose < np.array(upper))))
+
+
 def _upside_down(frame: FrameObservations, rig: StereoRig, config: CalibratorConfig) -> Rejection | None:
     """Return the refusal of images that show the lines of a road when they are turned by 180 degrees."""
     upright, turned = frame.images, (_turned(frame.images[0]), _turned(frame.images[1]))
@@ -259,7 +275,7 @@ def _upside_down(frame: FrameObservations, rig: StereoRig, config: CalibratorCon
         left, right = (images[each][camera] for each, camera in chosen)
         left_points, right_points = (points[each][camera] for each, camera in chosen)
         found = find_hypotheses((left_points, right_points), (left, right), seen_rig, config)
-        if isinstance(found.patterns, list):
+        if isinstance(found.patterns, list) and _may_be_a_road(found.patterns[0], seen_rig, config):
             return Rejection(
                 RejectReason.IMAGES_UPSIDE_DOWN,
                 f"{which} upside down: as they are, {{value}} of {{limit}} lane lines are found, turned both",
