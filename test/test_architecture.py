@@ -56,8 +56,12 @@ COMPUTED = "an import of a computed name"
 
 # Import name -> rosdep key, where the two differ.
 ROSDEP_KEYS = {
+    # What rosbags unpacks with; it brings both. "compression" is Python's own from 3.14 on.
+    "backports": "python3-rosbags-pip",
+    "compression": "python3-rosbags-pip",
     "cv2": "python3-opencv",
     "jinja2": "python3-jinja2",
+    "lz4": "python3-rosbags-pip",
     "numpy": "python3-numpy",
     "rosbags": "python3-rosbags-pip",
     "tf2_ros": "tf2_ros_py",

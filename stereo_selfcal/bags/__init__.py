@@ -3,7 +3,17 @@
 from .errors import BagError
 from .frame import StereoFrame, readable
 from .reader import StereoBag, stereo_pairs
+from .regular_file import open_regular
 from .selection import Selection
 from .topics import StereoTopics
 
-__all__ = ["BagError", "Selection", "StereoBag", "StereoFrame", "StereoTopics", "readable", "stereo_pairs"]
+__all__ = [
+    "BagError",
+    "Selection",
+    "StereoBag",
+    "StereoFrame",
+    "StereoTopics",
+    "open_regular",
+    "readable",
+    "stereo_pairs",
+]

@@ -1,42 +1,49 @@
-"""One bag of a recording, opened by rosbags. Each error message is one line."""
+"""One bag of a recording, open. Each error message is one line."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
 
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
-
-from .errors import BagError
+from ..core.errors import printable
+from .definitions import check_definitions, deserialize
+from .errors import BagError, NoFileError, TooLargeError
+from .mcap_storage import MAGIC as MCAP_MAGIC
+from .mcap_storage import McapStorage
+from .metadata import METADATA, Metadata, read_metadata
 from .order import natural_key
-from .topics import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, Topic
-
-if TYPE_CHECKING:
-    from rosbags.interfaces import Connection
+from .regular_file import check_regular, open_regular
+from .ros1_storage import MAGIC as ROS1_MAGIC
+from .ros1_storage import Ros1Storage
+from .sqlite_storage import MAGIC as SQLITE_MAGIC
+from .sqlite_storage import SqliteStorage
+from .storage import CDR, MESSAGE_TYPES, ROS1, Channel, Storage
+from .topics import Topic
+from .unpacking import unpack_file, unpack_zstd
 
 # Storage files that are a recording by themselves, without a folder and its metadata.yaml.
 _STORAGE_SUFFIXES = (".mcap", ".db3")
 _SUFFIXES = (*_STORAGE_SUFFIXES, ".bag")
-
-# Types of the messages that are read, and of their parts. None has changed since the first ROS 2.
-_MESSAGE_TYPES = (IMAGE, COMPRESSED_IMAGE, CAMERA_INFO)
-_PART_TYPES = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time", "sensor_msgs/msg/RegionOfInterest")
-
 _COMPRESSED_SUFFIX = ".zstd"
 
-# Messages of rosbags, and the remedy for each.
+_STORAGES = ((MCAP_MAGIC, McapStorage), (SQLITE_MAGIC, SqliteStorage), (ROS1_MAGIC, Ros1Storage))
+
 _REPAIR = "if it was cut off, 'ros2 bag reindex', 'mcap recover' or 'rosbag reindex' may save it"
+_REINDEX = "'ros2 bag reindex' writes it anew from the storage files"
+# Words of errors, and the remedy for each; the first that fits.
 _REMEDIES = {
     "Profile is not ros2": "an MCAP file of another system: record it with ROS 2, or convert it",
     "Compression format": "'ros2 bag convert' writes it anew with zstd, or without compression",
     "Storage plugin": "'ros2 bag convert' writes it anew as mcap or sqlite3",
     "Serialization format": "'ros2 bag convert' writes it anew in cdr",
-    "not supported; please report": "a newer version of rosbags may read it",
+    "not supported; please report": "a newer version of this program may read it",
     "its definition of": "record it with the messages of ROS",
     "files are missing": "put them beside metadata.yaml, or 'ros2 bag reindex' writes that anew",
+    "set TMPDIR": "or unpack it yourself",
+    METADATA: _REINDEX,
 }
 _GIVE = "give a rosbag2 folder, an .mcap, a .db3 or a ROS 1 .bag"
 
@@ -70,18 +77,19 @@ class Part:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        with self._damage_reported():
-            # Recordings older than ROS 2 Iron carry no message definitions; these types never changed.
-            self._reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
-            self._reader.open()
-            _sort_by_time(self._reader)
-            self.connections = list(self._reader.connections)
-            self.start_ns, self.end_ns = self._reader.start_time, self._reader.end_time
-            self._check_definitions()
+        self._stack = ExitStack()
+        self._storages: list[Storage] = []
+        self._packed_messages = False
+        try:
+            with self._damage_reported():
+                self._open()
+        except BaseException:
+            self.close()
+            raise
 
     def close(self) -> None:
         """Close the files."""
-        self._reader.close()
+        self._stack.close()
 
     def messages(
         self, topics: Collection[Topic], start_ns: int | None = None, stop_ns: int | None = None
@@ -97,71 +105,117 @@ class Part:
             BagError: The recording is damaged.
         """
         wanted = {(topic.name, topic.msgtype) for topic in topics}
-        connections = [c for c in self.connections if (c.topic, c.msgtype) in wanted]
-        if not connections:
-            return
-        with self._damage_reported():
-            messages = self._reader.messages(connections=connections, start=start_ns, stop=stop_ns)
-        while True:
-            with self._damage_reported():
-                item: tuple[Connection, int, bytes] | None = next(messages, None)
-                if item is None:
-                    return
-                content = self._reader.deserialize(item[2], item[0].msgtype)
-            yield Message(item[1], item[0].topic, content)
+        for storage in self._storages:
+            channels = [c for c in storage.channels if (c.topic, c.msgtype) in wanted]
+            messages = storage.messages(channels, start_ns, stop_ns)
+            while True:
+                with self._damage_reported():
+                    found = next(messages, None)
+                    if found is None:
+                        break
+                    data = unpack_zstd(found.data, "a message") if self._packed_messages else found.data
+                    content = deserialize(found.channel, data)
+                yield Message(found.recorded_ns, found.channel.topic, content)
 
-    def _check_definitions(self) -> None:
-        """Refuse a recording with other definitions of the types that are read: it would be misread."""
-        ours = get_typestore(Stores.ROS2_JAZZY).fielddefs
-        theirs = self._reader.typestore.fielddefs
-        for msgtype in (*_MESSAGE_TYPES, *_PART_TYPES):
-            if msgtype not in theirs:
-                continue
-            fields = dict(theirs[msgtype][1])
-            for name, kind in ours[msgtype][1]:
-                # ROS 1 has a field more in Header, and D, K, R, P in capitals.
-                if fields.get(name.upper() if len(name) == 1 and name not in fields else name) != kind:
-                    raise BagError(f"its definition of {msgtype} has another field than {name}")
+    def _open(self) -> None:
+        said: dict[tuple[str, str], int] = {}
+        files: tuple[Path, ...] = (self.path,)
+        if self.path.is_dir():
+            metadata = read_metadata(self.path)
+            self._packed_messages = metadata.compression == "message"
+            files, said = self._unpacked(metadata), metadata.counts
+        for file in files:
+            storage = _open_storage(file)
+            self._stack.callback(storage.close)
+            self._storages.append(storage)
+        # metadata.yaml may list them by letters, 10 before 2.
+        self._storages.sort(key=lambda storage: storage.start_ns)
+        channels = [channel for storage in self._storages for channel in storage.channels]
+        for channel in channels:
+            if channel.msgtype in MESSAGE_TYPES and channel.serialization not in (CDR, ROS1):
+                raise BagError(f"Serialization format {channel.serialization[:20]!r} is not supported")
+        check_definitions(channels)
+        self.connections = self._joined(said)
+        self.start_ns = min(storage.start_ns for storage in self._storages)
+        self.end_ns = max(storage.end_ns for storage in self._storages)
+
+    def _unpacked(self, metadata: Metadata) -> tuple[Path, ...]:
+        if metadata.compression != "file":
+            return metadata.files
+        folder = Path(self._stack.enter_context(TemporaryDirectory(prefix="stereo_selfcal_")))
+        unpacked = tuple(folder / file.name.removesuffix(_COMPRESSED_SUFFIX) for file in metadata.files)
+        for file, target in zip(metadata.files, unpacked, strict=True):
+            unpack_file(file, target)
+        return unpacked
+
+    def _joined(self, said: dict[tuple[str, str], int]) -> list[Channel]:
+        """Return the topics of all files, each with the number of messages it should have."""
+        found: dict[tuple[str, str], Channel] = {}
+        for channel in (channel for storage in self._storages for channel in storage.channels):
+            key = channel.topic, channel.msgtype
+            before = found[key].msgcount if key in found else 0
+            found[key] = channel._replace(msgcount=before + channel.msgcount)
+        for (topic, msgtype), count in said.items():
+            channel = found.get((topic, msgtype), Channel(0, topic, msgtype, 0))
+            found[topic, msgtype] = channel._replace(msgcount=max(channel.msgcount, count))
+        return list(found.values())
 
     @contextmanager
     def _damage_reported(self) -> Iterator[None]:
-        """Translate the exceptions of rosbags for a damaged file into one line."""
+        """Make one line of the exceptions for a damaged file."""
         try:
             yield
-        except Exception as error:  # struct.error, apsw.Error, ZstdError, AssertionError, ... by the damage
-            detail = (" ".join(str(error).split()) or type(error).__name__).rstrip(".")
+        except NoFileError:
+            raise
+        except TooLargeError as error:
+            raise TooLargeError(f"{self.path}: {error}") from error
+        except MemoryError as error:
+            raise BagError(f"{self.path}: reading it needs more memory than there is") from error
+        except (
+            Exception
+        ) as error:  # struct.error, sqlite3.Error, ZstdError, AssertionError, ... by the damage
+            detail = (printable(" ".join(str(error).split())) or type(error).__name__).rstrip(".")
             remedy = next((text for sign, text in _REMEDIES.items() if sign in detail), _REPAIR)
             raise BagError(f"{self.path}: cannot be read as a recording ({detail}); {remedy}") from error
 
 
-def _sort_by_time(reader: AnyReader) -> None:
-    """Put the storage files of a recording in the order of time.
-
-    rosbags reads them as metadata.yaml lists them, which may be the order of letters (10 before 2).
-    """
-    for each in reader.readers:
-        storages = getattr(getattr(each, "storage", each), "storages", [])
-        storages.sort(key=lambda storage: storage.metadata.start_time)
+def _open_storage(path: Path) -> Storage:
+    """Open a storage file as what its first bytes say it is."""
+    with open_regular(path) as file:
+        start = file.read(max(len(magic) for magic, _ in _STORAGES))
+    if not start:
+        raise BagError(f"{path.name} is empty")
+    for magic, storage in _STORAGES:
+        if start.startswith(magic):
+            return storage(path)
+    raise BagError(f"{path.name} does not begin as MCAP, SQLite or ROS 1 bag files do")
 
 
 def recordings_at(path: Path) -> list[Path]:
-    """Return what rosbags has to open for ``path``: a folder with metadata.yaml, or files.
+    """Return the bags at ``path``: a folder with metadata.yaml, or files.
 
     Raises:
         BagError: There is no recording.
     """
-    if not path.exists():
-        raise BagError(f"{path}: no such file or folder; {_GIVE}")
-    if path.is_file():
-        if path.suffix == _COMPRESSED_SUFFIX:
-            raise BagError(f"{path}: {_unpack(path)}")
-        if path.suffix not in _SUFFIXES:
-            raise BagError(f"{path}: not a recording; {_GIVE}")
-        return [path]
-    if (path / "metadata.yaml").exists():
-        return [path]
-    # A recorder that was killed leaves its storage files without metadata.yaml.
-    entries = sorted(path.iterdir(), key=lambda file: natural_key(file.name))
+    try:
+        status = path.stat()
+        if not path.is_dir():
+            check_regular(status.st_mode, path)
+            if path.suffix == _COMPRESSED_SUFFIX:
+                raise BagError(f"{path}: {_unpack(path)}")
+            if path.suffix not in _SUFFIXES:
+                raise BagError(f"{path}: not a recording; {_GIVE}")
+            return [path]
+        if (path / METADATA).exists():
+            return [path]
+        # A recorder that was killed leaves its storage files without metadata.yaml.
+        entries = sorted(path.iterdir(), key=lambda file: natural_key(file.name))
+    except FileNotFoundError as error:
+        raise BagError(f"{path}: no such file or folder; {_GIVE}") from error
+    except (OSError, ValueError) as error:  # ValueError: a NUL character in the name
+        raise BagError(
+            f"{path}: cannot be opened ({getattr(error, 'strerror', None) or error}); {_GIVE}"
+        ) from error
     files = [file for file in entries if file.suffix in _SUFFIXES]
     packed = [file for file in entries if file.suffix == _COMPRESSED_SUFFIX]
     if packed:

@@ -232,10 +232,10 @@ def test_csv_has_a_line_per_frame_with_every_digit(bag, calibrator, monkeypatch,
 def test_an_image_that_cannot_be_converted_is_a_refused_frame(bag, calibrator, monkeypatch, capsys):
     convert = reader_module.message_to_grey
 
-    def message_to_grey(message):
+    def message_to_grey(message, rig_size):
         if message.header.stamp.nanosec == 300_000_000:
             raise ImageError("cut short")
-        return convert(message)
+        return convert(message, rig_size)
 
     monkeypatch.setattr(reader_module, "message_to_grey", message_to_grey)
     assert main([str(bag)]) == 0
