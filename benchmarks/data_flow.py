@@ -68,7 +68,7 @@ ROWS = (
                 ("intrinsics, baseline", "and their faults"),
                 ("camera_info_checks", "camera_info_history", "pair_geometry", "rig"),
             ),
-            Box("core/camera/image_messages", ("8-bit grey values",)),
+            Box("core/camera/image_messages", ("8-bit grey values",), ("image_header", "bit_depth")),
             Box("core/camera/rectifier", ("rectified images", "of one rig")),
         ),
     ),

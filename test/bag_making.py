@@ -45,7 +45,7 @@ class Camera:
     image: str | None = None
     info: str | None = None
     encoding: str = "mono8"
-    compressed: str | None = None
+    compressed: str | bytes | None = None  # a format, or the bytes of every image
     step_too_small: bool = False
     stamp_shift_ns: int = 0
     lost: tuple[int, ...] = ()
@@ -197,16 +197,21 @@ def _messages(types, camera, index, stamp_ns, rig, ros1):
     if index in camera.lost:
         return
     if camera.image and camera.compressed:
-        _, content = cv2.imencode(f".{camera.compressed}", picture(camera.side, index, rig))
+        if isinstance(camera.compressed, bytes):
+            content = np.frombuffer(camera.compressed, np.uint8)
+        else:
+            _, content = cv2.imencode(f".{camera.compressed}", picture(camera.side, index, rig))
         kind = types.types["sensor_msgs/msg/CompressedImage"]
         yield (
             camera.image,
-            kind(header=header, format=f"mono8; {camera.compressed} compressed ", data=content),
+            kind(header=header, format=f"mono8; {camera.compressed!s:.10} compressed ", data=content),
         )
     elif camera.image:
         pixels = picture(camera.side, index, rig)
         if camera.encoding == "bgr8":
             pixels = cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR)
+        elif camera.encoding == "mono16":  # of a camera of 12 bits
+            pixels = (pixels.astype("<u2") * 16).view(np.uint8)
         step = pixels.strides[0]
         yield (
             camera.image,

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..core.camera.bit_depth import BitDepth, Pixels
 from ..core.camera.rectifier import StereoRectifier
 from ..core.errors import ImageError
 from ..core.faults import Fault
@@ -59,8 +60,9 @@ class StereoFrame:
     def from_images(
         cls,
         stamp_s: float,
-        left: Callable[[], Image],
-        right: Callable[[], Image],
+        left: Callable[[], Pixels],
+        right: Callable[[], Pixels],
+        depth: BitDepth,
         recorded_ns: int,
         name: str = "",
     ) -> StereoFrame:
@@ -70,11 +72,12 @@ class StereoFrame:
             stamp_s: Stamp [s].
             left: Returns the left image, or raises an ImageError.
             right: The same for the right one.
+            depth: Converts images of more than 8 bits.
             recorded_ns: When it was recorded [ns].
             name: Its name.
         """
         try:
-            return cls(stamp_s, left(), right(), recorded_ns, name)
+            return cls(stamp_s, *depth.to_8_bits(left(), right()), recorded_ns, name)
         except ImageError as error:
             nothing = np.empty((0, 0), np.uint8)
             return cls(stamp_s, nothing, nothing, recorded_ns, name, str(error))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from heapq import merge
@@ -12,13 +13,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
+from ..core.camera.bit_depth import BitDepth, Pixels
 from ..core.camera.image_messages import message_to_grey
 from ..core.camera.pairing import StampedPair, StampPairer, message_stamp_ns, stamp_to_s
 from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
 from ..core.camera.stamp_pattern import NoPairCause, StampPattern
-from ..core.errors import ImageError, RigError
-from ..core.types import Image
+from ..core.errors import ImageError, RigError, printable
 from .errors import BagError
 from .frame import StereoFrame, readable
 from .frame_cameras import LATE_NS, FrameCameras
@@ -29,10 +30,15 @@ from .topics import StereoTopics, Topic, find_camera_info, find_stereo_pairs, fi
 # Images of one camera that may be recorded ahead of the other's; more than the node keeps, as a
 # recorder writes topics in bursts. It bounds the memory.
 _QUEUE_SIZE = 30
+# Fewer of them wait where they are large: up to so many bytes of both cameras.
+_QUEUE_BYTES = 2**29
 
 # Margin around a stretch of a recording. With it, the images find the same partners as in the whole
 # recording. A full queue at 10 Hz is shorter.
 _MARGIN_NS = 4_000_000_000
+
+# Places in a recording at which the depth of its 16-bit images is looked up: it may begin in the dark.
+_LOOKS = 5
 
 
 class _Found(NamedTuple):
@@ -51,6 +57,9 @@ class StereoBag:
         paths: The bags of the recording.
         topics: The image topics of the two cameras.
         remarks: Sentences about the images that are in no frame; complete when all images have been read.
+        depth: Bits of the images, where they have more than 8.
+        rig_size: (width, height) of the images of the rig, None as long as it is not known; images far larger
+            are not decoded.
     """
 
     def __init__(
@@ -80,6 +89,8 @@ class StereoBag:
         """
         self.paths = tuple(Path(each) for each in ([path] if isinstance(path, str | Path) else path))
         self.remarks: tuple[str, ...] = ()
+        self.depth = BitDepth(self._look_ahead, lasting=False)
+        self.rig_size: tuple[int, int] | None = None
         self._tolerance_s = tolerance_s
         self._info_names = left_info, right_info
         self._cameras: FrameCameras | None = None
@@ -210,6 +221,7 @@ class StereoBag:
         raise BagError(f"{self._name}: there is no frame recorded at {recorded_ns} ns")
 
     def _pairs(self, start_ns: int | None, stop_ns: int | None) -> Iterator[_Found]:
+        self._largest = 0
         # One tolerance is enough to say both: zero asks for equal stamps.
         pairer: StampPairer[Message] = StampPairer(self._tolerance_s > 0, self._tolerance_s, _QUEUE_SIZE)
         if self._cameras is None:
@@ -230,6 +242,11 @@ class StereoBag:
             )
 
     def _add(self, pairer: StampPairer[Message], message: Message) -> list[StampedPair[Message]]:
+        n_bytes = len(message.content.data)
+        if n_bytes > self._largest:
+            self._largest = n_bytes
+            most = max(1, min(_QUEUE_SIZE, _QUEUE_BYTES // (2 * n_bytes)))
+            pairer.configure(self._tolerance_s > 0, self._tolerance_s, most)
         add = pairer.add_left if message.topic == self.topics.left.name else pairer.add_right
         return add(message_stamp_ns(message.content), message)
 
@@ -264,8 +281,9 @@ class StereoBag:
         pair = found.pair
         frame = StereoFrame.from_images(
             stamp_to_s(pair.stamp_ns),
-            lambda: _grey(self.topics.left, pair.left.content),
-            lambda: _grey(self.topics.right, pair.right.content),
+            lambda: self._grey(self.topics.left, pair.left.content),
+            lambda: self._grey(self.topics.right, pair.right.content),
+            self.depth,
             pair.left.recorded_ns,
         )
         if self._cameras is None or found.infos is None:
@@ -274,6 +292,23 @@ class StereoBag:
             return frame.seen_by(self._cameras.cameras_of(found.infos))
         except BagError as error:
             return replace(frame, rig_problem=str(error))
+
+    def _grey(self, topic: Topic, message: Any) -> Pixels:
+        try:
+            return message_to_grey(message, self.rig_size)
+        except ImageError as error:
+            stamp_s = stamp_to_s(message_stamp_ns(message))
+            raise ImageError(printable(f"{topic.name} at {stamp_s:.3f} s: {error}")) from error
+
+    def _look_ahead(self) -> Iterator[Pixels]:
+        """Yield an image of each camera at some places of the recording; what cannot be read is left out."""
+        for place in range(_LOOKS):
+            start_ns = self.start_ns + (self.end_ns - self.start_ns) * place // _LOOKS
+            for topic in (self.topics.left, self.topics.right):
+                with suppress(BagError, ImageError):
+                    for message in self._messages([topic], start_ns):
+                        yield message_to_grey(message.content, self.rig_size)
+                        break
 
     @property
     def _name(self) -> str:
@@ -375,19 +410,14 @@ def _name(paths: Sequence[Path]) -> str:
     return f"{paths[0]}{more}"
 
 
-def _grey(topic: Topic, message: Any) -> Image:
-    try:
-        return message_to_grey(message)
-    except ImageError as error:
-        stamp_s = stamp_to_s(message_stamp_ns(message))
-        raise ImageError(f"{topic.name} at {stamp_s:.3f} s: {error}") from error
-
-
 def _distinct(paths: Iterable[Path]) -> Iterator[Path]:
     """Yield the paths, all of which must lead to different files."""
     seen = set()
     for path in paths:
-        place = os.path.realpath(path)
+        try:
+            place = os.path.realpath(path)
+        except ValueError as error:
+            raise BagError(f"{printable(str(path))}: no such file or folder ({error})") from error
         if place in seen:
             raise BagError(f"{path}: given twice; every bag of a drive once")
         seen.add(place)

@@ -64,6 +64,7 @@ class BagSource(FrameSource):
                 self._note(cameras)
                 rig = cameras.rig
             self.rig = rig
+            self._bag.rig_size = rig.width, rig.height
             self.selection = selection or Selection()
         except BaseException:
             self.close()
@@ -76,8 +77,10 @@ class BagSource(FrameSource):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences about the CameraInfo of the frames so far, and about images that are in no frame."""
-        return (*(doubt.message for doubt in self._doubts), *self._bag.info_remarks, *self._bag.remarks)
+        """Sentences about CameraInfo and bits of the frames so far, and about images that are in no frame."""
+        depth = (self._bag.depth.remark,) if self._bag.depth.remark else ()
+        doubts = (doubt.message for doubt in self._doubts)
+        return (*doubts, *self._bag.info_remarks, *depth, *self._bag.remarks)
 
     def frames(self) -> Iterator[StereoFrame]:
         """Yield the selected frames in the order of the recording."""

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import stat
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
-from ..bags import BagError, Selection, StereoFrame, readable
+from ..bags import BagError, Selection, StereoFrame, open_regular, readable
 from ..bags.order import natural_key
+from ..core.camera.bit_depth import BitDepth, Pixels
+from ..core.camera.image_header import most_pixels
 from ..core.camera.image_messages import decode_compressed
 from ..core.camera.pairing import stamp_to_s
 from ..core.camera.rig import StereoRig
 from ..core.errors import ImageError, printable
-from ..core.types import Image
 from .image_stamps import image_stamps
 from .recording import FrameSource
 
@@ -22,6 +23,10 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff")
 
 _NS_PER_S = 1_000_000_000
 _SHOWN = 3  # names of each folder, where none is in both
+# Places in a recording at which the depth of its 16-bit images is looked up: it may begin in the dark.
+_LOOKS = 5
+# A file without compression has four channels of 16 bits at most.
+_MOST_PIXEL_BYTES = 8
 
 
 class FolderSource(FrameSource):
@@ -74,11 +79,14 @@ class FolderSource(FrameSource):
             for name, stamp_ns in zip(stamps.names, stamps.stamps_ns, strict=True)
         ]
         self.start_ns = self._pairs[0][0]
+        self._depth = BitDepth(self._look_ahead, lasting=False)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences about stamps that are none, and about the images that are in no frame."""
+        """Sentences about stamps that are none, the bits of the images, and those that are in no frame."""
         remarks = self.notes if self.counted else ()
+        if self._depth.remark:
+            remarks += (self._depth.remark,)
         alone = [count - len(self._pairs) for count in self.n_images]
         if any(alone):
             remarks += (f"{alone[0]} left and {alone[1]} right images have no partner of the same name",)
@@ -104,8 +112,36 @@ class FolderSource(FrameSource):
 
     def _frame(self, stamp_ns: int, left: Path, right: Path) -> StereoFrame:
         return StereoFrame.from_images(
-            stamp_to_s(stamp_ns), lambda: _read(left), lambda: _read(right), stamp_ns, left.name
+            stamp_to_s(stamp_ns),
+            lambda: self._read(left),
+            lambda: self._read(right),
+            self._depth,
+            stamp_ns,
+            left.name,
         )
+
+    def _look_ahead(self) -> Iterator[Pixels]:
+        """Yield both images at some places of the recording; what cannot be read is left out."""
+        for _, *files in self._pairs[:: max(1, len(self._pairs) // _LOOKS)]:
+            for file in files:
+                with suppress(ImageError):
+                    yield self._read(file)
+
+    def _read(self, path: Path) -> Pixels:
+        size = self.rig.width, self.rig.height
+        most_bytes = _MOST_PIXEL_BYTES * most_pixels(size)
+        try:
+            with open_regular(path) as file:
+                content = file.read(most_bytes + 1)
+        except OSError as error:
+            raise ImageError(f"{path.name} cannot be read ({error.strerror})") from error
+        except BagError as error:
+            raise ImageError(str(error)) from error
+        if len(content) > most_bytes:
+            raise ImageError(
+                f"{path.name} has more than {most_bytes} bytes, an image of {size[0]} x {size[1]} has fewer"
+            )
+        return decode_compressed(content, path.suffix.lstrip("."), size)
 
 
 def folders_of(left: str | None, right: str | None) -> tuple[str, str]:
@@ -137,13 +173,3 @@ def _images_in(folder: Path) -> dict[str, Path]:
         if other is not file:
             raise BagError(f"{folder}: {other.name} and {file.name} have one name: take one of them away")
     return images
-
-
-def _read(path: Path) -> Image:
-    try:
-        if not stat.S_ISREG(path.stat().st_mode):  # opening a pipe would wait for a writer
-            raise ImageError(f"{path.name} cannot be read (it is not a file)")
-        content = path.read_bytes()
-    except OSError as error:
-        raise ImageError(f"{path.name} cannot be read ({error.strerror})") from error
-    return decode_compressed(content, path.suffix.lstrip("."))

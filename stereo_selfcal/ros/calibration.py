@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..core.calibrator import Calibrator
+from ..core.camera.bit_depth import BitDepth, Pixels
 from ..core.camera.image_messages import message_to_grey
 from ..core.camera.pairing import PairCounts, StampedPair, stamp_to_s
 from ..core.camera.rectifier import StereoRectifier
@@ -16,7 +17,6 @@ from ..core.drive.camera_changes import CameraFollower
 from ..core.errors import ImageError, RigError
 from ..core.faults import Fault
 from ..core.results import CalibrationResult
-from ..core.types import Image
 from .config import NodeConfig
 from .pair_source import PairSource, known_rectifier, no_pair_reason, publishers_text
 from .record import FrameReport, calibrate_timed, failed_frame
@@ -66,6 +66,7 @@ class CalibrationCall:
         self._config = config
         self._calibrator: Calibrator | None = None
         self._follower = CameraFollower()
+        self._depth = BitDepth()
         self._rig_problem: str | None = None
         self._pairs = 0
         self._accepted = 0
@@ -115,12 +116,14 @@ class CalibrationCall:
             return
         topics = self._source.topics
         try:
-            left = _grey(pair.left, topics.left)
-            right = _grey(pair.right, topics.right)
+            size = rectifier.rig.width, rectifier.rig.height
+            left = _grey(pair.left, topics.left, size)
+            right = _grey(pair.right, topics.right, size)
         except ImageError as error:
             self._rig_problem = None
             self._last_rejection = str(error)
             return
+        left, right = self._depth.to_8_bits(left, right)
         rectifier = rectifier.for_images(left, right)
         calibrator = self._calibrator_of(rectifier, pair.stamp_ns)
         if calibrator is None:
@@ -167,9 +170,10 @@ class CalibrationCall:
         raise RigError(f"no CameraInfo on {named}: {why}")
 
     def _doubts(self) -> str:
-        """Return what is unusual about the CameraInfo, to be added to a message."""
+        """Return what is unusual about the CameraInfo and the images, to be added to a message."""
         cameras = self._follower.current
-        return "" if cameras is None else "".join(f"; {doubt.message}" for doubt in cameras.doubts)
+        doubts = [] if cameras is None else [doubt.message for doubt in cameras.doubts]
+        return "".join(f"; {doubt}" for doubt in (*doubts, self._depth.remark) if doubt)
 
     def _changes(self) -> str:
         """Return the last change of CameraInfo, to be added to the message of a result."""
@@ -208,8 +212,8 @@ class CalibrationCall:
         return f"; since then {no_pair_reason(self._source, self._config, counts, silent_s)}"
 
 
-def _grey(message: Any, topic: str) -> Image:
+def _grey(message: Any, topic: str, rig_size: tuple[int, int]) -> Pixels:
     try:
-        return message_to_grey(message)
+        return message_to_grey(message, rig_size)
     except ImageError as error:
         raise ImageError(f"{topic}: {error}") from error

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from ..core.camera.bit_depth import BitDepth
 from ..core.camera.image_messages import message_to_grey
 from ..core.camera.pairing import StampedPair
 from ..core.camera.rig import StereoRig
@@ -89,6 +90,7 @@ class LiveFrames:
     def __init__(self, source: StereoInput, config: Callable[[], NodeConfig]) -> None:
         self._source = source
         self._config = config
+        self._depth = BitDepth()
         self._taking = threading.Lock()
         self._claimed = threading.Event()
 
@@ -141,17 +143,21 @@ class LiveFrames:
             return NoFrame(fault.rejection.message, fault, pair.stamp_ns)
 
     def _read(self, pair: StampedPair[Any]) -> LiveFrame | NoFrame:
-        images, stamp_ns = [], pair.stamp_ns
-        for topic, message in zip(self._source.topics[:2], (pair.left, pair.right), strict=True):
-            try:
-                images.append(message_to_grey(message))
-            except ImageError as error:
-                return NoFrame(f"{topic}: {error}")
+        rectifier, problem, stamp_ns = None, "", pair.stamp_ns
         try:
             rectifier = known_rectifier(self._source, self._config(), pair)
+            problem = "" if rectifier is not None else missing_info(self._source)
         except RigError as error:
-            return LiveFrame(images[0], images[1], None, str(error), stamp_ns)
+            problem = str(error)
+        size = None if rectifier is None else (rectifier.rig.width, rectifier.rig.height)
+        grey = []
+        for topic, message in zip(self._source.topics[:2], (pair.left, pair.right), strict=True):
+            try:
+                grey.append(message_to_grey(message, size))
+            except ImageError as error:
+                return NoFrame(f"{topic}: {error}")
+        images = self._depth.to_8_bits(grey[0], grey[1])
         if rectifier is None:
-            return LiveFrame(images[0], images[1], None, missing_info(self._source), stamp_ns)
-        rectifier = rectifier.for_images(images[0], images[1])
-        return LiveFrame(*rectifier.apply(images[0], images[1]), rectifier.rig, "", stamp_ns)
+            return LiveFrame(*images, None, problem, stamp_ns)
+        rectifier = rectifier.for_images(*images)
+        return LiveFrame(*rectifier.apply(*images), rectifier.rig, "", stamp_ns)

@@ -153,9 +153,9 @@ def test_frames_are_read_one_by_one(tmp_path, monkeypatch):
     monkeypatch.setattr(reader_module, "message_to_grey", lambda *a: decoded.append(1) or convert(*a))
     with StereoBag(path) as bag:
         messages = []
-        reader = bag._parts[0]._reader
-        inner = reader.messages
-        reader.messages = lambda **k: (messages.append(1) or m for m in inner(**k))
+        storage = bag._parts[0]._storages[0]
+        inner = storage.messages
+        storage.messages = lambda *a: (messages.append(1) or m for m in inner(*a))
         frames = bag.frames()
         assert not decoded
         for index in range(5):
@@ -269,7 +269,7 @@ def without_images(tmp_path):
     [
         (no_recording, "no such file or folder"),
         (text_file, "not a recording"),
-        (text_with_suffix(".mcap"), "File magic is invalid"),
+        (text_with_suffix(".mcap"), "does not begin as MCAP, SQLite or ROS 1 bag files do"),
         (text_with_suffix(".db3"), "cannot be read as a recording"),
         (text_with_suffix(".bag"), "cannot be read as a recording"),
         (empty_file, "cannot be read as a recording"),
@@ -285,7 +285,7 @@ def without_images(tmp_path):
             "Storage plugin 'x'.*ros2 bag convert",
         ),
         (changed_metadata("mcap", "bag.mcap", "other.mcap"), "files are missing.*beside metadata.yaml"),
-        (changed_metadata("mcap", "version: 9", "version: 90"), "newer version of rosbags"),
+        (changed_metadata("mcap", "version: 9", "version: 90"), "version 90 is not supported.*newer version"),
         (packed_file, "unpack it: zstd -d bag.mcap.zstd"),
         (packed_files_without_metadata, "no metadata.yaml.*unpack it: zstd -d bag.mcap.zstd"),
         (other_profile, "MCAP file of another system"),
@@ -342,10 +342,10 @@ def spoilt(stamps):
     """Return a conversion of images that fails at these tenths of a second."""
     convert = reader_module.message_to_grey
 
-    def message_to_grey(message):
+    def message_to_grey(message, rig_size):
         if message.header.stamp.nanosec // PERIOD_NS in stamps:
             raise ImageError("cut short")
-        return convert(message)
+        return convert(message, rig_size)
 
     return message_to_grey
 

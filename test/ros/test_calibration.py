@@ -447,11 +447,11 @@ def test_shutdown_ends_the_call():
 def test_a_fault_while_a_pair_is_read_refuses_it_and_the_next_one_is_taken(monkeypatch):
     read, calls, reports = calibration._grey, [], []
 
-    def read_or_fail(message, topic):
+    def read_or_fail(message, topic, rig_size):
         calls.append(topic)
         if len(calls) == 1:
             raise IndexError("a bug")
-        return read(message, topic)
+        return read(message, topic, rig_size)
 
     monkeypatch.setattr(calibration, "_grey", read_or_fail)
     outcome = CalibrationCall(Source(pair(1), pair(2)), config(), reports.append).run()
@@ -464,7 +464,7 @@ def test_a_fault_while_a_pair_is_read_refuses_it_and_the_next_one_is_taken(monke
 
 
 def test_a_call_of_faults_only_says_so(monkeypatch):
-    def fail(message, topic):
+    def fail(message, topic, rig_size):
         raise IndexError("a bug")
 
     monkeypatch.setattr(calibration, "_grey", fail)
@@ -472,3 +472,29 @@ def test_a_call_of_faults_only_says_so(monkeypatch):
     assert outcome.result is None
     assert "no frame accepted, 2 pairs" in outcome.message
     assert "last refusal: 1 fault of this program, 0 allowed, ended the work on this frame" in outcome.message
+
+
+def image_of_12_bits(value):
+    data = np.full(12, value, "<u2").tobytes()
+    return SimpleNamespace(data=data, width=4, height=3, step=8, encoding="mono16", is_bigendian=0)
+
+
+def test_images_of_12_bits_are_scaled_alike_and_the_answer_says_so(monkeypatch):
+    seen = []
+
+    def calibrate(calibrator, left, right, stamp_ns):
+        seen.append((int(left.max()), int(right.max())))
+        return SimpleNamespace(result=SimpleNamespace(accepted=False, message="no lines"))
+
+    monkeypatch.setattr(calibration, "calibrate_timed", calibrate)
+    pairs = [pair(1, image_of_12_bits(4000), image_of_12_bits(2000)), pair(2, image_of_12_bits(160), image())]
+    outcome = CalibrationCall(Source(*pairs), config()).run()
+    assert seen == [(250, 125), (10, 100)]
+    assert "no value above 4095: they are taken as images of 12 bits" in outcome.message
+
+
+def test_compressed_image_that_states_gigabytes_is_refused_with_both_sizes():
+    header = b"P5\n65000 65000\n255\n"
+    bomb = SimpleNamespace(data=header, format="pgm")
+    outcome = CalibrationCall(Source(pair(1, bomb, bomb)), config()).run()
+    assert "PGM image states 65000 x 65000 pixels, the rig has 4 x 3" in outcome.message

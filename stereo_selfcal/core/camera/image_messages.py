@@ -9,6 +9,8 @@ import numpy as np
 
 from ..errors import ImageError, shortened
 from ..types import Image
+from .bit_depth import Pixels
+from .image_header import SUPPORTED_FORMATS, check_image_size, read_image_header
 
 _GREY = "mono8", "8UC1"  # cv_bridge uses 8UC1 for a grey array without a named encoding
 _COLOUR = {
@@ -30,17 +32,23 @@ _BAYER_LEAST_SIDE_PX = 3  # the interpolation reads one pixel on every side
 SUPPORTED_ENCODINGS = (*_GREY, "mono16", *_COLOUR, *_BAYER)
 
 
-def message_to_grey(message: Any) -> Image:
+def message_to_grey(message: Any, rig_size: tuple[int, int] | None = None) -> Pixels:
     """Convert a sensor_msgs/Image or CompressedImage, of rclpy or rosbags alike.
 
+    Args:
+        message: The message.
+        rig_size: (width, height) of the images of the rig, None where it is not known.
+
     Returns:
-        (H, W) uint8; see :func:`to_grey` and :func:`decode_compressed`.
+        (H, W) uint8, or uint16 for images of more than 8 bits, which
+        :class:`~stereo_selfcal.core.camera.bit_depth.BitDepth` converts; see :func:`to_grey` and
+        :func:`decode_compressed`.
 
     Raises:
         ImageError: The message cannot be converted.
     """
     if hasattr(message, "format"):
-        return decode_compressed(message.data, message.format)
+        return decode_compressed(message.data, message.format, rig_size)
     return to_grey(
         message.data,
         message.width,
@@ -51,7 +59,7 @@ def message_to_grey(message: Any) -> Image:
     )
 
 
-def to_grey(data: Any, width: int, height: int, step: int, encoding: str, is_bigendian: bool) -> Image:
+def to_grey(data: Any, width: int, height: int, step: int, encoding: str, is_bigendian: bool) -> Pixels:
     """Convert the fields of sensor_msgs/Image to a grey image.
 
     Args:
@@ -63,8 +71,8 @@ def to_grey(data: Any, width: int, height: int, step: int, encoding: str, is_big
         is_bigendian: Byte order of mono16.
 
     Returns:
-        (height, width) uint8, C-contiguous; a read-only view of ``data`` for mono8 without padding.
-        The low byte of mono16 is dropped (v >> 8). As in cv_bridge, white is 65535.
+        (height, width) uint8, for mono16 uint16, C-contiguous; a read-only view of ``data`` for mono8 without
+        padding.
 
     Raises:
         ImageError: The encoding is not supported, or sizes and bytes do not agree.
@@ -90,24 +98,29 @@ def to_grey(data: Any, width: int, height: int, step: int, encoding: str, is_big
     )
     if encoding in _COLOUR:
         return np.asarray(cv2.cvtColor(pixels, _COLOUR[encoding][1]), dtype=np.uint8)
-    high_byte = 0 if pixel_bytes == 1 or is_bigendian else 1
-    grey = np.ascontiguousarray(pixels[:, :, high_byte])
+    if pixel_bytes == 2:
+        values = np.ascontiguousarray(pixels).view(">u2" if is_bigendian else "<u2")[:, :, 0]
+        return np.ascontiguousarray(values, dtype=np.uint16)
+    grey = np.ascontiguousarray(pixels[:, :, 0])
     return _demosaic(grey, encoding) if encoding in _BAYER else grey
 
 
-def decode_compressed(data: Any, image_format: str) -> Image:
+def decode_compressed(data: Any, image_format: str, rig_size: tuple[int, int] | None = None) -> Pixels:
     """Decode the fields of sensor_msgs/CompressedImage to a grey image.
 
     Args:
-        data: Bytes of the compressed file: JPEG, PNG or another format that OpenCV reads.
+        data: Bytes of the compressed file, in one of
+            :data:`~stereo_selfcal.core.camera.image_header.SUPPORTED_FORMATS`.
         image_format: Field ``format`` of the message, such as "jpeg" or "rgb8; jpeg compressed bgr8". It is
             used in error messages, and to refuse a format that would be misread.
+        rig_size: (width, height) of the images of the rig, None where it is not known. The header of an image
+            that is far larger is not believed: decoding it could take all memory.
 
     Returns:
-        (H, W) uint8, C-contiguous.
+        (H, W) uint8, or uint16 for an image of 16 bits, C-contiguous.
 
     Raises:
-        ImageError: The bytes contain no image, or the image is a Bayer mosaic.
+        ImageError: The bytes contain no image, one that is too large, or a Bayer mosaic.
     """
     if image_format.rpartition("compressed")[2].strip().startswith("bayer_"):
         raise ImageError(
@@ -115,18 +128,26 @@ def decode_compressed(data: Any, image_format: str) -> Image:
             "publish it as a raw image"
         )
     buffer = np.frombuffer(data, dtype=np.uint8)
+    header = read_image_header(buffer.data) if buffer.size else None
+    if header is not None:
+        check_image_size(header, rig_size)
     # The geometry refers to the rows and columns of the sensor, so an orientation tag is ignored.
-    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     try:
-        image = cv2.imdecode(buffer, flags) if buffer.size else None
+        image = None if header is None else cv2.imdecode(buffer, flags)
     except cv2.error:
         image = None
     if image is None:
         raise ImageError(
             f"compressed image in format {shortened(image_format)} with {buffer.size} bytes cannot be "
-            "decoded: JPEG and PNG are supported"
+            f"decoded: {', '.join(SUPPORTED_FORMATS)} are supported"
         )
-    return np.ascontiguousarray(image, dtype=np.uint8)
+    if image.dtype not in (np.uint8, np.uint16):
+        raise ImageError(
+            f"compressed image in format {shortened(image_format)} has pixels of type {image.dtype}: "
+            "8 or 16 bits are read"
+        )
+    return np.ascontiguousarray(image)
 
 
 def _pixel_bytes(encoding: str) -> int:
