@@ -23,6 +23,7 @@ from .kills import kill_table
 from .limit import limit_table
 from .many_lines import many_lines_table
 from .mutated_files import mutated_files_table
+from .mutations import mutations_table
 from .offline import offline_tables
 from .options import QUICK, RESULTS, Options
 from .paper import noise_table, seed_table
@@ -57,6 +58,7 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "worlds": world_tables,
     "kills": kill_table,
     "mutated_files": mutated_files_table,
+    "mutations": mutations_table,
     "idle": idle_table,
     "answers": answer_table,
     "watch": watch_tables,

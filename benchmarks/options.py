@@ -22,6 +22,7 @@ class Options:
         structured_noise: Pictures of structured noise.
         kills: Writers of result files killed.
         mutations: Mutations of each kind of file.
+        bag_mutations: Mutated recordings.
         watch_hours: Hours the watch is driven without a change, for each ride.
         bumps: Drives with each bump.
         soak_s: How long the node is soaked [s].
@@ -41,6 +42,7 @@ class Options:
     structured_noise: int = 20_000
     kills: int = 200
     mutations: int = 500
+    bag_mutations: int = 1000
     watch_hours: int = 60
     bumps: int = 30
     soak_s: float = 600.0
@@ -62,6 +64,7 @@ QUICK = Options(
     structured_noise=300,
     kills=20,
     mutations=50,
+    bag_mutations=100,
     watch_hours=2,
     bumps=3,
     soak_s=60.0,
