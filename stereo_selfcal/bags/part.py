@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+import os
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -226,6 +227,24 @@ def recordings_at(path: Path) -> list[Path]:
             "or a folder of image pairs, in left and right or the folders of --left and --right"
         )
     return files
+
+
+def distinct_paths(paths: Iterable[Path]) -> Iterator[Path]:
+    """Yield the paths, all of which must lead to different files.
+
+    Raises:
+        BagError: Two of them lead to one file.
+    """
+    seen = set()
+    for path in paths:
+        try:
+            place = os.path.realpath(path)
+        except ValueError as error:
+            raise BagError(f"{printable(str(path))}: no such file or folder ({error})") from error
+        if place in seen:
+            raise BagError(f"{path}: given twice; every bag of a drive once")
+        seen.add(place)
+        yield path
 
 
 def _unpack(path: Path) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
@@ -23,7 +22,7 @@ from ..core.errors import ImageError, RigError, printable
 from .errors import BagError
 from .frame import StereoFrame, readable
 from .frame_cameras import LATE_NS, FrameCameras
-from .part import Message, Part, recordings_at
+from .part import Message, Part, distinct_paths, recordings_at
 from .selection import Selection
 from .topics import StereoTopics, Topic, find_camera_info, find_stereo_pairs, find_stereo_topics
 
@@ -376,7 +375,7 @@ def _open(paths: Sequence[Path]) -> list[tuple[Path, list[Part]]]:
     """Return the bags, each with its parts: the files of one without metadata.yaml."""
     bags: list[tuple[Path, list[Part]]] = []
     try:
-        for path in _distinct(paths):
+        for path in distinct_paths(paths):
             bags.append((path, []))
             for target in recordings_at(path):
                 bags[-1][1].append(Part(target))
@@ -408,17 +407,3 @@ def _name(paths: Sequence[Path]) -> str:
     """Return a recording in an error text."""
     more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
     return f"{paths[0]}{more}"
-
-
-def _distinct(paths: Iterable[Path]) -> Iterator[Path]:
-    """Yield the paths, all of which must lead to different files."""
-    seen = set()
-    for path in paths:
-        try:
-            place = os.path.realpath(path)
-        except ValueError as error:
-            raise BagError(f"{printable(str(path))}: no such file or folder ({error})") from error
-        if place in seen:
-            raise BagError(f"{path}: given twice; every bag of a drive once")
-        seen.add(place)
-        yield path

@@ -18,9 +18,9 @@ from ..errors import ImageError
 # one takes 0.6 GB at most (a progressive JPEG keeps six bytes of coefficients for each pixel, a PNG of 16
 # bits eight bytes).
 MOST_PIXELS = 2**26
-# Where the size of the rig is known, an image may have four times its rows and columns. That of a camera whose
-# CameraInfo is binned is read; another resolution is refused with a better reason, after decoding. Up to this
-# many pixels it is in any case.
+# Where the size of the rig is known, an image may have four times its rows and columns: the CameraInfo may be
+# binned, and another resolution is refused with a better reason, after decoding. Up to this many pixels it is
+# in any case.
 _TIMES_THE_RIG = 16
 _HARMLESS_PIXELS = 2**22
 # A progressive JPEG usually has ten passes over the image. Each takes time for all pixels, and hardly a byte.
