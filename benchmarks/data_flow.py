@@ -62,7 +62,7 @@ ROWS = (
                 ("images of a topic,", "or of a recording"),
                 ("subscriptions", "intake", "calibration", "offline/bag", "bags/reader"),
             ),
-            Box("core/camera/pairing", ("left and right image", "of one moment")),
+            Box("core/camera/pairing", ("left and right image", "of one moment"), ("stamp_pattern",)),
             Box(
                 "core/camera/camera_info",
                 ("intrinsics, baseline", "and their faults"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -229,7 +229,27 @@ def recordings_at(path: Path) -> list[Path]:
     return files
 
 
-def distinct_paths(paths: Iterable[Path]) -> Iterator[Path]:
+def open_bags(paths: Sequence[Path]) -> list[tuple[Path, list[Part]]]:
+    """Return the bags, each with its parts: the files of one without metadata.yaml.
+
+    Raises:
+        BagError: One of them cannot be read, or is given twice.
+    """
+    bags: list[tuple[Path, list[Part]]] = []
+    try:
+        for path in _distinct(paths):
+            bags.append((path, []))
+            for target in recordings_at(path):
+                bags[-1][1].append(Part(target))
+    except BaseException:
+        for _, parts in bags:
+            for part in parts:
+                part.close()
+        raise
+    return bags
+
+
+def _distinct(paths: Iterable[Path]) -> Iterator[Path]:
     """Yield the paths, all of which must lead to different files.
 
     Raises:

@@ -22,7 +22,7 @@ from ..core.errors import ImageError, RigError, printable
 from .errors import BagError
 from .frame import StereoFrame, readable
 from .frame_cameras import LATE_NS, FrameCameras
-from .part import Message, Part, distinct_paths, recordings_at
+from .part import Message, Part, open_bags
 from .selection import Selection
 from .topics import StereoTopics, Topic, find_camera_info, find_stereo_pairs, find_stereo_topics
 
@@ -93,7 +93,7 @@ class StereoBag:
         self._tolerance_s = tolerance_s
         self._info_names = left_info, right_info
         self._cameras: FrameCameras | None = None
-        self._bags = _open(self.paths)
+        self._bags = open_bags(self.paths)
         self._parts = [part for _, parts in self._bags for part in parts]
         try:
             self.topics = find_stereo_topics(_topics(self._parts), left, right, raw)
@@ -361,7 +361,7 @@ def stereo_pairs(paths: Sequence[Path], raw: bool = False) -> list[StereoTopics]
     Raises:
         BagError: A bag cannot be read, or there is no stereo pair.
     """
-    parts = [part for _, each in _open(paths) for part in each]
+    parts = [part for _, each in open_bags(paths) for part in each]
     try:
         return find_stereo_pairs(_topics(parts), raw)
     except BagError as error:
@@ -369,22 +369,6 @@ def stereo_pairs(paths: Sequence[Path], raw: bool = False) -> list[StereoTopics]
     finally:
         for part in parts:
             part.close()
-
-
-def _open(paths: Sequence[Path]) -> list[tuple[Path, list[Part]]]:
-    """Return the bags, each with its parts: the files of one without metadata.yaml."""
-    bags: list[tuple[Path, list[Part]]] = []
-    try:
-        for path in distinct_paths(paths):
-            bags.append((path, []))
-            for target in recordings_at(path):
-                bags[-1][1].append(Part(target))
-    except BaseException:
-        for _, parts in bags:
-            for part in parts:
-                part.close()
-        raise
-    return bags
 
 
 def _in_order(

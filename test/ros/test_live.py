@@ -153,7 +153,7 @@ def test_known_rig():
 
 
 def test_a_fault_while_a_frame_is_read_is_a_reason_with_its_traceback(monkeypatch):
-    def fail(message):
+    def fail(message, rig_size):
         raise IndexError("a bug")
 
     monkeypatch.setattr(live_module, "message_to_grey", fail)
