@@ -181,7 +181,10 @@ def test_images_from_before_the_call_are_not_used(graph, start):
 
 def test_unwritable_file_does_not_undo_the_calibration(graph, start, tmp_path):
     path = tmp_path / "missing" / "out.yaml"
+    path.parent.mkdir()
     start({"output_path": path})
+    graph.parameters("output_path")  # it is up, and could write there
+    path.parent.rmdir()
     with Camera(graph, [rendered()]):
         answer = graph.calibrate()
     assert answer.success
@@ -258,3 +261,10 @@ def test_signal_while_images_stream_ends_it_cleanly(graph, start):
         graph.wait_for_diagnostics(lambda values, _: int(values["pairs"]) > 5)
         assert process.end() == 0
     assert "xception" not in process.output, process.output
+
+
+def test_output_path_that_cannot_be_written_ends_the_start_with_status_2_and_one_line(start, tmp_path):
+    process = start({"output_path": tmp_path / "missing" / "out.yaml"})
+    assert process.wait() == 2
+    (line,) = process.output.strip().splitlines()
+    assert line.startswith("stereo_selfcal: output_path: ") and "choose a writable folder" in line

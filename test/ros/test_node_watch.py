@@ -75,7 +75,7 @@ def scripted(monkeypatch):
 @pytest.fixture
 def saved(tmp_path):
     path = tmp_path / "out.yaml"
-    write_result(path, result(), ros_graph.RIG, source="/l /r", seed=3)
+    write_result(path, result(), ros_graph.RIG, source="/left/image_rect /right/image_rect", seed=3)
     return path
 
 

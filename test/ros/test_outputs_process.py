@@ -19,7 +19,10 @@ def values_of(status):
 
 def test_diagnostics_say_why_nothing_happens_and_what_is_found(graph, start, tmp_path):
     path = tmp_path / "missing" / "out.yaml"
+    path.parent.mkdir()
     start({"timeout_s": LONG_S, "output_path": path})
+    graph.parameters("output_path")  # it is up, and could write there
+    path.parent.rmdir()
     by_topic = {
         topic: graph.wait_for_diagnostics(lambda _, s, topic=topic: s.name == f"/stereo_selfcal: {topic}")
         for topic in ("calibration", "images", "camera info")
