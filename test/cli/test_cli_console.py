@@ -103,12 +103,12 @@ def test_check_writable_leaves_no_trace(tmp_path):
             check_writable(path, "--output")
 
 
-# A shell starts its background jobs with SIGINT ignored, and nohup does it with SIGHUP: this run may be one of them.
+# A shell starts its background jobs with SIGINT ignored, and nohup with SIGHUP: this run may be one of them.
 PROGRAM = """
 import signal, sys, time
 from stereo_selfcal.cli.console import run
 signal.signal(signal.SIGINT, signal.default_int_handler)
-signal.signal(signal.SIGHUP, {hangup})
+signal.signal(signal.SIGHUP, signal.{hangup})
 def work(argv):
     sys.stdout.write("begun\\n")
     sys.stdout.flush()
@@ -120,7 +120,7 @@ sys.exit(run("tool", work, []))
 
 def start(rest):
     return subprocess.Popen(
-        [sys.executable, "-c", PROGRAM.format(rest=rest, hangup="signal.SIG_DFL")],
+        [sys.executable, "-c", PROGRAM.format(rest=rest, hangup="SIG_DFL")],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -159,7 +159,7 @@ def test_sighup_and_sigterm_end_it_cleanly_and_take_temporary_files_away(tmp_pat
 
 def test_what_nohup_ignores_stays_ignored():
     rest = "sys.stdin.read()"
-    program = PROGRAM.format(rest=rest, hangup="signal.SIG_IGN")
+    program = PROGRAM.format(rest=rest, hangup="SIG_IGN")
     with subprocess.Popen(
         [sys.executable, "-c", program], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as process:
@@ -172,7 +172,7 @@ def test_what_nohup_ignores_stays_ignored():
 def test_a_terminal_that_is_gone_does_not_change_the_status():
     leader, follower = os.openpty()
     with subprocess.Popen(
-        [sys.executable, "-c", PROGRAM.format(rest="time.sleep(60)", hangup="signal.SIG_DFL")],
+        [sys.executable, "-c", PROGRAM.format(rest="time.sleep(60)", hangup="SIG_DFL")],
         cwd=ROOT,
         stdin=follower,
         stdout=follower,
@@ -213,7 +213,7 @@ def test_closed_pipe_is_quiet(flush):
         [
             sys.executable,
             "-c",
-            PROGRAM.format(rest=f"sys.stdin.read(); sys.stdout.write('x' * 100); {flush}"),
+            PROGRAM.format(rest=f"sys.stdin.read(); sys.stdout.write('x' * 100); {flush}", hangup="SIG_DFL"),
         ],
         cwd=ROOT,
         stdin=subprocess.PIPE,
