@@ -89,15 +89,24 @@ def test_several_frames_are_fused(graph, start):
     assert_near_truth(Extrinsics(*graph.parameters(*RESULTS[:3])))
 
 
+def refused_for_stamps(graph):
+    """Call until no image was lost on the way, as on a busy machine: the answer speaks of that then."""
+    for _ in range(5):
+        answer = graph.calibrate()
+        if "lost on the way" not in answer.message:
+            break
+    return answer
+
+
 def test_approximate_pairs(graph, start):
     start({"timeout_s": SHORT_S})
     with Camera(graph, [rendered()], right_late_ns=7_000_000):
-        answer = graph.calibrate()
+        answer = refused_for_stamps(graph)
         assert not answer.success
         assert "the nearest stamps differ by 7.000 ms: set approximate_sync" in answer.message
         assert graph.set_parameter("approximate_sync", True).successful
         assert graph.set_parameter("approximate_sync_tolerance_seconds", 0.006).successful
-        answer = graph.calibrate()
+        answer = refused_for_stamps(graph)
         assert not answer.success
         assert "approximate_sync_tolerance_seconds allows 6.000 ms: raise it" in answer.message
         assert graph.set_parameter("approximate_sync_tolerance_seconds", 0.007).successful
