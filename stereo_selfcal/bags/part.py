@@ -25,9 +25,8 @@ from .storage import CDR, MESSAGE_TYPES, ROS1, Channel, Storage
 from .topics import Topic
 from .unpacking import unpack_file, unpack_zstd
 
-# Storage files that are a recording by themselves, without a folder and its metadata.yaml.
-_STORAGE_SUFFIXES = (".mcap", ".db3")
-_SUFFIXES = (*_STORAGE_SUFFIXES, ".bag")
+# Files that are a recording by themselves, without a folder and its metadata.yaml.
+RECORDING_SUFFIXES = (".mcap", ".db3", ".bag")
 _COMPRESSED_SUFFIX = ".zstd"
 
 _STORAGES = ((MCAP_MAGIC, McapStorage), (SQLITE_MAGIC, SqliteStorage), (ROS1_MAGIC, Ros1Storage))
@@ -204,7 +203,7 @@ def recordings_at(path: Path) -> list[Path]:
             check_regular(status.st_mode, path)
             if path.suffix == _COMPRESSED_SUFFIX:
                 raise BagError(f"{path}: {_unpack(path)}")
-            if path.suffix not in _SUFFIXES:
+            if path.suffix not in RECORDING_SUFFIXES:
                 raise BagError(f"{path}: not a recording; {_GIVE}")
             return [path]
         if (path / METADATA).exists():
@@ -217,7 +216,7 @@ def recordings_at(path: Path) -> list[Path]:
         raise BagError(
             f"{path}: cannot be opened ({getattr(error, 'strerror', None) or error}); {_GIVE}"
         ) from error
-    files = [file for file in entries if file.suffix in _SUFFIXES]
+    files = [file for file in entries if file.suffix in RECORDING_SUFFIXES]
     packed = [file for file in entries if file.suffix == _COMPRESSED_SUFFIX]
     if packed:
         raise BagError(f"{path}: there is no metadata.yaml, and {packed[0].name} {_unpack(packed[0])}")
