@@ -28,6 +28,7 @@ from .unpacking import unpack_file, unpack_zstd
 # Files that are a recording by themselves, without a folder and its metadata.yaml.
 RECORDING_SUFFIXES = (".mcap", ".db3", ".bag")
 _COMPRESSED_SUFFIX = ".zstd"
+_SHOWN = 3  # names of files that are not read
 
 _STORAGES = ((MCAP_MAGIC, McapStorage), (SQLITE_MAGIC, SqliteStorage), (ROS1_MAGIC, Ros1Storage))
 
@@ -70,6 +71,7 @@ class Part:
         connections: Recorded topics, with types and numbers of messages.
         start_ns: Time at which its first message was recorded [ns].
         end_ns: Time at which its last message was recorded [ns].
+        remark: What is strange about its files, "" for nothing.
 
     Raises:
         BagError: It cannot be read.
@@ -77,6 +79,7 @@ class Part:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.remark = ""
         self._stack = ExitStack()
         self._storages: list[Storage] = []
         self._packed_messages = False
@@ -124,6 +127,7 @@ class Part:
             metadata = read_metadata(self.path)
             self._packed_messages = metadata.compression == "message"
             files, said = self._unpacked(metadata), metadata.counts
+            self.remark = _not_read(self.path, metadata)
         for file in files:
             storage = _open_storage(file)
             self._stack.callback(storage.close)
@@ -177,6 +181,20 @@ class Part:
             detail = (printable(" ".join(str(error).split())) or type(error).__name__).rstrip(".")
             remedy = next((text for sign, text in _REMEDIES.items() if sign in detail), _REPAIR)
             raise BagError(f"{self.path}: cannot be read as a recording ({detail}); {remedy}") from error
+
+
+def _not_read(folder: Path, metadata: Metadata) -> str:
+    """Return a sentence about the storage files that metadata.yaml does not list, "" where it lists all."""
+    names = metadata.unlisted
+    if not names:
+        return ""
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    listed = ", ".join(printable(name) for name in names[:_SHOWN])
+    return (
+        f"{METADATA} of {printable(folder.resolve().name)} lists {len(metadata.files)} of "
+        f"{len(metadata.files) + len(names)} storage files, not {listed}{more}, which "
+        f"{'is' if len(names) == 1 else 'are'} not read: if they are one recording, {_REINDEX}"
+    )
 
 
 def _open_storage(path: Path) -> Storage:

@@ -99,7 +99,7 @@ class StereoBag:
             self.topics = find_stereo_topics(_topics(self._parts), left, right, raw)
         except BagError as error:
             self.close()
-            raise BagError(f"{self._name}: {error}") from error
+            raise BagError("; ".join([f"{self._name}: {error}", *self.file_remarks])) from error
 
     def __enter__(self) -> StereoBag:
         return self
@@ -156,6 +156,11 @@ class StereoBag:
         self._cameras = self._frame_cameras(rectified)
         start_ns = 0 if selection is None else selection.start_ns
         return self._cameras.at_start(self.start_ns + start_ns if start_ns > 0 else None)
+
+    @property
+    def file_remarks(self) -> tuple[str, ...]:
+        """Sentences about storage files that are not read."""
+        return tuple(part.remark for part in self._parts if part.remark)
 
     @property
     def info_remarks(self) -> tuple[str, ...]:

@@ -77,10 +77,10 @@ class BagSource(FrameSource):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences about CameraInfo and bits of the frames so far, and about images that are in no frame."""
+        """Sentences about files, CameraInfo and bits of the frames so far, and images in no frame."""
         depth = (self._bag.depth.remark,) if self._bag.depth.remark else ()
         doubts = (doubt.message for doubt in self._doubts)
-        return (*doubts, *self._bag.info_remarks, *depth, *self._bag.remarks)
+        return (*self._bag.file_remarks, *doubts, *self._bag.info_remarks, *depth, *self._bag.remarks)
 
     def frames(self) -> Iterator[StereoFrame]:
         """Yield the selected frames in the order of the recording."""
