@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ..bags import BagError, Selection, StereoBag, StereoFrame
-from ..core.camera.camera_info_checks import Finding
 from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
+from ..core.camera.rig_checks import Finding
 from .recording import FrameSource
 
 
@@ -61,8 +61,10 @@ class BagSource(FrameSource):
             self._doubts: dict[Finding, None] = {}
             if rig is None:
                 cameras = self._bag.follow_cameras(not raw, selection)
-                self._note(cameras)
                 rig = cameras.rig
+            else:
+                cameras = StereoRectifier.of_rig(rig)
+            self._note(cameras)
             self.rig = rig
             self._bag.rig_size = rig.width, rig.height
             self.selection = selection or Selection()
