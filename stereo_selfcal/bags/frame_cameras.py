@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from ..core.camera.camera_difference import check_steady, find_differences, values_text
-from ..core.camera.camera_info import CameraModel, content_of, is_uncalibrated
+from ..core.camera.camera_info import CameraModel, InfoReason, content_of, is_uncalibrated
 from ..core.camera.camera_info_checks import check_claim
 from ..core.camera.camera_info_history import CameraInfoHistory
 from ..core.camera.rectifier import StereoRectifier
-from ..core.errors import RigError
+from ..core.errors import RigError, printable
 from .errors import BagError
 from .part import Message
 from .topics import Topic
@@ -38,6 +38,7 @@ class FrameCameras:
         images: Names of the image topics of the left and of the right camera.
         topics: Their CameraInfo topics.
         rectified: Whether the images are rectified; False: they are raw.
+        others: Topics with images of other cameras, where nobody has named the pair.
 
     Attributes:
         topics: The CameraInfo topics.
@@ -56,7 +57,9 @@ class FrameCameras:
         images: tuple[str, str],
         topics: tuple[Topic, Topic],
         rectified: bool,
+        others: Sequence[str] = (),
     ) -> None:
+        self._others = others
         self._name, self._read, self._images, self._rectified = name, read, images, rectified
         self.topics = topics
         self.remarks: tuple[str, ...] = ()
@@ -151,6 +154,11 @@ class FrameCameras:
         except RigError as error:
             named = "--rig" in str(error) or not self._rectified
             otherwise = "" if named else ", or give --rig"
+            if getattr(error, "reason", None) is InfoReason.BASELINE_ZERO and self._others:
+                otherwise += (
+                    f"; if other cameras are the stereo pair, choose them with --left and --right: "
+                    f"{', '.join(map(printable, self._others))}"
+                )
             left, right = self.topics
             raise BagError(
                 f"{self._name}: {error} (topics {left.name} and {right.name}{otherwise})"
