@@ -142,12 +142,15 @@ class StereoBag:
         except RigError as error:
             raise BagError(f"{self._name}: {error}") from error
 
-    def follow_cameras(self, rectified: bool = True, selection: Selection | None = None) -> StereoRectifier:
+    def follow_cameras(
+        self, rectified: bool = True, selection: Selection | None = None, declared: bool = False
+    ) -> StereoRectifier:
         """Rectify the frames that are read from now on, each by its own CameraInfo.
 
         Args:
             rectified: Whether the images are rectified; False: they are raw.
             selection: Which frames are going to be read.
+            declared: Whether the user says that they are rectified, whatever their topics are called.
 
         Returns:
             The cameras at the start of the selection.
@@ -155,7 +158,7 @@ class StereoBag:
         Raises:
             BagError: A CameraInfo is missing, or cannot be right.
         """
-        self._cameras = self._frame_cameras(rectified)
+        self._cameras = self._frame_cameras(rectified, declared)
         start_ns = 0 if selection is None else selection.start_ns
         return self._cameras.at_start(self.start_ns + start_ns if start_ns > 0 else None)
 
@@ -169,7 +172,7 @@ class StereoBag:
         """Sentences about the CameraInfo that is followed."""
         return () if self._cameras is None else self._cameras.remarks
 
-    def _frame_cameras(self, rectified: bool) -> FrameCameras:
+    def _frame_cameras(self, rectified: bool, declared: bool = False) -> FrameCameras:
         def read(
             parts: Sequence[Part], topic: Topic, start_ns: int | None, stop_ns: int | None
         ) -> Iterator[Message]:
@@ -188,6 +191,7 @@ class StereoBag:
             infos,
             rectified,
             self._others,
+            declared,
         )
 
     def frames(self, selection: Selection | None = None) -> Iterator[StereoFrame]:

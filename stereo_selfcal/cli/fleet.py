@@ -288,6 +288,7 @@ def _settings(arguments: argparse.Namespace) -> FleetSettings:
         arguments.raw,
         arguments.left_info,
         arguments.right_info,
+        arguments.rectified,
     )
 
 

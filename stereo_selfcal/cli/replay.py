@@ -109,6 +109,7 @@ def _replay_one(arguments: argparse.Namespace, settings: _Settings) -> tuple[Rep
         a.raw,
         a.left_info,
         a.right_info,
+        a.rectified,
     ) as source:
         replay = _run_with_output(source, settings.config, arguments)
         unwritten = _write_files(source, replay, arguments, settings.frames)

@@ -25,6 +25,7 @@ class BagSource(FrameSource):
         raw: Whether the images are raw: they are undistorted and rectified with their CameraInfo.
         left_info: CameraInfo topic of the left camera, None to find it.
         right_info: The same of the right camera.
+        rectified: Whether the images are rectified whatever their topics are called.
 
     Raises:
         BagError: A bag cannot be read, or there is no unambiguous stereo pair or no rig.
@@ -41,6 +42,7 @@ class BagSource(FrameSource):
         raw: bool = False,
         left_info: str | None = None,
         right_info: str | None = None,
+        rectified: bool = False,
     ) -> None:
         if rig is not None and not (left_info is None and right_info is None):
             raise BagError(
@@ -60,7 +62,7 @@ class BagSource(FrameSource):
             self.start_ns = self._bag.start_ns
             self._doubts: dict[Finding, None] = {}
             if rig is None:
-                cameras = self._bag.follow_cameras(not raw, selection)
+                cameras = self._bag.follow_cameras(not raw, selection, rectified)
                 rig = cameras.rig
             else:
                 cameras = StereoRectifier.of_rig(rig)

@@ -189,6 +189,6 @@ def test_a_pair_without_a_baseline_is_refused_with_the_other_cameras(tmp_path):
     other = Camera("left", "/one/image_rect", "/one/camera_info")
     with (
         StereoBag(make_bag(tmp_path / "bag", [*surround(), other], 1)) as bag,
-        pytest.raises(BagError, match=r"baseline of zero .*with --left and --right: /one/image_rect$"),
+        pytest.raises(BagError, match=r"baseline of zero .*with --left and --right: /one/image_rect\)$"),
     ):
         bag.follow_cameras()
