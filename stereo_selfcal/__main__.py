@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
+from .closed_streams import open_closed_streams, tell_error
 from .unforeseen import unforeseen
 
 # Command -> (module with main(argv) -> exit status, what it does). Imported when needed: only the
@@ -49,18 +50,19 @@ def usage() -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command named by the first argument and return its exit status."""
+    open_closed_streams()
     arguments = list(sys.argv[1:] if argv is None else argv)
     if arguments[:1] in (["-h"], ["--help"]):
         sys.stdout.write(usage())
         return 0
     if not arguments or arguments[0] not in COMMANDS:
         given = f"unknown command {arguments[0]!r}" if arguments else "no command given"
-        sys.stderr.write(f"stereo_selfcal: {given}; the commands are {', '.join(COMMANDS)}, see --help\n")
+        tell_error(f"stereo_selfcal: {given}; the commands are {', '.join(COMMANDS)}, see --help\n")
         return _EXIT_BAD_USAGE
     try:
         program = import_module(COMMANDS[arguments[0]][0])
     except ModuleNotFoundError as error:
-        sys.stderr.write(
+        tell_error(
             f"stereo_selfcal: {arguments[0]} needs the Python module {error.name}, which is not installed; "
             "source ROS 2 or see README.md\n"
         )

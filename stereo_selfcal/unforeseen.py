@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 import traceback
-from contextlib import suppress
 
+from .closed_streams import tell_error
 from .core.errors import printable
 
 EXIT_UNFORESEEN = 3
@@ -21,14 +20,12 @@ def unforeseen(program: str, error: BaseException) -> int:
     Returns:
         The exit status of the program.
     """
-    with suppress(OSError, ValueError):
-        sys.stderr.write("".join(_told(error)))
-        sys.stderr.write(
-            f"{program}: this was not foreseen ({type(error).__name__}), and no result can be relied on; "
-            "please report the lines above and the command, best with the recording, to the maintainers "
-            "(package.xml)\n"
-        )
-        sys.stderr.flush()
+    tell_error(
+        f"{''.join(_told(error))}"
+        f"{program}: this was not foreseen ({type(error).__name__}), and no result can be relied on; "
+        "please report the lines above and the command, best with the recording, to the maintainers "
+        "(package.xml)\n"
+    )
     return EXIT_UNFORESEEN
 
 

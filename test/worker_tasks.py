@@ -38,3 +38,8 @@ def meet(frame):
             return os.getpid()
         time.sleep(0.01)
     return None
+
+
+def start_slowly(*_):
+    """Be a worker that takes minutes to start."""
+    time.sleep(10 * PATIENCE_S)

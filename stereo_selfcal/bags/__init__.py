@@ -2,12 +2,14 @@
 
 from .errors import BagError
 from .frame import StereoFrame, readable
+from .part import RECORDING_SUFFIXES
 from .reader import StereoBag, stereo_pairs
 from .regular_file import open_regular
 from .selection import Selection
 from .topics import StereoTopics
 
 __all__ = [
+    "RECORDING_SUFFIXES",
     "BagError",
     "Selection",
     "StereoBag",

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from ..core.camera.camera_difference import check_steady, find_differences, values_text
-from ..core.camera.camera_info import CameraModel, content_of, is_uncalibrated
+from ..core.camera.camera_info import CameraInfoError, CameraModel, InfoReason, content_of, is_uncalibrated
 from ..core.camera.camera_info_checks import check_claim
 from ..core.camera.camera_info_history import CameraInfoHistory
 from ..core.camera.rectifier import StereoRectifier
-from ..core.errors import RigError
+from ..core.errors import RigError, printable
 from .errors import BagError
 from .part import Message
 from .topics import Topic
@@ -23,6 +23,11 @@ LATE_NS = 1_000_000_000
 _KEEP_NS = 5_000_000_000
 # The last CameraInfo before a stretch is looked for in windows that grow by this factor, the nearest first.
 _GROWTH = 8
+
+_DECLARED = (
+    "the images are taken as rectified, as --rectified says, although neither the names of their topics nor "
+    "their CameraInfo say so: if they are raw, the pose is wrong"
+)
 
 # Reads the messages on one topic: start and stop [ns], None for all.
 Read = Callable[[Topic, "int | None", "int | None"], Iterator[Message]]
@@ -38,6 +43,8 @@ class FrameCameras:
         images: Names of the image topics of the left and of the right camera.
         topics: Their CameraInfo topics.
         rectified: Whether the images are rectified; False: they are raw.
+        others: Topics with images of other cameras, where nobody has named the pair.
+        declared: Whether the user says that the images are rectified, whatever their topics are called.
 
     Attributes:
         topics: The CameraInfo topics.
@@ -56,7 +63,10 @@ class FrameCameras:
         images: tuple[str, str],
         topics: tuple[Topic, Topic],
         rectified: bool,
+        others: Sequence[str] = (),
+        declared: bool = False,
     ) -> None:
+        self._others, self._declared = others, declared
         self._name, self._read, self._images, self._rectified = name, read, images, rectified
         self.topics = topics
         self.remarks: tuple[str, ...] = ()
@@ -143,14 +153,24 @@ class FrameCameras:
             cameras = StereoRectifier.from_camera_info(*infos, self._rectified)
             if cameras.cameras is not None:
                 remedy = (
-                    "give --raw, or --rig if they are rectified after all"
+                    "give --raw, or --rectified if they are rectified after all"
                     if self._rectified
                     else "leave out --raw"
                 )
-                check_claim(cameras.cameras, self._images, self._rectified, remedy)
+                try:
+                    check_claim(cameras.cameras, self._images, self._rectified, remedy)
+                except CameraInfoError as error:
+                    if not self._declared or error.reason is not InfoReason.NOT_RECTIFIED:
+                        raise
+                    self._add_remark(_DECLARED)
         except RigError as error:
-            named = "--rig" in str(error) or not self._rectified
+            named = "--rectified" in str(error) or not self._rectified
             otherwise = "" if named else ", or give --rig"
+            if getattr(error, "reason", None) is InfoReason.BASELINE_ZERO and self._others:
+                otherwise += (
+                    f"; if other cameras are the stereo pair, choose them with --left and --right: "
+                    f"{', '.join(map(printable, self._others))}"
+                )
             left, right = self.topics
             raise BagError(
                 f"{self._name}: {error} (topics {left.name} and {right.name}{otherwise})"
@@ -159,6 +179,9 @@ class FrameCameras:
             cameras = self._last[1]
         self._last = contents, cameras
         return cameras
+
+    def _add_remark(self, remark: str) -> None:
+        self.remarks = tuple(dict.fromkeys((*self.remarks, remark)))
 
     def _first_calibrated(self, bags: Sequence[tuple[Path, Read]]) -> tuple[Message, Message]:
         """Return the first calibrated CameraInfo of both cameras, and compare those of the bags."""

@@ -6,7 +6,7 @@ else the storage files know themselves.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
@@ -16,6 +16,7 @@ import yaml
 from ..core.errors import printable, shortened
 from .errors import BagError
 from .limits import MOST_METADATA_BYTES, check_size, size_text
+from .order import natural_key
 from .regular_file import open_regular
 
 METADATA = "metadata.yaml"
@@ -24,6 +25,7 @@ _ROOT = "rosbag2_bagfile_information"
 _NEWEST_VERSION = 9  # of ROS 2 Jazzy; nothing that is used here has changed since 4
 _STORAGES = ("mcap", "sqlite3")
 _COMPRESSION = "zstd"
+_FILE_SUFFIXES, _PACKED = (".mcap", ".db3"), ".zstd"
 _MOST_DEPTH = 20  # five levels in fact, and the QoS of a topic
 # A recording of 10 000 files has 300 000 nodes: keys, values, lists.
 _MOST_NODES = 500_000
@@ -50,11 +52,13 @@ class Metadata:
         files: Storage files, in the order of recording.
         compression: ``file``, ``message``, or "" for none.
         counts: Messages of each topic, by name and type.
+        unlisted: Names of the storage files beside it of which it says nothing.
     """
 
     files: tuple[Path, ...]
     compression: str
     counts: dict[tuple[str, str], int]
+    unlisted: tuple[str, ...] = ()
 
 
 def read_metadata(folder: Path) -> Metadata:
@@ -97,7 +101,7 @@ def read_metadata(folder: Path) -> Metadata:
         raise BagError(f"storage files are missing: {listed}{more}")
     if len(set(files)) < len(files):
         raise BagError(f"{METADATA}: relative_file_paths names a file twice")
-    return Metadata(files, _compression(root), _counts(root))
+    return Metadata(files, _compression(root), _counts(root), _unlisted(folder, files))
 
 
 def _exists(file: Path) -> bool:
@@ -105,6 +109,14 @@ def _exists(file: Path) -> bool:
         return file.exists()
     except (OSError, ValueError):  # a name that no file can have
         return False
+
+
+def _unlisted(folder: Path, files: Iterable[Path]) -> tuple[str, ...]:
+    """Return the names of the storage files of a folder that are none of these, packed or unpacked."""
+    listed = {file.name.removesuffix(_PACKED) for file in files}
+    names = (file.name for file in folder.iterdir())
+    found = {name for name in names if name.removesuffix(_PACKED).endswith(_FILE_SUFFIXES)}
+    return tuple(sorted((n for n in found if n.removesuffix(_PACKED) not in listed), key=natural_key))
 
 
 def _compression(root: Mapping[str, Any]) -> str:

@@ -25,10 +25,10 @@ from .storage import CDR, MESSAGE_TYPES, ROS1, Channel, Storage
 from .topics import Topic
 from .unpacking import unpack_file, unpack_zstd
 
-# Storage files that are a recording by themselves, without a folder and its metadata.yaml.
-_STORAGE_SUFFIXES = (".mcap", ".db3")
-_SUFFIXES = (*_STORAGE_SUFFIXES, ".bag")
+# Files that are a recording by themselves, without a folder and its metadata.yaml.
+RECORDING_SUFFIXES = (".mcap", ".db3", ".bag")
 _COMPRESSED_SUFFIX = ".zstd"
+_SHOWN = 3  # names of files that are not read
 
 _STORAGES = ((MCAP_MAGIC, McapStorage), (SQLITE_MAGIC, SqliteStorage), (ROS1_MAGIC, Ros1Storage))
 
@@ -71,6 +71,7 @@ class Part:
         connections: Recorded topics, with types and numbers of messages.
         start_ns: Time at which its first message was recorded [ns].
         end_ns: Time at which its last message was recorded [ns].
+        remark: What is strange about its files, "" for nothing.
 
     Raises:
         BagError: It cannot be read.
@@ -78,6 +79,7 @@ class Part:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.remark = ""
         self._stack = ExitStack()
         self._storages: list[Storage] = []
         self._packed_messages = False
@@ -125,6 +127,7 @@ class Part:
             metadata = read_metadata(self.path)
             self._packed_messages = metadata.compression == "message"
             files, said = self._unpacked(metadata), metadata.counts
+            self.remark = _not_read(self.path, metadata)
         for file in files:
             storage = _open_storage(file)
             self._stack.callback(storage.close)
@@ -180,6 +183,20 @@ class Part:
             raise BagError(f"{self.path}: cannot be read as a recording ({detail}); {remedy}") from error
 
 
+def _not_read(folder: Path, metadata: Metadata) -> str:
+    """Return a sentence about the storage files that metadata.yaml does not list, "" where it lists all."""
+    names = metadata.unlisted
+    if not names:
+        return ""
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    listed = ", ".join(printable(name) for name in names[:_SHOWN])
+    return (
+        f"{METADATA} of {printable(folder.resolve().name)} lists {len(metadata.files)} of "
+        f"{len(metadata.files) + len(names)} storage files, not {listed}{more}, which "
+        f"{'is' if len(names) == 1 else 'are'} not read: if they are one recording, {_REINDEX}"
+    )
+
+
 def _open_storage(path: Path) -> Storage:
     """Open a storage file as what its first bytes say it is."""
     with open_regular(path) as file:
@@ -204,7 +221,7 @@ def recordings_at(path: Path) -> list[Path]:
             check_regular(status.st_mode, path)
             if path.suffix == _COMPRESSED_SUFFIX:
                 raise BagError(f"{path}: {_unpack(path)}")
-            if path.suffix not in _SUFFIXES:
+            if path.suffix not in RECORDING_SUFFIXES:
                 raise BagError(f"{path}: not a recording; {_GIVE}")
             return [path]
         if (path / METADATA).exists():
@@ -217,7 +234,7 @@ def recordings_at(path: Path) -> list[Path]:
         raise BagError(
             f"{path}: cannot be opened ({getattr(error, 'strerror', None) or error}); {_GIVE}"
         ) from error
-    files = [file for file in entries if file.suffix in _SUFFIXES]
+    files = [file for file in entries if file.suffix in RECORDING_SUFFIXES]
     packed = [file for file in entries if file.suffix == _COMPRESSED_SUFFIX]
     if packed:
         raise BagError(f"{path}: there is no metadata.yaml, and {packed[0].name} {_unpack(packed[0])}")

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from heapq import merge
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
@@ -23,8 +22,9 @@ from .errors import BagError
 from .frame import StereoFrame, readable
 from .frame_cameras import LATE_NS, FrameCameras
 from .part import Message, Part, open_bags
+from .part_topics import baseline_reader, in_order, topics_of
 from .selection import Selection
-from .topics import StereoTopics, Topic, find_camera_info, find_stereo_pairs, find_stereo_topics
+from .topics import StereoTopics, Topic, find_camera_info, find_stereo_pairs, find_stereo_topics, other_images
 
 # Images of one camera that may be recorded ahead of the other's; more than the node keeps, as a
 # recorder writes topics in bursts. It bounds the memory.
@@ -96,10 +96,12 @@ class StereoBag:
         self._bags = open_bags(self.paths)
         self._parts = [part for _, parts in self._bags for part in parts]
         try:
-            self.topics = find_stereo_topics(_topics(self._parts), left, right, raw)
+            topics = topics_of(self._parts)
+            self.topics = find_stereo_topics(topics, left, right, raw, baseline_reader(self._parts))
+            self._others = [] if left and right else other_images(topics, self.topics)
         except BagError as error:
             self.close()
-            raise BagError(f"{self._name}: {error}") from error
+            raise BagError("; ".join([f"{self._name}: {error}", *self.file_remarks])) from error
 
     def __enter__(self) -> StereoBag:
         return self
@@ -140,12 +142,15 @@ class StereoBag:
         except RigError as error:
             raise BagError(f"{self._name}: {error}") from error
 
-    def follow_cameras(self, rectified: bool = True, selection: Selection | None = None) -> StereoRectifier:
+    def follow_cameras(
+        self, rectified: bool = True, selection: Selection | None = None, declared: bool = False
+    ) -> StereoRectifier:
         """Rectify the frames that are read from now on, each by its own CameraInfo.
 
         Args:
             rectified: Whether the images are rectified; False: they are raw.
             selection: Which frames are going to be read.
+            declared: Whether the user says that they are rectified, whatever their topics are called.
 
         Returns:
             The cameras at the start of the selection.
@@ -153,24 +158,29 @@ class StereoBag:
         Raises:
             BagError: A CameraInfo is missing, or cannot be right.
         """
-        self._cameras = self._frame_cameras(rectified)
+        self._cameras = self._frame_cameras(rectified, declared)
         start_ns = 0 if selection is None else selection.start_ns
         return self._cameras.at_start(self.start_ns + start_ns if start_ns > 0 else None)
+
+    @property
+    def file_remarks(self) -> tuple[str, ...]:
+        """Sentences about storage files that are not read."""
+        return tuple(part.remark for part in self._parts if part.remark)
 
     @property
     def info_remarks(self) -> tuple[str, ...]:
         """Sentences about the CameraInfo that is followed."""
         return () if self._cameras is None else self._cameras.remarks
 
-    def _frame_cameras(self, rectified: bool) -> FrameCameras:
+    def _frame_cameras(self, rectified: bool, declared: bool = False) -> FrameCameras:
         def read(
             parts: Sequence[Part], topic: Topic, start_ns: int | None, stop_ns: int | None
         ) -> Iterator[Message]:
-            return _in_order(parts, [topic], start_ns, stop_ns)
+            return in_order(parts, [topic], start_ns, stop_ns)
 
         images = self.topics.left, self.topics.right
         try:
-            infos = find_camera_info(_topics(self._parts), self.topics, *self._info_names)
+            infos = find_camera_info(topics_of(self._parts), self.topics, *self._info_names)
         except BagError as error:
             raise BagError(f"{self._name}: {error}") from error
         return FrameCameras(
@@ -180,6 +190,8 @@ class StereoBag:
             (images[0].name, images[1].name),
             infos,
             rectified,
+            self._others,
+            declared,
         )
 
     def frames(self, selection: Selection | None = None) -> Iterator[StereoFrame]:
@@ -316,7 +328,7 @@ class StereoBag:
     def _messages(
         self, topics: Collection[Topic], start_ns: int | None = None, stop_ns: int | None = None
     ) -> Iterator[Message]:
-        return _in_order(self._parts, topics, start_ns, stop_ns)
+        return in_order(self._parts, topics, start_ns, stop_ns)
 
 
 def _unpaired_reason(pattern: StampPattern) -> str:
@@ -363,28 +375,12 @@ def stereo_pairs(paths: Sequence[Path], raw: bool = False) -> list[StereoTopics]
     """
     parts = [part for _, each in open_bags(paths) for part in each]
     try:
-        return find_stereo_pairs(_topics(parts), raw)
+        return find_stereo_pairs(topics_of(parts), raw, baseline_reader(parts))
     except BagError as error:
         raise BagError(f"{_name(paths)}: {error}") from error
     finally:
         for part in parts:
             part.close()
-
-
-def _in_order(
-    parts: Iterable[Part], topics: Collection[Topic], start_ns: int | None, stop_ns: int | None
-) -> Iterator[Message]:
-    """Yield messages in the order of the recording; of two at one time that of the earlier bag first."""
-    streams = (part.messages(topics, start_ns, stop_ns) for part in parts)
-    return merge(*streams, key=lambda message: message.recorded_ns)
-
-
-def _topics(parts: Iterable[Part]) -> list[Topic]:
-    counts: dict[tuple[str, str], int] = {}
-    for connection in (c for part in parts for c in part.connections):  # a topic may have several publishers
-        key = (connection.topic, connection.msgtype)
-        counts[key] = counts.get(key, 0) + connection.msgcount
-    return [Topic(*key, count) for key, count in counts.items()]
 
 
 def _name(paths: Sequence[Path]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 from typing import Literal
@@ -23,8 +23,13 @@ COMPRESSED_SUFFIX = "/compressed"
 # Transports that send a CompressedImage as well, of something else than a picture of one of OpenCV's formats.
 _OTHER_TRANSPORTS = ("/compressedDepth", "/zstd", "/theora", "/ffmpeg", "/foxglove")
 
-# "left" as a word: left/, image_left, left0, but neither "leftover" nor "cleft".
+# Messages of transports that send video, or of other codecs: FFMPEGPacket, CompressedVideo, theora's Packet.
+_VIDEO = re.compile(r"ffmpeg|h26[45]|hevc|theora|video|packet$", re.IGNORECASE)
+
+# "left" as a word: left/, image_left, left0, but neither "leftover" nor "cleft"; and its first letter.
 _LEFT = re.compile(r"(?<![a-z])left(?![a-z])", re.IGNORECASE)
+_LEFT_LETTER = re.compile(r"(?<![a-z])l(?![a-z])", re.IGNORECASE)
+_RIGHT_OF = {"left": "right", "Left": "Right", "LEFT": "RIGHT", "l": "r", "L": "R"}
 _SIDE = re.compile(r"(?<![a-z])(left|right)(?![a-z])", re.IGNORECASE)
 # cam0/cam1 (EuRoC), camera_0/camera_1, infra1/infra2 (RealSense), image_00/image_01 (KITTI).
 _NUMBERED = re.compile(r"(?<![a-z])((?:cam|camera|infra|image)_?)(\d+)(?=[/_]|$)", re.IGNORECASE)
@@ -71,20 +76,30 @@ class StereoTopics:
     right: Topic
 
 
+# Says of a pair whether its CameraInfo has a baseline; None where that is not known.
+HasBaseline = Callable[["StereoTopics"], "bool | None"]
+
+
 def find_stereo_topics(
-    topics: Iterable[Topic], left: str | None = None, right: str | None = None, raw: bool = False
+    topics: Iterable[Topic],
+    left: str | None = None,
+    right: str | None = None,
+    raw: bool = False,
+    has_baseline: HasBaseline | None = None,
 ) -> StereoTopics:
     """Return the image topics of the left and the right camera.
 
     A pair are two topics of one image type whose names differ in one word, ``left`` and ``right``.
-    Only if there is none, two cameras numbered n and n + 1 are taken. Of one camera's topics a
-    rectified one is preferred to a raw one, Image to CompressedImage, grey to colour.
+    Only if there is none, ``l`` and ``r`` are, and then two cameras numbered n and n + 1. Pairs without a
+    baseline are none where another one has one: cameras that look front left and front right. Of one
+    camera's topics a rectified one is preferred to a raw one, Image to CompressedImage, grey to colour.
 
     Args:
         topics: All topics of the recording.
         left: Name of the left image topic, None to find it.
         right: The same of the right one.
         raw: Whether raw images are preferred to rectified ones instead.
+        has_baseline: Looks at the CameraInfo of a pair; asked only where there are several.
 
     Raises:
         BagError: There is no pair, or several cameras could be meant; the candidates are listed.
@@ -97,15 +112,16 @@ def find_stereo_topics(
         return found
     if not usable:
         raise BagError(f"no images: {_no_images(images)}; record both image topics of the stereo camera")
-    pairs = _pairs_by_side(usable) or _pairs_by_number(usable)
+    kinds = _pairs_by_kind(usable)
     if left is not None:
         wanted = _named(images, left, "left")
-        pairs = [pair for pair in pairs if pair.left == wanted]
+        kinds = [[pair for pair in pairs if pair.left == wanted] for pairs in kinds]
     elif right is not None:
         wanted = _named(images, right, "right")
-        pairs = [pair for pair in pairs if pair.right == wanted]
+        kinds = [[pair for pair in pairs if pair.right == wanted] for pairs in kinds]
+    pairs = _candidates(kinds, has_baseline)
     if not pairs:
-        raise BagError(_no_pair(usable, left, right))
+        raise BagError(_no_pair(images, usable, left, right))
     best = _best(pairs, raw)
     if len(best) > 1:
         candidates = "; ".join(f"{pair.left.name} with {pair.right.name}" for pair in best)
@@ -187,7 +203,15 @@ def _common_parts(name: str, other: str) -> int:
     return len(list(takewhile(lambda pair: pair[0] == pair[1], pairs)))
 
 
-def find_stereo_pairs(topics: Iterable[Topic], raw: bool = False) -> list[StereoTopics]:
+def other_images(topics: Iterable[Topic], pair: StereoTopics) -> list[str]:
+    """Return the names of the topics with images of other cameras than those of a pair."""
+    known = {_camera_of(pair.left.base), _camera_of(pair.right.base)}
+    return [topic.name for topic in _images(topics)[1] if _camera_of(topic.base) not in known]
+
+
+def find_stereo_pairs(
+    topics: Iterable[Topic], raw: bool = False, has_baseline: HasBaseline | None = None
+) -> list[StereoTopics]:
     """Return the image topics of every stereo camera, ordered by name; as :func:`find_stereo_topics`.
 
     Raises:
@@ -196,15 +220,15 @@ def find_stereo_pairs(topics: Iterable[Topic], raw: bool = False) -> list[Stereo
     images, usable = _images(topics)
     if not usable:
         raise BagError(f"no images: {_no_images(images)}; record both image topics of the stereo camera")
-    pairs = _pairs_by_side(usable) or _pairs_by_number(usable)
+    pairs = _candidates(_pairs_by_kind(usable), has_baseline)
     if not pairs:
-        raise BagError(_no_pair(usable, None, None))
+        raise BagError(_no_pair(images, usable, None, None))
     return _best(pairs, raw)
 
 
 def _images(topics: Iterable[Topic]) -> tuple[list[Topic], list[Topic]]:
     """Return the image topics, and those of them that show a scene."""
-    images = [t for t in topics if t.msgtype in (IMAGE, COMPRESSED_IMAGE)]
+    images = [t for t in topics if t.msgtype in (IMAGE, COMPRESSED_IMAGE) or _VIDEO.search(t.msgtype)]
     used = [
         t for t in images if t.count > 0 and not _NO_CAMERA_IMAGE.search(t.name) and not _other_transport(t)
     ]
@@ -221,7 +245,8 @@ def _is_copy(topic: Topic, names: Collection[str]) -> bool:
 
 def _other_transport(topic: Topic) -> bool:
     """Whether a topic is sent by a transport whose messages are no pictures."""
-    return topic.msgtype == COMPRESSED_IMAGE and topic.name.endswith(_OTHER_TRANSPORTS)
+    compressed = topic.msgtype == COMPRESSED_IMAGE
+    return topic.name.endswith(_OTHER_TRANSPORTS) if compressed else topic.msgtype != IMAGE
 
 
 def _named(images: Sequence[Topic], name: str, side: Side) -> Topic:
@@ -245,7 +270,7 @@ def _named(images: Sequence[Topic], name: str, side: Side) -> Topic:
 def _no_images(images: Sequence[Topic]) -> str:
     if not images:
         return "the recording has no topic of type sensor_msgs/Image or CompressedImage"
-    listed = ", ".join(f"{t.name} ({t.count} messages)" for t in images)
+    listed = ", ".join(f"{t.name} ({t.count} messages{_type_of(t)})" for t in images)
     if any(t.count and _other_transport(t) for t in images):
         return (
             f"nothing usable among {listed}; of the transports, raw and compressed can be read: play the "
@@ -254,8 +279,17 @@ def _no_images(images: Sequence[Topic]) -> str:
     return f"nothing usable among {listed}"
 
 
-def _no_pair(usable: Sequence[Topic], left: str | None, right: str | None) -> str:
+def _type_of(topic: Topic) -> str:
+    return "" if topic.msgtype in (IMAGE, COMPRESSED_IMAGE) else f" of {topic.msgtype}"
+
+
+def _no_pair(images: Sequence[Topic], usable: Sequence[Topic], left: str | None, right: str | None) -> str:
     listed = ", ".join(t.name for t in usable)
+    known = {topic.base for topic in usable}
+    unread = [t for t in images if t.count and _other_transport(t) and t.name.rpartition("/")[0] not in known]
+    if unread:
+        sent = ", ".join(f"{t.name}{_type_of(t)}" for t in unread)
+        listed += f" (not read are {sent}: 'ros2 run image_transport republish' makes images of them)"
     if left is not None or right is not None:
         given, other = ("left", "right") if left is not None else ("right", "left")
         return f"no {other} camera found for --{given}: give --{other} too; image topics: {listed}"
@@ -269,14 +303,30 @@ def _no_pair(usable: Sequence[Topic], left: str | None, right: str | None) -> st
     return f"no left/right pair among the image topics {listed}: name them with --left and --right"
 
 
-def _pairs_by_side(topics: Sequence[Topic]) -> list[StereoTopics]:
-    """Return the pairs whose names differ in exactly one word, left and right."""
+def _pairs_by_kind(topics: Sequence[Topic]) -> list[list[StereoTopics]]:
+    """Return the pairs by left and right, those by l and r, and those by numbers: the surest first."""
+    return [_pairs_by_word(topics, _LEFT), _pairs_by_word(topics, _LEFT_LETTER), _pairs_by_number(topics)]
+
+
+def _candidates(kinds: Sequence[list[StereoTopics]], has_baseline: HasBaseline | None) -> list[StereoTopics]:
+    """Return the pairs of the surest kind, without those that have no baseline where others have one."""
+    if has_baseline is not None and sum(map(len, kinds)) > 1:
+        first = next(pairs for pairs in kinds if pairs)
+        if any(has_baseline(pair) is False for pair in first):
+            said = [[(pair, has_baseline(pair)) for pair in pairs] for pairs in kinds]
+            if any(has for pairs in said for _, has in pairs):
+                kinds = [[pair for pair, has in pairs if has] for pairs in said]
+    return next((pairs for pairs in kinds if pairs), [])
+
+
+def _pairs_by_word(topics: Sequence[Topic], left: re.Pattern[str]) -> list[StereoTopics]:
+    """Return the pairs whose names differ in exactly one word, that of the left one and that of the right."""
     known = {(t.name, t.msgtype): t for t in topics}
     pairs = []
     for topic in topics:
-        for match in _LEFT.finditer(topic.name):
+        for match in left.finditer(topic.name):
             word = match.group()
-            other = "RIGHT" if word.isupper() else "Right" if word[0].isupper() else "right"
+            other = _RIGHT_OF.get(word, _RIGHT_OF[word.lower()])
             name = topic.name[: match.start()] + other + topic.name[match.end() :]
             if (name, topic.msgtype) in known:
                 pairs.append(StereoTopics(topic, known[name, topic.msgtype]))

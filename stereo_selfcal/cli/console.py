@@ -12,6 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NoReturn, TextIO
 
+from ..closed_streams import open_closed_streams
 from ..core.errors import OutputError, SelfcalError, printable
 from ..files.writable import check_writable as can_be_written
 from ..search_path import SAFE_PATH
@@ -70,6 +71,7 @@ def run(program: str, work: Callable[[list[str]], int], argv: Sequence[str] | No
     Returns:
         Exit status.
     """
+    open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         with suppress(AttributeError):  # what a caller has put in their place
             stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]

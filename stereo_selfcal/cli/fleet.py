@@ -32,9 +32,9 @@ from .console import (
     Parser,
     Progress,
     UsageError,
-    check_writable,
     run,
 )
+from .outputs import File, check_outputs, recording_files
 from .replay_options import add_camera_options, add_selection_options, positive_int, time_s
 from .report import as_dict
 
@@ -51,7 +51,7 @@ exit status: 0 all are calibrated; 1 some are not (refused, damaged); 2 bad usag
 Numbers are those of 'replay', to the last digit, on any number of workers.
 """
 _DEFAULT_OUTPUT = Path("fleet")
-_TABLE = "table.csv"
+_TABLE, _INDEX = "table.csv", "index.html"
 # Longer recordings are done in stretches: at 10 Hz about a minute of work.
 _STRETCH_S = 120.0
 # Loggers of Dask's that repeat in many lines what is said here in one; the nanny's, which says that a worker
@@ -72,10 +72,11 @@ def _fleet(argv: list[str]) -> int:
     settings = _settings(arguments)
     if arguments.table is not None:
         check_table(arguments.table)
-        check_writable(arguments.table, "--table")
     if arguments.reports and find_spec("jinja2") is None:
         raise UsageError("reports need the Python module jinja2, which is not installed; or give --no-report")
-    bags = [Bag.of(path, settings) for path in find_bags(arguments.bags)]
+    paths = find_bags(arguments.bags)
+    _check_outputs(arguments, argv, paths)
+    bags = [Bag.of(path, settings) for path in paths]
     try:
         store = Store(arguments.output, arguments.reports)
     except OSError as error:
@@ -151,7 +152,7 @@ class _Outcomes:
         if self._table is not None:
             write_table(self._table, rows)
         about = "Made by " + ", ".join(f"{name} {version}" for name, version in versions().items()) + "."
-        write_atomically(self._store.folder / "index.html", index_page(rows, about).encode())
+        write_atomically(self._store.folder / _INDEX, index_page(rows, about).encode())
 
     def summary(self) -> str:
         """Return what is said at the end."""
@@ -166,7 +167,7 @@ class _Outcomes:
         for row in self._rows.values():
             if row.status in (Status.FAILED, Status.DAMAGED):
                 text += f"  {row.bag}: {row.reason}\n"
-        return f"{text}{self._store.folder / 'index.html'}\n"
+        return f"{text}{self._store.folder / _INDEX}\n"
 
 
 def _run(
@@ -263,6 +264,19 @@ def _check_cluster(arguments: argparse.Namespace) -> None:
             )
 
 
+def _check_outputs(arguments: argparse.Namespace, argv: Sequence[str], bags: Sequence[Path]) -> None:
+    """Refuse files that cannot be written or are in the place of others, before any work is done for them."""
+    given = (("--config", arguments.config), ("--rig", arguments.rig))
+    inputs = [File(option, path) for option, path in given if path is not None]
+    inputs += [File("the list", Path(each[1:])) for each in argv if each.startswith("@")]
+    inputs += recording_files(bags, arguments.left, arguments.right)
+    outputs = [File("--output", arguments.output / name) for name in (_TABLE, _INDEX)]
+    outputs = outputs if arguments.output.is_dir() else []
+    if arguments.table is not None:
+        outputs.append(File("--table", arguments.table))
+    check_outputs(outputs, inputs)
+
+
 def _settings(arguments: argparse.Namespace) -> FleetSettings:
     return FleetSettings(
         chosen_config(arguments.config, arguments.seed),
@@ -274,6 +288,7 @@ def _settings(arguments: argparse.Namespace) -> FleetSettings:
         arguments.raw,
         arguments.left_info,
         arguments.right_info,
+        arguments.rectified,
     )
 
 

@@ -23,7 +23,8 @@ from ..files.rig_file import read_rig_file
 from ..synth.scenes import PAPER_RIG
 from ..synth.world import LANE_WIDTH_M, LINE_WIDTH_M, MAX_TILT_RAD, PSF_SIGMA_PX
 from .chart import ChartImage, Curve, Panel, draw_charts
-from .console import EXIT_OK, OTHER_STATUSES, Parser, UsageError, check_writable, run
+from .console import EXIT_OK, OTHER_STATUSES, Parser, UsageError, run
+from .outputs import File, check_outputs
 
 _DESCRIPTION = """\
 Print how well height, pitch and roll can be known at all: the Cramer-Rao bound of a stereo frame with the
@@ -118,7 +119,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _limits(argv: list[str]) -> int:
     arguments = _parser().parse_args(argv)
     if arguments.plot is not None:
-        check_writable(arguments.plot, "--plot")
+        rig = [] if arguments.rig is None else [File("--rig", arguments.rig)]
+        check_outputs([File("--plot", arguments.plot)], rig)
         if arguments.plot.suffix.lower() != ".png":
             raise UsageError(f"--plot {arguments.plot}: charts are written as PNG; end the name in .png")
     if arguments.line_width_m >= arguments.lane_width_m:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -41,10 +40,10 @@ from .console import (
     EXIT_OK,
     Progress,
     UsageError,
-    check_writable,
     one_line,
     run,
 )
+from .outputs import File, check_outputs, recording_files
 from .replay_options import replay_parser
 from .report import as_dict, as_json, table_header, table_row, table_summary
 
@@ -110,6 +109,7 @@ def _replay_one(arguments: argparse.Namespace, settings: _Settings) -> tuple[Rep
         a.raw,
         a.left_info,
         a.right_info,
+        a.rectified,
     ) as source:
         replay = _run_with_output(source, settings.config, arguments)
         unwritten = _write_files(source, replay, arguments, settings.frames)
@@ -121,11 +121,13 @@ def _replay_all(arguments: argparse.Namespace, settings: _Settings) -> int:
     outcomes: list[dict[str, Any]] = []
     status = EXIT_OK
     pairs = stereo_pairs(arguments.bags, arguments.raw)
-    for name, pair in zip(pair_names(pairs), pairs, strict=True):
-        files = {option: _of_pair(getattr(arguments, option), name) for option in _FILES}
+    names = pair_names(pairs)
+    of_pairs = [_of_one_pair(arguments, name, pair) for name, pair in zip(names, pairs, strict=True)]
+    check_outputs([file for each in of_pairs for file in _outputs(each)], _inputs(arguments))
+    for name, pair, of_pair in zip(names, pairs, of_pairs, strict=True):
         topics = {"left": pair.left.name, "right": pair.right.name}
         try:
-            replay, unwritten = _replay_one(argparse.Namespace(**vars(arguments) | files | topics), settings)
+            replay, unwritten = _replay_one(of_pair, settings)
         except (SelfcalError, OSError) as error:
             outcomes.append({"name": name, **topics, "accepted": False, "error": one_line(error)})
             sys.stderr.write(f"replay: {name}: {one_line(error)}\n")
@@ -138,6 +140,13 @@ def _replay_all(arguments: argparse.Namespace, settings: _Settings) -> int:
     if arguments.json:
         sys.stdout.write(json.dumps({"pairs": outcomes}, allow_nan=False) + "\n")
     return status
+
+
+def _of_one_pair(arguments: argparse.Namespace, name: str, pair: StereoTopics) -> argparse.Namespace:
+    """Return the options with the files and the topics of one pair."""
+    files = {option: _of_pair(getattr(arguments, option), name) for option in _FILES}
+    topics = {"left": pair.left.name, "right": pair.right.name}
+    return argparse.Namespace(**vars(arguments) | files | topics)
 
 
 def pair_names(pairs: Sequence[StereoTopics]) -> list[str]:
@@ -167,26 +176,31 @@ def _status(replay: Replay, unwritten: Sequence[str]) -> int:
 
 def _check_outputs(arguments: argparse.Namespace) -> None:
     """Refuse files that cannot be written, before any work is done for them."""
-    given: dict[str, str] = {}
-    for option in _FILES:
-        path = getattr(arguments, option)
-        if path is None:
-            continue
-        check_writable(path, f"--{option}")
-        place = os.path.realpath(path)
-        if place in given:
-            raise UsageError(f"--{given[place]} and --{option} are both {path}: give two files")
-        given[place] = option
-    if arguments.output is not None:
-        for path in export_paths(arguments.output, arguments.exports):
-            check_writable(path, "--export")
-    elif arguments.exports:
+    check_outputs(_outputs(arguments), _inputs(arguments))
+    if arguments.output is None and arguments.exports:
         raise UsageError("--export writes beside the file of --output: give --output")
     if arguments.report is not None and find_spec("jinja2") is None:
         raise UsageError("--report needs the Python module jinja2 (python3-jinja2), which is not installed")
     picture = arguments.picture
     if picture is not None and picture.suffix.lower() != ".png":
         raise UsageError(f"--picture {picture}: pictures are written as PNG; end the name in .png")
+
+
+def _outputs(arguments: argparse.Namespace) -> list[File]:
+    """Return the files that are going to be written."""
+    given = ((option, getattr(arguments, option)) for option in _FILES)
+    files = [File(f"--{option}", path) for option, path in given if path is not None]
+    if arguments.output is not None:
+        exports = export_paths(arguments.output, arguments.exports)
+        files += [File("--export", path) for path in exports]
+    return files
+
+
+def _inputs(arguments: argparse.Namespace) -> list[File]:
+    """Return the files that are going to be read."""
+    given = (("--config", arguments.config), ("--rig", arguments.rig))
+    files = [File(option, path) for option, path in given if path is not None]
+    return [*files, *recording_files(arguments.bags, arguments.left, arguments.right)]
 
 
 def _run_with_output(source: FrameSource, config: CalibratorConfig, arguments: argparse.Namespace) -> Replay:

@@ -82,10 +82,16 @@ def add_camera_options(parser: Parser) -> None:
     )
     add("--right-info", metavar="TOPIC", help="CameraInfo topic of the right camera")
     add("--rig", metavar="FILE", type=Path, help="rig file (YAML or JSON) instead of the CameraInfo topics")
-    add(
+    claim = parser.add_mutually_exclusive_group()
+    claim.add_argument(
         "--raw",
         action="store_true",
         help="the images are raw: undistort and rectify them by their CameraInfo",
+    )
+    claim.add_argument(
+        "--rectified",
+        action="store_true",
+        help="the images are rectified, whatever their topics are called (image_raw of kitti2bag)",
     )
     add("--config", metavar="FILE", type=Path, help="settings of the calibrator (YAML)")
     add("--seed", metavar="N", type=int, help="seed of the random numbers (default: that of the settings)")

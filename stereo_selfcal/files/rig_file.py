@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ..core.camera.rig import StereoRig
+from ..core.camera.rig_checks import check_possible
 from ..core.errors import ConfigError, RigError, printable
 from .safe_yaml import parse_json, parse_yaml, read_text
 
@@ -30,6 +31,8 @@ def read_rig_file(path: Path) -> StereoRig:
     if not isinstance(values, Mapping):
         raise RigError(f"rig file {shown}: holds no keys; it needs {', '.join(StereoRig.__slots__)}")
     try:
-        return StereoRig.from_mapping(values)
+        rig = StereoRig.from_mapping(values)
+        check_possible(rig)
     except RigError as error:
         raise RigError(f"rig file {shown}: {error}") from error
+    return rig

@@ -40,6 +40,7 @@ class FleetSettings:
         raw: Whether the images are to be undistorted and rectified.
         left_info: CameraInfo topic of the left camera, None to find it.
         right_info: The same of the right camera.
+        rectified: Whether the images are rectified whatever their topics are called.
     """
 
     config: CalibratorConfig
@@ -51,6 +52,7 @@ class FleetSettings:
     raw: bool = False
     left_info: str | None = None
     right_info: str | None = None
+    rectified: bool = False
 
     def to_mapping(self) -> dict[str, Any]:
         """Return all of it as plain values: equal settings give equal results."""
@@ -67,6 +69,7 @@ class FleetSettings:
                 self.selection.max_frames,
             ],
             "raw": self.raw,
+            "rectified": self.rectified,
             "infos": [self.left_info, self.right_info],
         }
 
@@ -86,6 +89,7 @@ class FleetSettings:
             self.raw,
             self.left_info,
             self.right_info,
+            self.rectified,
         )
 
 

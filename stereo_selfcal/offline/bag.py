@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ..bags import BagError, Selection, StereoBag, StereoFrame
-from ..core.camera.camera_info_checks import Finding
 from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
+from ..core.camera.rig_checks import Finding
 from .recording import FrameSource
 
 
@@ -25,6 +25,7 @@ class BagSource(FrameSource):
         raw: Whether the images are raw: they are undistorted and rectified with their CameraInfo.
         left_info: CameraInfo topic of the left camera, None to find it.
         right_info: The same of the right camera.
+        rectified: Whether the images are rectified whatever their topics are called.
 
     Raises:
         BagError: A bag cannot be read, or there is no unambiguous stereo pair or no rig.
@@ -41,6 +42,7 @@ class BagSource(FrameSource):
         raw: bool = False,
         left_info: str | None = None,
         right_info: str | None = None,
+        rectified: bool = False,
     ) -> None:
         if rig is not None and not (left_info is None and right_info is None):
             raise BagError(
@@ -60,9 +62,11 @@ class BagSource(FrameSource):
             self.start_ns = self._bag.start_ns
             self._doubts: dict[Finding, None] = {}
             if rig is None:
-                cameras = self._bag.follow_cameras(not raw, selection)
-                self._note(cameras)
+                cameras = self._bag.follow_cameras(not raw, selection, rectified)
                 rig = cameras.rig
+            else:
+                cameras = StereoRectifier.of_rig(rig)
+            self._note(cameras)
             self.rig = rig
             self._bag.rig_size = rig.width, rig.height
             self.selection = selection or Selection()
@@ -77,10 +81,10 @@ class BagSource(FrameSource):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences about CameraInfo and bits of the frames so far, and about images that are in no frame."""
+        """Sentences about files, CameraInfo and bits of the frames so far, and images in no frame."""
         depth = (self._bag.depth.remark,) if self._bag.depth.remark else ()
         doubts = (doubt.message for doubt in self._doubts)
-        return (*doubts, *self._bag.info_remarks, *depth, *self._bag.remarks)
+        return (*self._bag.file_remarks, *doubts, *self._bag.info_remarks, *depth, *self._bag.remarks)
 
     def frames(self) -> Iterator[StereoFrame]:
         """Yield the selected frames in the order of the recording."""

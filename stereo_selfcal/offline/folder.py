@@ -12,6 +12,7 @@ from ..core.camera.bit_depth import BitDepth, Pixels
 from ..core.camera.image_header import most_pixels
 from ..core.camera.image_messages import decode_compressed
 from ..core.camera.pairing import stamp_to_s
+from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
 from ..core.errors import ImageError, printable
 from .image_stamps import image_stamps
@@ -72,6 +73,7 @@ class FolderSource(FrameSource):
             stamps = image_stamps(names)
         except BagError as error:
             raise BagError(f"{path}: {error}") from error
+        self._doubts = tuple(doubt.message for doubt in StereoRectifier.of_rig(rig).doubts)
         self.notes = (stamps.note,)
         self.counted = stamps.counted
         self._pairs = [
@@ -83,8 +85,8 @@ class FolderSource(FrameSource):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences about stamps that are none, the bits of the images, and those that are in no frame."""
-        remarks = self.notes if self.counted else ()
+        """Sentences about the rig, stamps that are none, bits of the images, and those in no frame."""
+        remarks = self._doubts + (self.notes if self.counted else ())
         if self._depth.remark:
             remarks += (self._depth.remark,)
         alone = [count - len(self._pairs) for count in self.n_images]

@@ -26,6 +26,7 @@ def open_source(
     raw: bool = False,
     left_info: str | None = None,
     right_info: str | None = None,
+    rectified: bool = False,
 ) -> FrameSource:
     """Open a recording.
 
@@ -39,13 +40,16 @@ def open_source(
         raw: Whether the images of bags are raw: they are undistorted and rectified with their CameraInfo.
         left_info: CameraInfo topic of the left camera in bags, None to find it.
         right_info: The same of the right camera.
+        rectified: Whether the images of bags are rectified whatever their topics are called.
 
     Raises:
         SelfcalError: It cannot be read, or has no unambiguous stereo pair or no rig.
     """
     folders = [path for path in paths if is_image_folder(path, left, right)]
     if not folders:
-        return BagSource(paths, left, right, tolerance_s, rig, selection, raw, left_info, right_info)
+        return BagSource(
+            paths, left, right, tolerance_s, rig, selection, raw, left_info, right_info, rectified
+        )
     if raw:
         raise BagError(
             f"{folders[0]}: raw images need CameraInfo, which a folder of images has not: rectify them"

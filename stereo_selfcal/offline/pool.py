@@ -128,9 +128,15 @@ def _workers(jobs: int, rig: StereoRig, config: CalibratorConfig) -> Iterator[Pr
     context = multiprocessing.get_context("spawn")
     with for_workers():  # with an own mask, or starting it later would undo this one
         resource_tracker.ensure_running()
+    others = set(multiprocessing.active_children())
     workers = ProcessPoolExecutor(jobs, context, _start_worker, (rig, config))
     try:
         yield workers
+    except (KeyboardInterrupt, GeneratorExit):
+        # Nobody wants their results any more, and on a busy machine one may need long to start.
+        for process in set(multiprocessing.active_children()) - others:
+            process.kill()
+        raise
     finally:
         workers.shutdown(wait=True, cancel_futures=True)
 

@@ -20,6 +20,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from ..bags import StereoBag, StereoFrame
+from ..closed_streams import open_closed_streams, tell_error
 from ..core.calibrator import Calibrator
 from ..core.config import CalibratorConfig
 from ..core.errors import OutputError, SelfcalError, printable
@@ -250,6 +251,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         Exit status: 0 calibrated; 1 refused; 2 bad usage, unreadable input or a node that failed; 3 what was
         not foreseen.
     """
+    open_closed_streams()
     parser = argparse.ArgumentParser(
         prog="demo",
         description=__doc__.replace("``", ""),
@@ -267,10 +269,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return run_demo(arguments.bag or packaged_bag(), arguments.output_dir)
     except SelfcalError as error:
-        sys.stderr.write(f"demo: {printable(str(error))}\n")
+        tell_error(f"demo: {printable(str(error))}\n")
         return _EXIT_BAD_INPUT
     except KeyboardInterrupt:
-        sys.stderr.write("demo: interrupted\n")
+        tell_error("demo: interrupted\n")
         return 128 + signal.SIGINT
     except Exception as error:  # noqa: BLE001 - whatever it is, it is told with its traceback and a status
         return unforeseen("demo", error)

@@ -15,6 +15,7 @@ import rclpy
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.utilities import remove_ros_args
 
+from ..closed_streams import open_closed_streams, tell_error
 from ..core.errors import ConfigError, SelfcalError, printable
 from ..files.node_settings import NODE_NAME
 from ..unforeseen import unforeseen
@@ -129,6 +130,7 @@ def main(args: Sequence[str] | None = None) -> int:
         Exit status: 0 after Ctrl-C, SIGTERM or SIGHUP, 2 after a wrong argument or parameter, 3 after what
         was not foreseen.
     """
+    open_closed_streams()
     arguments = list(sys.argv[1:] if args is None else args)
     parser = argparse.ArgumentParser(
         prog="node",
@@ -143,7 +145,7 @@ def main(args: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         pass
     except SelfcalError as error:
-        sys.stderr.write(f"{NODE_NAME}: {printable(str(error))}\n")
+        tell_error(f"{NODE_NAME}: {printable(str(error))}\n")
         return _EXIT_BAD_USAGE
     except Exception as error:  # noqa: BLE001 - whatever it is, it is told with its traceback and a status
         return unforeseen(NODE_NAME, error)

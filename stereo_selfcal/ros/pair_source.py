@@ -93,7 +93,7 @@ def known_rectifier(
     """
     rig = config.rig_from_parameters()
     if rig is not None:
-        return StereoRectifier(rig)
+        return StereoRectifier.of_rig(rig)
     left, right = source.camera_infos if pair is None else source.camera_infos_of(pair)
     if left is None or right is None:
         return None

@@ -167,3 +167,28 @@ def test_two_publishers_on_one_topic_are_refused(tmp_path, shift_ns):
         list(source.frames())
     assert "alternates between fx of the left camera 50 and fx of the left camera 60" in str(error.value)
     assert "on /stereo/left/camera_info, as if two cameras" in str(error.value)
+
+
+def surround():
+    """Two cameras calibrated each alone, which look to both sides."""
+    made = []
+    for side in ("left", "right"):
+        p = np.array([50.0, 0, 31.5, 0, 0, 50.0, 23.5, 0, 0, 0, 1, 0])
+        name = f"/surround/front_{side}"
+        made.append(Camera(side, f"{name}/image_rect", f"{name}/camera_info", info_changes={"p": p}))
+    return made
+
+
+def test_cameras_without_a_baseline_do_not_hide_the_stereo_pair(tmp_path):
+    pair = [Camera(s, f"/cam_{s[0]}/image_rect", f"/cam_{s[0]}/camera_info") for s in ("left", "right")]
+    with StereoBag(make_bag(tmp_path / "bag", [*surround(), *pair], 1)) as bag:
+        assert bag.topics.left.name == "/cam_l/image_rect"
+
+
+def test_a_pair_without_a_baseline_is_refused_with_the_other_cameras(tmp_path):
+    other = Camera("left", "/one/image_rect", "/one/camera_info")
+    with (
+        StereoBag(make_bag(tmp_path / "bag", [*surround(), other], 1)) as bag,
+        pytest.raises(BagError, match=r"baseline of zero .*with --left and --right: /one/image_rect\)$"),
+    ):
+        bag.follow_cameras()

@@ -1,5 +1,7 @@
 """Recordings of raw images, and of rectified ones whose right camera has another cx."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from bag_making import RIG, Camera, cameras, make_bag, picture
@@ -7,6 +9,8 @@ from bag_making import RIG, Camera, cameras, make_bag, picture
 from stereo_selfcal.bags import BagError, StereoBag
 from stereo_selfcal.bags.topics import find_stereo_topics
 from stereo_selfcal.cli.replay import main
+from stereo_selfcal.core.config import CalibratorConfig
+from stereo_selfcal.fleet.work import FleetSettings
 from stereo_selfcal.offline import open_source
 
 
@@ -112,7 +116,7 @@ def test_raw_images_that_are_taken_for_rectified_are_refused(tmp_path, capsys):
     words = capsys.readouterr().err
     assert "/stereo/left/image_raw is not called rectified" in words and "(K is not P)" in words
     assert "moves pixels by up to 4.0 px, at most 0.1 px allowed" in words
-    assert "give --raw, or --rig if they are rectified after all" in words
+    assert "give --raw, or --rectified if they are rectified after all" in words
     plain = make_bag(tmp_path / "plain", raw_cameras(k=np.array([50.0, 0, 31.5, 0, 50, 23.5, 0, 0, 1])))
     with open_source([plain]) as source:
         assert source.remarks == ()
@@ -130,3 +134,32 @@ def test_binning_of_images_that_are_not_binned_is_not_applied(tmp_path):
         frames = list(source.frames())
         assert [frame.cameras.rig for frame in frames] == [RIG] * 3
         assert any("images show the whole sensor" in remark for remark in source.remarks)
+
+
+def test_images_that_are_declared_rectified_are_taken_so_with_a_remark(tmp_path, capsys):
+    path = make_bag(tmp_path / "bag", raw_cameras(d=np.array([-0.2, 0.05, 0, 0, 0])))
+    with open_source([path], rectified=True) as source:
+        frame = next(source.frames())
+        np.testing.assert_array_equal(frame.left, picture("left", 0))
+        assert [remark.startswith("the images are taken as rectified") for remark in source.remarks] == [True]
+    assert main([str(path), "--rectified"]) == 1, "read, and without lane lines"
+    assert "the images are taken as rectified, as --rectified says" in capsys.readouterr().out
+    assert main([str(path), "--rectified", "--raw"]) == 2
+    assert "not allowed with argument --rectified" in capsys.readouterr().err
+
+
+def test_nothing_is_remarked_where_the_topics_say_rectified_too(tmp_path):
+    path = make_bag(tmp_path / "bag", cameras(info_changes={"d": np.array([-0.2, 0.05, 0, 0, 0])}))
+    with open_source([path]) as plain, open_source([path], rectified=True) as source:
+        assert source.remarks == plain.remarks
+
+
+def test_a_fleet_takes_what_is_declared_rectified(tmp_path):
+    path = make_bag(tmp_path / "bag", raw_cameras())
+    plain = FleetSettings(CalibratorConfig())
+    with pytest.raises(BagError, match="or --rectified if they are"):
+        plain.open(path)
+    declared = replace(plain, rectified=True)
+    assert declared.to_mapping() != plain.to_mapping()
+    with declared.open(path) as source:
+        assert source.left_name == "/stereo/left/image_raw"

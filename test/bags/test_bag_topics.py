@@ -121,6 +121,11 @@ def test_ambiguity_lists_the_candidates(names):
     assert all(name in str(error.value) for name in names)
 
 
+VIDEO = [
+    Topic(name, "ffmpeg_image_transport_msgs/msg/FFMPEGPacket", 9) for name in both("/{}/image_raw/ffmpeg")
+]
+
+
 @pytest.mark.parametrize(
     ("available", "message"),
     [
@@ -133,6 +138,16 @@ def test_ambiguity_lists_the_candidates(names):
         (topics("/front/image", "/rear/image"), "no left/right pair among .*/front/image, /rear/image"),
         (topics("/cleft/image", "/cright/image"), "no left/right pair"),
         (topics("/left/image/compressedDepth", "/right/image/compressedDepth"), "no images"),
+        (
+            VIDEO,
+            r"/left/image_raw/ffmpeg \(9 messages of ffmpeg_.*/FFMPEGPacket\).*transport republish",
+        ),
+        (
+            [*topics("/left/image"), *VIDEO],
+            r"only one camera .*not read are /left/image_raw/ffmpeg of",
+        ),
+        ([Topic("/left/v", "foxglove_msgs/msg/CompressedVideo", 3)], "CompressedVideo.*republish"),
+        ([Topic("/left/image/theora", "theora_image_transport/msg/Packet", 3)], "theora.*republish"),
         (topics("/left/image/zstd", "/right/image/zstd"), "raw and compressed can be read.*republish"),
     ],
 )
@@ -267,3 +282,33 @@ def test_camera_info_can_be_named():
 def test_camera_info_that_is_not_found_can_be_named(available, given, message):
     with pytest.raises(BagError, match=message):
         info_names("/s/{}/image", available, **given)
+
+
+def test_l_and_r_are_words_of_sides():
+    names = ["/stereo/cam_l/image_rect", "/stereo/cam_r/image_rect", "/leader/image"]
+    found = find_stereo_topics(topics(*names))
+    assert [found.left.name, found.right.name] == names[:2]
+    names = ["/CAM_L/image", "/CAM_R/image"]
+    assert find_stereo_topics(topics(*names)).right.name == names[1]
+
+
+def test_named_video_is_refused_with_the_remedy():
+    with pytest.raises(BagError, match=r"raw and compressed can be read; .*republish"):
+        find_stereo_topics(VIDEO, left="/left/image_raw/ffmpeg", right="/right/image_raw/ffmpeg")
+
+
+SURROUND = [*both("/surround/front_{}/image_rect"), "/stereo/cam_l/image_rect", "/stereo/cam_r/image_rect"]
+
+
+@pytest.mark.parametrize(
+    "find", [find_stereo_topics, lambda *each: find_stereo_pairs(each[0], each[3], each[4])[0]]
+)
+def test_a_pair_without_a_baseline_is_none_where_another_has_one(find):
+    found = find(topics(*SURROUND), None, None, False, lambda pair: "surround" not in pair.left.name)
+    assert [found.left.name, found.right.name] == SURROUND[2:]
+
+
+@pytest.mark.parametrize("has", [True, False, None])
+def test_names_decide_where_no_baseline_or_every_one_is_known(has):
+    found = find_stereo_topics(topics(*SURROUND), has_baseline=lambda pair: has)
+    assert found.left.name == SURROUND[0]

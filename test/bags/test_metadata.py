@@ -1,10 +1,13 @@
 """metadata.yaml: a value of a wrong type is named, and what is not needed may be anything."""
 
+import shutil
+
 import pytest
 import yaml
-from bag_making import cameras, make_bag
+from bag_making import cameras, make_bag, make_split_bag
 
 from stereo_selfcal.bags import BagError, StereoBag
+from stereo_selfcal.offline.bag import BagSource
 
 ROOT = "rosbag2_bagfile_information"
 NAN = float("nan")
@@ -125,3 +128,36 @@ def test_aliases_that_python_programs_write_are_read(bag):
     assert "*id001" in file.read_text()
     with StereoBag(bag) as opened:
         assert len(list(opened.frames())) == 2
+
+
+def test_storage_files_that_are_not_listed_are_told_with_the_remedy(tmp_path):
+    bag = make_split_bag(tmp_path / "bag", cameras(), n_files=3, n_frames=3)
+    names = sorted(file.name for file in bag.glob("*.mcap"))
+    change(bag, ("relative_file_paths",), names[:1])
+    (bag / "notes.txt").write_text("not of the recording")
+    with BagSource([bag]) as source:
+        list(source.frames())
+        first = source.remarks[0]
+    assert first == (
+        f"metadata.yaml of bag lists 1 of 3 storage files, not {names[1]}, {names[2]}, which are not read: "
+        "if they are one recording, 'ros2 bag reindex' writes it anew from the storage files"
+    )
+
+
+def test_files_that_are_not_listed_are_told_where_the_others_have_no_images(tmp_path):
+    bag = make_bag(tmp_path / "bag", [], 2, other_topics=(("/chatter", "std_msgs/msg/String"),))
+    other = make_bag(tmp_path / "other", cameras(), 2)
+    shutil.copy(other / "other.mcap", bag)
+    with pytest.raises(
+        BagError, match=r"no images: .*lists 1 of 2 storage files, not other\.mcap, which is not"
+    ):
+        StereoBag(bag)
+
+
+@pytest.mark.parametrize("kind", ["mcap", "mcap-file", "sqlite3"])
+def test_files_that_are_listed_packed_or_not_are_no_matter(tmp_path, kind):
+    bag = make_bag(tmp_path / "bag", cameras(), 2, kind=kind)
+    if kind == "mcap-file":
+        (bag / "bag.mcap").write_bytes(b"unpacked by somebody")
+    with StereoBag(bag) as recording:
+        assert recording.file_remarks == ()

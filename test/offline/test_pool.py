@@ -223,3 +223,15 @@ def test_workers_keep_their_memory_and_this_process_keeps_its_variables(monkeypa
         assert os.environ["MALLOC_TRIM_THRESHOLD_"] == "1000000"
         assert int(os.environ["MALLOC_MMAP_THRESHOLD_"]) == 32 * 2**20
     assert dict(os.environ) == before
+
+
+def test_who_ends_early_does_not_wait_for_workers_that_start(soon, monkeypatch):
+    monkeypatch.setattr(pool, "_start_worker", worker_tasks.start_slowly)
+    black = np.zeros((PAPER_RIG.height, PAPER_RIG.width), np.uint8)
+    frames = (StereoFrame(i / 10, black, black, i, f"{i}.png") for i in range(100))
+    results = pool.calibrate_in_order(frames, Calibrator(PAPER_RIG), 2)
+    next(results)
+    start_s = time.monotonic()
+    results.close()
+    assert time.monotonic() - start_s < worker_tasks.PATIENCE_S
+    assert multiprocessing.active_children() == []

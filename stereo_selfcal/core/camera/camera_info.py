@@ -50,6 +50,8 @@ class InfoReason(Enum):
     ALTERNATING = "alternating"
     BASELINE_UNUSUAL = "baseline_unusual"
     FOCAL_LENGTHS_DISAGREE = "focal_lengths_disagree"
+    FOCAL_LENGTH_IMPLAUSIBLE = "focal_length_implausible"
+    FOCAL_LENGTH_UNUSUAL = "focal_length_unusual"
     PRINCIPAL_POINT = "principal_point"
     SEEMS_UNRECTIFIED = "seems_unrectified"
     REFERENCE_IS_RIGHT = "reference_is_right"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -11,19 +10,19 @@ import numpy as np
 
 from .camera_info import EQUIDISTANT, CameraInfoError, CameraModel, InfoReason
 from .pair_geometry import shifts_text
+from .rig_checks import (
+    Finding,
+    find_principal_point_at_border,
+    find_unusual_baseline,
+    find_unusual_focal_length,
+)
 from .topic_names import says_rectified
-
-# Baselines of the stereo cameras of cars. The baseline of a lorry or of a toy may be outside this range.
-_USUAL_BASELINE_M = (0.03, 2.0)
 
 # Most zoom of a rectification. It is 0.73 for the cameras of KITTI and 0.95 for those of EuRoC. A factor of
 # two occurs where the K of a CameraInfo was scaled to another resolution and its P was not. The images of
 # wide lenses are zoomed more.
 _MOST_ZOOM = 2.0
 _MOST_ZOOM_FISHEYE = 4.0
-# Least distance of the principal point from the border, as a fraction of the image's side. A nearer one
-# belongs to another resolution, or to a crop.
-_BORDER = 0.15
 _SAME_PX = 1e-6
 
 # A rectification that moves no pixel by more than this changes nothing: lines are located to about a tenth
@@ -31,22 +30,6 @@ _SAME_PX = 1e-6
 _UNMOVED_PX = 0.1
 # Points in each direction at which the move is measured; lenses distort most at the corners.
 _GRID = 9
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One unusual value of a CameraInfo.
-
-    Attributes:
-        reason: Kind of the finding.
-        message: Sentence with the value, the usual range and the remedy.
-    """
-
-    reason: InfoReason
-    message: str
-
-    def __str__(self) -> str:
-        return f"{self.reason}: {self.message}"
 
 
 def find_unusual_values(
@@ -62,20 +45,14 @@ def find_unusual_values(
         baseline_m: Distance of the cameras [m].
         rectified: Whether the images are supposed to be rectified.
     """
-    found = []
-    least_m, most_m = _USUAL_BASELINE_M
-    if not least_m <= baseline_m <= most_m:
-        text = (
-            f"the baseline is {baseline_m:.4g} m, usual is at least {least_m:g} m and at most {most_m:g} m: "
-            "check P[3]"
-        )
-        found.append(Finding(InfoReason.BASELINE_UNUSUAL, text))
+    found = find_unusual_baseline(baseline_m, "P[3]")
     if left.p[3] > 0.0 <= right.p[3]:
         text = (
             f"{shifts_text(left, right)}, usual is 0 and {right.p[3] - left.p[3]:.6g}: if the lines of the "
             "images match only the other way round, left and right are in order and the sign of P[3] is wrong"
         )
         found.append(Finding(InfoReason.REFERENCE_IS_RIGHT, text))
+    found += find_unusual_focal_length(left.p[0], left.p[5], (left.width, left.height), "P")
     for camera in (left, right):
         found += _unusual_values_of(camera, rectified)
     return found
@@ -210,14 +187,12 @@ def _unusual_values_of(camera: CameraModel, rectified: bool) -> list[Finding]:
             found.append(Finding(InfoReason.FOCAL_LENGTHS_DISAGREE, text))
             break
     for name, column, row in (("K", k[2], k[5]), ("P", p[2], p[6])):
-        off = max(abs((column + 0.5) / camera.width - 0.5), abs((row + 0.5) / camera.height - 0.5))
-        if off > 0.5 - _BORDER and not camera.cropped and (name == "P" or k[0]):
-            text = (
-                f"principal point ({column:.5g}, {row:.5g}) of {name} of the {side} CameraInfo lies at the "
-                f"border of the {camera.width} x {camera.height} image: it may belong to another resolution"
-            )
-            found.append(Finding(InfoReason.PRINCIPAL_POINT, text))
-            break
+        if not camera.cropped and (name == "P" or k[0]):
+            size = (camera.width, camera.height)
+            at_border = find_principal_point_at_border(column, row, size, f"{name} of the {side} CameraInfo")
+            if at_border:
+                found += at_border
+                break
     unturned = len(camera.r) == 9 and bool(np.allclose(camera.r, np.eye(3).ravel(), atol=_SAME_PX))
     if rectified and _same_matrix(camera) and unturned and any(camera.d):
         text = (

@@ -13,7 +13,7 @@ _RECTIFIED_TOLERANCE_PX = 0.01
 # No vehicle has a baseline outside this range. P[3] in pixel millimetres gives 30 m and more. P[3] =
 # -baseline without fx gives less than 4 mm (2 m over 500 px). The height is then wrong by the same factor,
 # and the images do not show it.
-_POSSIBLE_BASELINE_M = (0.005, 10.0)
+POSSIBLE_BASELINE_M = (0.005, 10.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ def pair_geometry(left: CameraModel, right: CameraModel) -> PairGeometry:
         raise _no_baseline(left, right)
     if baseline_m < 0.0:
         raise _negative_baseline(left, right, baseline_m)
-    least_m, most_m = _POSSIBLE_BASELINE_M
+    least_m, most_m = POSSIBLE_BASELINE_M
     if not least_m <= baseline_m <= most_m:
         raise CameraInfoError(
             InfoReason.BASELINE_IMPLAUSIBLE,

@@ -18,9 +18,10 @@ import numpy.typing as npt
 from ..errors import RigError
 from ..types import Image
 from .camera_info import EQUIDISTANT, CameraModel, InfoReason
-from .camera_info_checks import Finding, check_image_size, find_unusual_values
+from .camera_info_checks import check_image_size, find_unusual_values
 from .pair_geometry import pair_geometry
 from .rig import StereoRig
+from .rig_checks import Finding, check_focal_length, check_possible, find_unusual_rig
 
 Maps = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
 
@@ -36,7 +37,7 @@ class StereoRectifier:
 
     Attributes:
         rig: The rig of the images that :meth:`apply` returns.
-        doubts: Unusual values in the CameraInfo of the cameras.
+        doubts: Unusual values in the CameraInfo of the cameras, or in the rig.
         cameras: Left and right camera, None where the rig was given by parameters.
         raw: Whether the images are raw, so that they have to be undistorted and rectified.
         shift_px: Shift of the right image to the right, for rectified images [px].
@@ -50,6 +51,16 @@ class StereoRectifier:
     raw: bool = False
     shift_px: float = 0.0
     whole: StereoRectifier | None = None
+
+    @classmethod
+    def of_rig(cls, rig: StereoRig) -> StereoRectifier:
+        """Return that of images of this rig, which need no change.
+
+        Raises:
+            RigError: No stereo camera of a car has such a rig.
+        """
+        check_possible(rig)
+        return cls(rig, tuple(find_unusual_rig(rig)))
 
     @classmethod
     def from_camera_info(cls, left: Any, right: Any, rectified: bool = True) -> StereoRectifier:
@@ -98,6 +109,7 @@ class StereoRectifier:
             left.check_raw()
             right.check_raw()
         rig = StereoRig.of_camera(left, pair.baseline_m)
+        check_focal_length(rig, "CameraInfo gives")
         doubts = tuple(find_unusual_values(left, right, pair.baseline_m, rectified))
         return cls(rig, doubts, (left, right), not rectified, pair.shift_px)
 

@@ -1,0 +1,46 @@
+"""Standard streams that whoever started the program has closed (``>&-``, some services): they go nowhere."""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+
+def open_closed_streams() -> None:
+    """Open the standard streams that are closed on the null device.
+
+    To be called before any other file is opened: a file or a socket would get the number of the closed
+    stream, and what libraries and worker processes print would be written into it. Python has None in place
+    of a closed stream, and nothing can be written to that.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            null = os.open(os.devnull, os.O_RDWR)
+            if null == number:
+                os.set_inheritable(number, True)
+            else:
+                os.dup2(null, number)
+                os.close(null)
+    if sys.stdin is None:
+        sys.stdin = _null("r")
+    if sys.stdout is None:
+        sys.stdout = _null("w")
+    if sys.stderr is None:
+        sys.stderr = _null("w")
+
+
+def tell_error(text: str) -> None:
+    """Write to stderr, if anybody is there."""
+    with suppress(OSError, ValueError):
+        sys.stderr.write(text)
+        sys.stderr.flush()
+
+
+def _null(mode: str) -> Any:
+    """Return a stream that holds nothing; it is open until the program ends."""
+    return Path(os.devnull).open(mode, encoding="utf-8", errors="backslashreplace")
