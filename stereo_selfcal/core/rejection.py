@@ -13,6 +13,7 @@ class RejectReason(Enum):
     IMAGE_EMPTY = "image_empty"
     IMAGE_TYPE = "image_type"
     IMAGE_UNREADABLE = "image_unreadable"
+    IMAGE_FROZEN = "image_frozen"
     IMAGE_SIZES_DIFFER = "image_sizes_differ"
     CAMERA_INFO_UNUSABLE = "camera_info_unusable"
     RIG_SIZE_MISMATCH = "rig_size_mismatch"

@@ -9,6 +9,7 @@ from typing import Any
 
 from ..core.calibrator import Calibrator
 from ..core.camera.bit_depth import BitDepth, Pixels
+from ..core.camera.frozen import refuse_frozen
 from ..core.camera.image_messages import message_to_grey
 from ..core.camera.pairing import PairCounts, StampedPair, stamp_to_s
 from ..core.camera.rectifier import StereoRectifier
@@ -19,7 +20,7 @@ from ..core.faults import Fault
 from ..core.results import CalibrationResult
 from .config import NodeConfig
 from .pair_source import PairSource, known_rectifier, no_pair_reason, publishers_text
-from .record import FrameReport, calibrate_timed, failed_frame
+from .record import FrameReport, calibrate_timed, failed_frame, refused_frame
 
 _CLOCK_STEP_S = 1e-3  # a call that ends at once must not divide by zero
 # After this time without a pair, the camera is said to have stopped. It may send one image per second.
@@ -124,12 +125,16 @@ class CalibrationCall:
             self._last_rejection = str(error)
             return
         left, right = self._depth.to_8_bits(left, right)
+        refusal = refuse_frozen(pair.frozen, left, right, since=True)
         rectifier = rectifier.for_images(left, right)
         calibrator = self._calibrator_of(rectifier, pair.stamp_ns)
         if calibrator is None:
             return
         left, right = rectifier.apply(left, right)
-        frame = calibrate_timed(calibrator, left, right, pair.stamp_ns)
+        if refusal is not None:
+            frame = refused_frame(left, right, calibrator.rig, refusal, pair.stamp_ns)
+        else:
+            frame = calibrate_timed(calibrator, left, right, pair.stamp_ns)
         if self._report is not None:
             self._report(frame)
         result = frame.result
