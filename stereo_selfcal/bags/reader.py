@@ -327,7 +327,7 @@ class StereoBag:
 
 
 def _first_judged(pairs: Iterator[_Found]) -> Iterator[_Found]:
-    """Yield pairs; what the second one repeats of the first one is a repeated image there too: it may be old."""
+    """Yield pairs; an image that the second one repeats is a repeated one in the first too: it may be old."""
     first = next(pairs, None)
     if first is None:
         return

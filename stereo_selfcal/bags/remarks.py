@@ -36,11 +36,8 @@ def remarks_on(counts: PairCounts, said: tuple[int, int]) -> tuple[str, ...]:
             f"{counts.left} left and {counts.right} right images were read, the recording should have "
             f"{said[0]} and {said[1]}: it may be damaged"
         )
-    if counts.repeated_left or counts.repeated_right:
-        remarks.append(
-            f"{counts.repeated_left} left and {counts.repeated_right} right images are there twice (one "
-            "stamp and the same bytes): each counts once"
-        )
+    if counts.repeated_remark:
+        remarks.append(counts.repeated_remark)
     alone = (
         counts.left - counts.repeated_left - counts.pairs,
         counts.right - counts.repeated_right - counts.pairs,

@@ -13,6 +13,7 @@ _BEFORE_GATES = {
     RejectReason.IMAGE_TYPE: "convert the images to 8-bit grey",
     RejectReason.CAMERA_INFO_UNUSABLE: "publish the CameraInfo of a stereo calibration with these images",
     RejectReason.IMAGE_UNREADABLE: "check the camera driver and the disk the recording was made on",
+    RejectReason.IMAGE_FROZEN: "restart the camera that repeats its last image, and its driver",
     RejectReason.IMAGE_SIZES_DIFFER: "set both cameras to one size",
     RejectReason.RIG_SIZE_MISMATCH: "use the rig (CameraInfo) of these images",
     RejectReason.CAMERAS_SWAPPED: "exchange the topics of the left and the right image",

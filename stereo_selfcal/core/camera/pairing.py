@@ -101,6 +101,16 @@ class PairCounts:
         """Return the counts added after ``earlier`` was taken."""
         return PairCounts(*(getattr(self, f.name) - getattr(earlier, f.name) for f in fields(self)))
 
+    @property
+    def repeated_remark(self) -> str:
+        """A sentence about the images that arrived again, "" where none did."""
+        if not (self.repeated_left or self.repeated_right):
+            return ""
+        return (
+            f"{self.repeated_left} left and {self.repeated_right} right images came twice (one stamp and the "
+            "same bytes): each counts once"
+        )
+
 
 @dataclass(frozen=True)
 class _Entry(Generic[T]):
