@@ -34,6 +34,7 @@ class RejectReason(Enum):
     IMAGE_BLURRED = "image_blurred"
     IMAGE_EXPOSURE = "image_exposure"
     IMAGES_UPSIDE_DOWN = "images_upside_down"
+    IMAGES_MIRRORED = "images_mirrored"
     IMAGES_NOT_RECTIFIED = "images_not_rectified"
     FITNESS_TOO_LOW = "fitness_too_low"
     SEARCH_SPACE_EDGE = "search_space_edge"

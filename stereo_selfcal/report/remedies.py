@@ -23,6 +23,7 @@ _BEFORE_GATES = {
     RejectReason.LINES_NOT_CONVERGING: "the horizon must be in view: pitch the camera up",
     RejectReason.IMAGES_UPSIDE_DOWN: "turn the images by 180 deg, with a CameraInfo of them, and exchange "
     "left and right where the whole rig hangs upside down",
+    RejectReason.IMAGES_MIRRORED: "check the mirror and flip settings of both cameras and their drivers",
     RejectReason.NO_FRAMES: "record stereo frames",
     RejectReason.INTERNAL_ERROR: "a fault of this program: report it with the traceback from the log",
 }
