@@ -42,7 +42,7 @@ _REACH_PX = 24
 _LEAST_CONTRAST = 0.7  # grey levels: bands with less are left out
 _LEAST_FIT = 0.5
 _CLEARLY_BETTER = 0.1
-_LEAST_SHIFTS = 6  # bands that tell what is near
+_LEAST_SHIFTS = 4  # bands that tell what is near
 
 
 class Relation(Enum):
@@ -68,13 +68,14 @@ def same_picture(images: tuple[Image, Image], rig: StereoRig, config: Calibrator
         config: Tells the greatest height of the cameras.
     """
     greatest_m = config.search.bounds()[1][0]
+    equal = np.array_equal(*images)
     # The horizon is above the lower quarter.
-    if rig.baseline_m / greatest_m * rig.height / 4 < _LEAST_SHIFT_PX:
+    if not equal and rig.baseline_m / greatest_m * rig.height / 4 < _LEAST_SHIFT_PX:
         return None
     slopes = [np.array_split(_slopes(image), _BANDS) for image in images]
     found = [_agreement(left, right) for left, right in zip(*slopes, strict=True)]
     visible = [each for each in found if each is not None]
-    if len(visible) < _LEAST_BANDS or min(visible) < _SAME:
+    if len(visible) < (1 if equal else _LEAST_BANDS) or min(visible) < _SAME:
         return None
     return Rejection(
         RejectReason.LINES_NOT_MATCHED,
@@ -114,8 +115,8 @@ class BothImages:
     Attributes:
         relation: How it fits best; as it is, unless it fits clearly better otherwise.
         fit: Mean correlation of the bands then.
-        shifts: Shift of each band along the rows then [px of the small images]; those without contrast are
-            left out.
+        shifts: Shift of each band along the rows then, from above [px of the small images]; bands that do not
+            fit are left out.
     """
 
     relation: Relation
@@ -138,7 +139,7 @@ class BothImages:
     @property
     def nearer_below(self) -> bool:
         """Whether the images surely show what is nearer below what is farther, as they do of a road."""
-        if self.fit < _LEAST_FIT or len(self.shifts) < _LEAST_SHIFTS:
+        if len(self.shifts) < _LEAST_SHIFTS:
             return False
         return min(map(abs, self.shifts[-2:])) > max(map(abs, self.shifts[:2]))
 
@@ -175,6 +176,7 @@ def _fit(left: Array, right: Array) -> tuple[float, tuple[int, ...]]:
     for whole, part in zip(*(np.array_split(each, _SMALL_BANDS) for each in (left, right)), strict=True):
         if min(whole.std(), part.std()) >= _LEAST_CONTRAST:
             correlations = cv2.matchTemplate(whole, part, cv2.TM_CCOEFF_NORMED)[0]
-            shifts.append(int(np.argmax(correlations)) - _REACH_PX)
             fits.append(float(correlations.max()))
+            if fits[-1] >= _LEAST_FIT:
+                shifts.append(int(np.argmax(correlations)) - _REACH_PX)
     return float(np.mean(fits)) if fits else 0.0, tuple(shifts)
