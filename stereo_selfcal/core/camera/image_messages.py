@@ -170,8 +170,8 @@ def _check_byte_order(image: Pixels, is_bigendian: bool) -> None:
         ratio = declared / max(exchanged, 1e-9)
         raise ImageError(
             f"the bytes of mono16 are in the wrong order: as {said}-endian numbers (is_bigendian is "
-            f"{int(is_bigendian)}), neighbouring pixels differ {ratio:.3g} times as much as {right}-endian, at "
-            f"most {_MOST_ROUGHER:g} times are allowed: correct is_bigendian in the camera driver"
+            f"{int(is_bigendian)}), neighbouring pixels differ {ratio:.3g} times as much as {right}-endian, "
+            f"at most {_MOST_ROUGHER:g} times are allowed: correct is_bigendian in the camera driver"
         )
 
 
