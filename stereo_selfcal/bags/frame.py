@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..core.camera.bit_depth import BitDepth, Pixels
+from ..core.camera.frozen import FrozenImage
 from ..core.camera.rectifier import StereoRectifier
 from ..core.errors import ImageError
 from ..core.faults import Fault
@@ -32,6 +33,7 @@ class StereoFrame:
         cameras: The cameras that the images were rectified for, by their CameraInfo; None where there is one
             rig for all frames.
         rig_problem: Why there are no cameras for the frame, in one line.
+        frozen: Which image is only the last one again, None where both are new.
         fault: The fault of the program that came up when it was; None in any other case.
     """
 
@@ -43,6 +45,7 @@ class StereoFrame:
     problem: str = ""
     cameras: StereoRectifier | None = None
     rig_problem: str = ""
+    frozen: FrozenImage | None = None
     fault: Fault | None = None
 
     def seen_by(self, cameras: StereoRectifier) -> StereoFrame:
@@ -65,6 +68,7 @@ class StereoFrame:
         depth: BitDepth,
         recorded_ns: int,
         name: str = "",
+        frozen: FrozenImage | None = None,
     ) -> StereoFrame:
         """Return the frame of two images that are still to be converted.
 
@@ -75,9 +79,10 @@ class StereoFrame:
             depth: Converts images of more than 8 bits.
             recorded_ns: When it was recorded [ns].
             name: Its name.
+            frozen: Which image is only the last one again.
         """
         try:
-            return cls(stamp_s, *depth.to_8_bits(left(), right()), recorded_ns, name)
+            return cls(stamp_s, *depth.to_8_bits(left(), right()), recorded_ns, name, frozen=frozen)
         except ImageError as error:
             nothing = np.empty((0, 0), np.uint8)
             return cls(stamp_s, nothing, nothing, recorded_ns, name, str(error))

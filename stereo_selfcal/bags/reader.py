@@ -12,17 +12,18 @@ from types import TracebackType
 from typing import Any, NamedTuple
 
 from ..core.camera.bit_depth import BitDepth, Pixels
+from ..core.camera.frozen import checksum
 from ..core.camera.image_messages import message_to_grey
 from ..core.camera.pairing import StampedPair, StampPairer, message_stamp_ns, stamp_to_s
 from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
-from ..core.camera.stamp_pattern import NoPairCause, StampPattern
 from ..core.errors import ImageError, RigError, printable
 from .errors import BagError
 from .frame import StereoFrame, readable
 from .frame_cameras import LATE_NS, FrameCameras
 from .part import Message, Part, open_bags
 from .part_topics import baseline_reader, in_order, topics_of
+from .remarks import remarks_on, unpaired_reason
 from .selection import Selection
 from .topics import StereoTopics, Topic, find_camera_info, find_stereo_pairs, find_stereo_topics, other_images
 
@@ -56,6 +57,7 @@ class StereoBag:
         paths: The bags of the recording.
         topics: The image topics of the two cameras.
         remarks: Sentences about the images that are in no frame; complete when all images have been read.
+        any_repeated: Whether one of the images read so far was there twice.
         depth: Bits of the images, where they have more than 8.
         rig_size: (width, height) of the images of the rig, None as long as it is not known; images far larger
             are not decoded.
@@ -89,6 +91,7 @@ class StereoBag:
         self.paths = tuple(Path(each) for each in ([path] if isinstance(path, str | Path) else path))
         self.remarks: tuple[str, ...] = ()
         self.depth = BitDepth(self._look_ahead, lasting=False)
+        self.any_repeated = False
         self.rig_size: tuple[int, int] | None = None
         self._tolerance_s = tolerance_s
         self._info_names = left_info, right_info
@@ -209,7 +212,9 @@ class StereoBag:
             None if selection.start_ns <= 0 else start_ns - _MARGIN_NS,
             None if end_ns is None else self.start_ns + end_ns + _MARGIN_NS,
         )
-        chosen = selection.choose(pairs, lambda found: found.pair.left.recorded_ns - self.start_ns)
+        chosen = selection.choose(
+            _first_judged(pairs), lambda found: found.pair.left.recorded_ns - self.start_ns
+        )
         n_frames = 0
         for frame in readable(map(self._frame, chosen), self._name):
             n_frames += 1
@@ -226,7 +231,7 @@ class StereoBag:
         Raises:
             BagError: There is none, or the recording is damaged.
         """
-        for found in self._pairs(recorded_ns - _MARGIN_NS, recorded_ns + _MARGIN_NS):
+        for found in _first_judged(self._pairs(recorded_ns - _MARGIN_NS, recorded_ns + _MARGIN_NS)):
             if found.pair.left.recorded_ns == recorded_ns:
                 return self._frame(found)
         raise BagError(f"{self._name}: there is no frame recorded at {recorded_ns} ns")
@@ -242,14 +247,15 @@ class StereoBag:
         else:
             yield from self._with_infos(self._cameras, pairer, start_ns, stop_ns)
         counts = pairer.counts
+        self.any_repeated |= counts.repeated_left + counts.repeated_right > 0
         if start_ns is None and stop_ns is None:
             said = self.topics.left.count, self.topics.right.count
-            self.remarks = remarks_on((counts.left, counts.right), said, counts.pairs)
+            self.remarks = remarks_on(counts, said)
         if counts.pairs == 0 and counts.left + counts.right > 0:
             raise BagError(
                 f"{self._name}: no pair of images among {counts.left} on {self.topics.left.name} and "
                 f"{counts.right} on {self.topics.right.name}, at most {self._tolerance_s:g} s apart: "
-                f"{_unpaired_reason(pairer.pattern)}"
+                f"{unpaired_reason(pairer.pattern, _QUEUE_SIZE)}"
             )
 
     def _add(self, pairer: StampPairer[Message], message: Message) -> list[StampedPair[Message]]:
@@ -259,7 +265,7 @@ class StereoBag:
             most = max(1, min(_QUEUE_SIZE, _QUEUE_BYTES // (2 * n_bytes)))
             pairer.configure(self._tolerance_s > 0, self._tolerance_s, most)
         add = pairer.add_left if message.topic == self.topics.left.name else pairer.add_right
-        return add(message_stamp_ns(message.content), message)
+        return add(message_stamp_ns(message.content), message, checksum(message.content))
 
     def _with_infos(
         self, cameras: FrameCameras, pairer: StampPairer[Message], start_ns: int | None, stop_ns: int | None
@@ -296,6 +302,7 @@ class StereoBag:
             lambda: self._grey(self.topics.right, pair.right.content),
             self.depth,
             pair.left.recorded_ns,
+            frozen=pair.frozen,
         )
         if self._cameras is None or found.infos is None:
             return frame
@@ -331,36 +338,20 @@ class StereoBag:
         return in_order(self._parts, topics, start_ns, stop_ns)
 
 
-def _unpaired_reason(pattern: StampPattern) -> str:
-    """Return why images of both sides formed no pair, with the remedy."""
-    tolerance_s = pattern.tolerance_s
-    if tolerance_s is not None:
-        return f"{pattern}: give --approximate-sync-tolerance {tolerance_s:g} ({pattern.half_frame})"
-    if pattern.cause is NoPairCause.LOST:
-        return f"{pattern}; no tolerance helps: record anew where nothing is lost"
-    if pattern.cause is NoPairCause.QUEUE:
-        return f"{pattern}, but they were recorded more than {_QUEUE_SIZE} images apart"
-    return str(pattern)
-
-
-def remarks_on(read: tuple[int, int], said: tuple[int, int], pairs: int) -> tuple[str, ...]:
-    """Return what is to be said of images that are in no frame.
-
-    Args:
-        read: Left and right images that were read.
-        said: How many there are by the index of the recording.
-        pairs: Frames.
-    """
-    remarks = []
-    if read != said:
-        remarks.append(
-            f"{read[0]} left and {read[1]} right images were read, the recording should have "
-            f"{said[0]} and {said[1]}: it may be damaged"
-        )
-    if read != (pairs, pairs):
-        alone = read[0] - pairs, read[1] - pairs
-        remarks.append(f"{alone[0]} left and {alone[1]} right images have no partner of the same time")
-    return tuple(remarks)
+def _first_judged(pairs: Iterator[_Found]) -> Iterator[_Found]:
+    """Yield pairs; an image that the second one repeats is a repeated one in the first too: it may be old."""
+    first = next(pairs, None)
+    if first is None:
+        return
+    try:
+        second = next(pairs, None)
+    except BagError:
+        yield first
+        raise
+    yield first if second is None else first._replace(pair=replace(first.pair, frozen=second.pair.frozen))
+    if second is not None:
+        yield second
+    yield from pairs
 
 
 def stereo_pairs(paths: Sequence[Path], raw: bool = False) -> list[StereoTopics]:

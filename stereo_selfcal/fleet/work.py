@@ -12,8 +12,9 @@ import cv2
 import numpy as np
 
 from .. import __version__
-from ..bags.reader import remarks_on
+from ..bags.remarks import remarks_on
 from ..core.calibrator import Calibrator
+from ..core.camera.pairing import PairCounts
 from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
 from ..core.errors import SelfcalError
@@ -171,7 +172,8 @@ def calibrate_bag(
 def stretches_of(source: FrameSource, settings: FleetSettings, stretch_s: float) -> Stretches | None:
     """Return the stretches of a long recording; None where it is short or cannot be divided.
 
-    It can where no frame depends on those before it: images pair by equal stamps, frames are not counted.
+    It can where no frame depends on those long before it: images pair by equal stamps, and frames are not
+    counted.
     """
     selection = settings.selection
     countless = selection.every == 1 and selection.max_frames is None
@@ -199,7 +201,7 @@ def calibrate_stretch(path: str, settings: FleetSettings, selection: Selection) 
         selection: The stretch.
 
     Returns:
-        All its frames; a failure where even one could not be read, or there is none: such a
+        All its frames; a failure where even one could not be read or is there twice, or there is none: such a
         recording is to be done as a whole, so that it ends where it would have ended.
     """
     _be_a_worker()
@@ -211,6 +213,8 @@ def calibrate_stretch(path: str, settings: FleetSettings, selection: Selection) 
             for frame in calibrate_in_order(source.frames(), calibrator, jobs=1):
                 frames.append(frame)
                 progress()
+            if isinstance(source, BagSource) and source.any_repeated:
+                return Failure("images are there twice: how many is known of the whole recording only")
             topics = source.left_name, source.right_name
             return Stretch(frames, source.rig, topics, source.n_images, source.remarks)
     except Exception as error:  # noqa: BLE001  (whatever it is, the whole recording shows it again)
@@ -231,7 +235,7 @@ def join(stretches: Sequence[Stretch], settings: FleetSettings) -> Calibrated:
     found = dict.fromkeys(remark for stretch in stretches for remark in stretch.remarks)
     remarks = (*replay.remarks, *found)
     if settings.selection.whole:  # nothing was amiss, so all images there are were read
-        remarks += remarks_on(first.n_images, first.n_images, len(frames))
+        remarks += remarks_on(PairCounts(*first.n_images, len(frames)), first.n_images)
     return Calibrated(replace(replay, remarks=remarks), first.topics)
 
 

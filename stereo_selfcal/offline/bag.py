@@ -80,6 +80,11 @@ class BagSource(FrameSource):
         return (self._bag.end_ns - self._bag.start_ns) * 1e-9
 
     @property
+    def any_repeated(self) -> bool:
+        """Whether one of the images read so far was there twice."""
+        return self._bag.any_repeated
+
+    @property
     def remarks(self) -> tuple[str, ...]:
         """Sentences about files, CameraInfo and bits of the frames so far, and images in no frame."""
         depth = (self._bag.depth.remark,) if self._bag.depth.remark else ()

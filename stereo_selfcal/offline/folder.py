@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
+from filecmp import cmp
 from pathlib import Path
 
 from ..bags import BagError, Selection, StereoFrame, open_regular, readable
 from ..bags.order import natural_key
 from ..core.camera.bit_depth import BitDepth, Pixels
+from ..core.camera.frozen import FrozenImage
 from ..core.camera.image_header import most_pixels
 from ..core.camera.image_messages import decode_compressed
 from ..core.camera.pairing import stamp_to_s
@@ -81,6 +83,7 @@ class FolderSource(FrameSource):
             for name, stamp_ns in zip(stamps.names, stamps.stamps_ns, strict=True)
         ]
         self.start_ns = self._pairs[0][0]
+        self._judged: dict[int, FrozenImage | None] = {}
         self._depth = BitDepth(self._look_ahead, lasting=False)
 
     @property
@@ -96,9 +99,11 @@ class FolderSource(FrameSource):
 
     def frames(self) -> Iterator[StereoFrame]:
         """Yield the selected frames in the order of their stamps."""
-        chosen = self.selection.choose(self._pairs, lambda pair: pair[0] - self.start_ns)
+        chosen = self.selection.choose(
+            range(len(self._pairs)), lambda index: self._pairs[index][0] - self.start_ns
+        )
         empty = True
-        for frame in readable((self._frame(*pair) for pair in chosen), str(self.path)):
+        for frame in readable((self._frame(index) for index in chosen), str(self.path)):
             empty = False
             yield frame
         if empty:
@@ -107,12 +112,13 @@ class FolderSource(FrameSource):
 
     def frame_at(self, recorded_ns: int) -> StereoFrame:
         """Return one frame again."""
-        for pair in self._pairs:
-            if pair[0] == recorded_ns:
-                return self._frame(*pair)
+        for index, (stamp_ns, *_) in enumerate(self._pairs):
+            if stamp_ns == recorded_ns:
+                return self._frame(index)
         raise BagError(f"{self.path}: there is no frame with the stamp {recorded_ns} ns")
 
-    def _frame(self, stamp_ns: int, left: Path, right: Path) -> StereoFrame:
+    def _frame(self, index: int) -> StereoFrame:
+        stamp_ns, left, right = self._pairs[index]
         return StereoFrame.from_images(
             stamp_to_s(stamp_ns),
             lambda: self._read(left),
@@ -120,7 +126,34 @@ class FolderSource(FrameSource):
             self._depth,
             stamp_ns,
             left.name,
+            self._frozen(index),
         )
+
+    def _frozen(self, index: int) -> FrozenImage | None:
+        """Return which image of a pair is only the one before again, as :class:`.FrozenImages` does."""
+        at, same = index, self._same(index)
+        while at > 0 and all(same) and at not in self._judged:  # what is known of the pair before still holds
+            at -= 1
+            same = self._same(at)
+        if at == 0 and len(self._pairs) > 1:  # nobody knows the age of an image that the second pair repeats
+            same = self._same(1)
+        if at not in self._judged:
+            since_ns = self._pairs[max(0, at - 1)][0]
+            one = any(same) and not all(same)
+            self._judged[at] = FrozenImage("left" if same[0] else "right", since_ns) if one else None
+        self._judged[index] = self._judged[at]
+        return self._judged[index]
+
+    def _same(self, index: int) -> tuple[bool, bool]:
+        """Return of both images of a pair whether they are those of the pair before, byte for byte."""
+        if index == 0:
+            return False, False
+        (_, *before), (_, *now) = self._pairs[index - 1], self._pairs[index]
+        try:
+            left, right = (cmp(one, other, shallow=False) for one, other in zip(before, now, strict=True))
+        except OSError:  # a frame that cannot be read says so
+            return False, False
+        return left, right
 
     def _look_ahead(self) -> Iterator[Pixels]:
         """Yield both images at some places of the recording; what cannot be read is left out."""

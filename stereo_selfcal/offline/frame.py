@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from ..bags import StereoFrame
 from ..core.calibrator import Calibrator
+from ..core.camera.frozen import refuse_frozen
 from ..core.camera.rectifier import StereoRectifier
 from ..core.rejection import Bound, Rejection, RejectReason
 from ..core.results import CalibrationResult, caught, refused_for, rejected
@@ -20,17 +21,20 @@ class FrameHead:
         recorded_ns: When the left image was recorded [ns].
         name: Name of the left image where it has one.
         cameras: The cameras of the frame, None where there is one rig for all or they are not usable.
+        frozen: Side of the image that is only the last one again, "" where both are new.
     """
 
     stamp_s: float
     recorded_ns: int
     name: str
     cameras: StereoRectifier | None = None
+    frozen: str = ""
 
     @classmethod
     def of(cls, frame: StereoFrame) -> FrameHead:
         """Return the data of a frame without its images."""
-        return cls(frame.stamp_s, frame.recorded_ns, frame.name, frame.cameras)
+        frozen = "" if frame.frozen is None else frame.frozen.side
+        return cls(frame.stamp_s, frame.recorded_ns, frame.name, frame.cameras, frozen)
 
 
 def calibrate_frame(calibrator: Calibrator, frame: StereoFrame) -> CalibrationResult:
@@ -61,6 +65,9 @@ def _calibrate_frame(calibrator: Calibrator, frame: StereoFrame) -> CalibrationR
         )
         return rejected(unusable, frame.stamp_s)
     if not frame.problem:
+        frozen = refuse_frozen(frame.frozen, frame.left, frame.right)
+        if frozen is not None:
+            return rejected(frozen, frame.stamp_s)
         if frame.cameras is not None and frame.cameras.rig != calibrator.rig:
             calibrator = Calibrator(frame.cameras.rig, calibrator.config)
         return calibrator.calibrate_frame(frame.left, frame.right, frame.stamp_s)

@@ -14,6 +14,7 @@ from ..core.config import CalibratorConfig
 from ..core.drive.camera_changes import CameraChange, CameraFollower
 from ..core.drive.drive import Drive, estimate_drive
 from ..core.faults import FaultLog
+from ..core.rejection import RejectReason
 from ..core.results import CalibrationResult
 from .frame import FrameHead, calibrate_frame
 from .pool import calibrate_in_order
@@ -115,6 +116,7 @@ def assemble_replay(
     rows: list[FrameRow] = []
     since = 0
     damage = None
+    frozen: dict[str, list[float]] = {}
     follower = CameraFollower()
     faults = FaultLog(logging.getLogger(__name__).error)
     try:
@@ -126,6 +128,8 @@ def assemble_replay(
                 since = since if change is None else len(rows)
             calibrator.remember(result)
             faults.note(result.fault, head.stamp_s)
+            if result.reason is RejectReason.IMAGE_FROZEN:
+                frozen.setdefault(head.frozen, []).append(head.stamp_s)
             rows.append(FrameRow.from_result(result, head.stamp_s, head.recorded_ns, head.name))
             on_row(rows[-1])
     except BagError as error:
@@ -140,7 +144,11 @@ def assemble_replay(
     if changes:
         message = f"{drive.estimate.message}; {changes[-1].since}"
         drive = replace(drive, estimate=replace(drive.estimate, message=message))
-    remarks = tuple(change.message for change in changes)
+    remarks = tuple(change.message for change in changes) + tuple(
+        f"the {side} camera repeats an image while the other one goes on: {len(stamps)} of {len(rows)} "
+        f"frames, the first one of {stamps[0]:.3f} s, are refused"
+        for side, stamps in sorted(frozen.items())
+    )
     return Replay(tuple(rows), drive, calibrator.rig, calibrator.config, damage, remarks, changes, since)
 
 

@@ -13,6 +13,7 @@ _BEFORE_GATES = {
     RejectReason.IMAGE_TYPE: "convert the images to 8-bit grey",
     RejectReason.CAMERA_INFO_UNUSABLE: "publish the CameraInfo of a stereo calibration with these images",
     RejectReason.IMAGE_UNREADABLE: "check the camera driver and the disk the recording was made on",
+    RejectReason.IMAGE_FROZEN: "restart the camera that repeats its last image, and its driver",
     RejectReason.IMAGE_SIZES_DIFFER: "set both cameras to one size",
     RejectReason.RIG_SIZE_MISMATCH: "use the rig (CameraInfo) of these images",
     RejectReason.CAMERAS_SWAPPED: "exchange the topics of the left and the right image",
@@ -22,6 +23,7 @@ _BEFORE_GATES = {
     RejectReason.LINES_NOT_CONVERGING: "the horizon must be in view: pitch the camera up",
     RejectReason.IMAGES_UPSIDE_DOWN: "turn the images by 180 deg, with a CameraInfo of them, and exchange "
     "left and right where the whole rig hangs upside down",
+    RejectReason.IMAGES_MIRRORED: "check the mirror and flip settings of both cameras and their drivers",
     RejectReason.NO_FRAMES: "record stereo frames",
     RejectReason.INTERNAL_ERROR: "a fault of this program: report it with the traceback from the log",
 }

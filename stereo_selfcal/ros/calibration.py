@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ..core.calibrator import Calibrator
 from ..core.camera.bit_depth import BitDepth, Pixels
+from ..core.camera.frozen import refuse_frozen
 from ..core.camera.image_messages import message_to_grey
 from ..core.camera.pairing import PairCounts, StampedPair, stamp_to_s
 from ..core.camera.rectifier import StereoRectifier
@@ -19,11 +20,13 @@ from ..core.faults import Fault
 from ..core.results import CalibrationResult
 from .config import NodeConfig
 from .pair_source import PairSource, known_rectifier, no_pair_reason, publishers_text
-from .record import FrameReport, calibrate_timed, failed_frame
+from .record import FrameReport, calibrate_timed, failed_frame, refused_frame
 
 _CLOCK_STEP_S = 1e-3  # a call that ends at once must not divide by zero
 # After this time without a pair, the camera is said to have stopped. It may send one image per second.
 _SILENCE_S = 1.5
+# The first pair waits so long for the second one, and goes on without it where the camera is slower.
+_SECOND_S = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,6 +71,8 @@ class CalibrationCall:
         self._follower = CameraFollower()
         self._depth = BitDepth()
         self._rig_problem: str | None = None
+        self._begun = False
+        self._second: StampedPair[Any] | None = None
         self._pairs = 0
         self._accepted = 0
         self._last_rejection = ""
@@ -79,13 +84,13 @@ class CalibrationCall:
         before = self._source.state.counts
         while True:
             remaining_s = max(0.0, self._config.timeout_s - (time.monotonic() - start_s))
-            pair = self._source.next_pair(remaining_s)
+            pair = self._next_pair(remaining_s)
             if pair is not None:
                 self._last_pair = time.monotonic(), self._source.state.counts
                 self._take_or_refuse(pair)
                 if self._calibrator is not None and self._accepted == self._config.frames:
                     estimate = self._calibrator.estimate
-                    message = estimate.message + self._changes() + self._doubts()
+                    message = estimate.message + self._changes() + self._doubts(before)
                     if estimate.accepted:
                         return CallOutcome(message, estimate, self._calibrator.rig, pair.stamp_ns)
                     return CallOutcome(message)
@@ -94,7 +99,22 @@ class CalibrationCall:
         if self._source.stopped:
             return CallOutcome("interrupted: the node shuts down")
         elapsed_s = max(time.monotonic() - start_s, _CLOCK_STEP_S)
-        return CallOutcome(self._failure(before, elapsed_s) + self._doubts())
+        return CallOutcome(self._failure(before, elapsed_s) + self._doubts(before))
+
+    def _next_pair(self, timeout_s: float) -> StampedPair[Any] | None:
+        """Return the next pair; of the first one, an image that the second one repeats may be old already."""
+        if self._second is not None:
+            second, self._second = self._second, None
+            return second
+        pair = self._source.next_pair(timeout_s)
+        if pair is None or self._begun:
+            return pair
+        self._begun = True
+        if pair.frozen is None:
+            self._second = self._source.next_pair(min(timeout_s, _SECOND_S))
+            if self._second is not None:
+                pair = replace(pair, frozen=self._second.frozen)
+        return pair
 
     def _take_or_refuse(self, pair: StampedPair[Any]) -> None:
         """Calibrate one pair; refuse it where something comes up that was not foreseen."""
@@ -124,12 +144,16 @@ class CalibrationCall:
             self._last_rejection = str(error)
             return
         left, right = self._depth.to_8_bits(left, right)
+        refusal = refuse_frozen(pair.frozen, left, right, since=True)
         rectifier = rectifier.for_images(left, right)
         calibrator = self._calibrator_of(rectifier, pair.stamp_ns)
         if calibrator is None:
             return
         left, right = rectifier.apply(left, right)
-        frame = calibrate_timed(calibrator, left, right, pair.stamp_ns)
+        if refusal is not None:
+            frame = refused_frame(left, right, calibrator.rig, refusal, pair.stamp_ns)
+        else:
+            frame = calibrate_timed(calibrator, left, right, pair.stamp_ns)
         if self._report is not None:
             self._report(frame)
         result = frame.result
@@ -169,11 +193,16 @@ class CalibrationCall:
         why = "; ".join(self._source.state.info_mismatches) or "publish it or set the parameters rig.*"
         raise RigError(f"no CameraInfo on {named}: {why}")
 
-    def _doubts(self) -> str:
-        """Return what is unusual about the CameraInfo and the images, to be added to a message."""
+    def _doubts(self, before: PairCounts) -> str:
+        """Return what is unusual about the CameraInfo and the images, to be added to a message.
+
+        Args:
+            before: Counts at the beginning of the call.
+        """
         cameras = self._follower.current
         doubts = [] if cameras is None else [doubt.message for doubt in cameras.doubts]
-        return "".join(f"; {doubt}" for doubt in (*doubts, self._depth.remark) if doubt)
+        repeated = self._source.state.counts.since(before).repeated_remark
+        return "".join(f"; {doubt}" for doubt in (*doubts, self._depth.remark, repeated) if doubt)
 
     def _changes(self) -> str:
         """Return the last change of CameraInfo, to be added to the message of a result."""

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from ..core.camera.frozen import checksum
 from ..core.camera.pairing import PairCounts, StampedPair, StampPairer, message_stamp_ns
 from ..core.camera.stamp_pattern import StampPattern
 from ..core.geometry.homography import Side
@@ -212,7 +213,7 @@ class ImageIntake:
         """Take an image message: pair it, count it, and hand over the pairs if they are wanted."""
         with self._lock:
             add = self._pairer.add_left if side == "left" else self._pairer.add_right
-            pairs = add(message_stamp_ns(message), message)
+            pairs = add(message_stamp_ns(message), message, checksum(message))
             self._formats[side] = ImageFormat.of(message)
             now_s = self._clock()
             if self._schedule.image_arrived(now_s, bool(pairs)) and self._window is not None:

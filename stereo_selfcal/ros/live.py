@@ -10,11 +10,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..core.camera.bit_depth import BitDepth
+from ..core.camera.frozen import refuse_frozen
 from ..core.camera.image_messages import message_to_grey
 from ..core.camera.pairing import StampedPair
 from ..core.camera.rig import StereoRig
 from ..core.errors import ImageError, RigError
 from ..core.faults import Fault
+from ..core.rejection import Rejection
 from ..core.types import Image
 from .config import NodeConfig
 from .inputs import StereoInput
@@ -35,6 +37,7 @@ class LiveFrame:
         rig: The rig, None as long as it is not known.
         problem: Why the rig is not known, "" otherwise.
         stamp_ns: Stamp of the frame [ns].
+        refusal: Why it cannot be calibrated: a camera repeats its last image. None in any other case.
     """
 
     left: Image
@@ -42,6 +45,7 @@ class LiveFrame:
     rig: StereoRig | None
     problem: str
     stamp_ns: int
+    refusal: Rejection | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,5 +163,6 @@ class LiveFrames:
         images = self._depth.to_8_bits(grey[0], grey[1])
         if rectifier is None:
             return LiveFrame(*images, None, problem, stamp_ns)
+        refusal = refuse_frozen(pair.frozen, *images, since=True)
         rectifier = rectifier.for_images(*images)
-        return LiveFrame(*rectifier.apply(*images), rectifier.rig, "", stamp_ns)
+        return LiveFrame(*rectifier.apply(*images), rectifier.rig, "", stamp_ns, refusal)

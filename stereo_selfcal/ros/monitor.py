@@ -12,7 +12,7 @@ from ..core.calibrator import Calibrator
 from .config import NodeConfig
 from .live import LiveFrame, NoFrame
 from .memory import trim_heap
-from .record import FrameReport, calibrate_timed, failed_frame
+from .record import FrameReport, calibrate_timed, failed_frame, refused_frame
 
 # The longest wait at a time: a changed period, and cameras other than before, are noticed after it.
 TICK_S = 0.5
@@ -73,6 +73,9 @@ class Monitor:
         if isinstance(frame, NoFrame) and frame.fault is not None:
             self._report(failed_frame(frame.fault, frame.stamp_ns))
         if not isinstance(frame, LiveFrame) or frame.rig is None:
+            return
+        if frame.refusal is not None:
+            self._report(refused_frame(frame.left, frame.right, frame.rig, frame.refusal, frame.stamp_ns))
             return
         # A new calibrator for each frame: it would fuse all frames it has accepted.
         calibrator = Calibrator(frame.rig, config.calibrator)

@@ -15,7 +15,7 @@ from ..core.camera.pairing import stamp_to_s
 from ..core.camera.rig import StereoRig
 from ..core.faults import Fault
 from ..core.rejection import Rejection
-from ..core.results import CalibrationResult, refused_for
+from ..core.results import CalibrationResult, refused_for, rejected
 from ..core.types import Image
 
 
@@ -53,6 +53,13 @@ def calibrate_timed(calibrator: Calibrator, left: Image, right: Image, stamp_ns:
     start_s = time.monotonic()
     result = calibrator.add(left, right, stamp_to_s(stamp_ns))
     return FrameReport(left, right, calibrator.rig, result, stamp_ns, time.monotonic() - start_s)
+
+
+def refused_frame(
+    left: Image, right: Image, rig: StereoRig, refusal: Rejection, stamp_ns: int
+) -> FrameReport:
+    """Return the report of a frame that is refused before it is calibrated."""
+    return FrameReport(left, right, rig, rejected(refusal, stamp_to_s(stamp_ns)), stamp_ns, 0.0)
 
 
 def failed_frame(fault: Fault, stamp_ns: int) -> FrameReport:

@@ -144,7 +144,7 @@ def test_a_change_does_not_hold_images_back_for_longer_than_a_second(tmp_path):
         inner = part.messages
         part.messages = lambda *a: (read_ns.append(m.recorded_ns) or m for m in inner(*a))
         next(iter(bag.frames()))
-    assert read_ns[-1] - FIRST_NS <= 11 * PERIOD_NS
+    assert read_ns[-1] - FIRST_NS <= 12 * PERIOD_NS  # the second pair is needed as well
 
 
 def test_frames_of_one_rig_share_their_cameras(tmp_path):

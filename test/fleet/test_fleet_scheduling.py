@@ -1,5 +1,6 @@
 """The tasks of a fleet: workers that die, recordings that fail, stretches of long ones."""
 
+import bag_making
 import pytest
 from fleet_making import deadly, make_bags, report_of, run_fleet
 
@@ -84,6 +85,25 @@ def test_a_damaged_recording_in_stretches_ends_where_it_ends_as_a_whole(workers,
     assert done.outcome.status is Status.DAMAGED
     assert done.outcome.reason == expected.damage
     assert as_json(found) == as_json(expected)
+
+
+def test_repeated_images_in_stretches_are_those_of_the_whole(workers, tmp_path, monkeypatch):
+    """The frame before a stretch is read as well, and how many came twice is counted over the whole."""
+    shown = bag_making.picture
+    monkeypatch.setattr(
+        bag_making,
+        "picture",
+        lambda side, i, rig: shown(side, min(i, 2) if side == "right" else i, rig),
+    )
+    twice = [*bag_making.cameras(), *bag_making.cameras()]
+    for name, cameras in (("frozen", bag_making.cameras()), ("twice", twice)):
+        path = bag_making.make_bag(tmp_path / name, cameras, n_frames=8)
+        expected = replayed(path)
+        assert [row.reason for row in expected.rows].count("image_frozen") == 5
+        assert any("came twice" in remark for remark in expected.remarks) == (name == "twice")
+        found = run_fleet(workers, [path], SETTINGS, stretch_s=0.25)[name].calibrated.replay
+        assert as_json(found) == as_json(expected)
+        assert found.remarks == expected.remarks
 
 
 def test_reports_are_made_by_workers_and_one_that_fails_costs_nothing_else(workers, roads):

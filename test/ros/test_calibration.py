@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from stereo_selfcal import CalibrationResult, CalibratorConfig, Extrinsics
+from stereo_selfcal.core.camera.frozen import FrozenImage
 from stereo_selfcal.core.camera.pairing import PairCounts, StampedPair
 from stereo_selfcal.core.camera.stamp_pattern import NoPairCause, StampPattern
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
@@ -498,3 +499,41 @@ def test_compressed_image_that_states_gigabytes_is_refused_with_both_sizes():
     bomb = SimpleNamespace(data=header, format="pgm")
     outcome = CalibrationCall(Source(pair(1, bomb, bomb)), config()).run()
     assert "PGM image states 65000 x 65000 pixels, the rig has 4 x 3" in outcome.message
+
+
+def stripes(value=100):
+    message = image()
+    message.data = bytes(range(value, value + 12))
+    return message
+
+
+@pytest.mark.parametrize("n_frames", [1, 2])
+def test_a_pair_with_a_repeated_image_is_refused(n_frames):
+    frozen = FrozenImage("right", 2_500_000_000)
+    stale = dataclasses.replace(pair(3_000_000_000, stripes(), stripes()), frozen=frozen)
+    reports = []
+    good = pair(1, stripes(), stripes()), pair(2, stripes(), stripes())
+    outcome = CalibrationCall(Source(*good, stale), config(frames=n_frames), reports.append).run()
+    assert outcome.result is not None
+    outcome = CalibrationCall(Source(good[0], good[1], stale), config(frames=3), reports.append).run()
+    assert outcome.result is None
+    assert (
+        "the right camera repeats its last image since 2.500 s, while the left one goes on" in outcome.message
+    )
+    assert reports[-1].result.reason is RejectReason.IMAGE_FROZEN and reports[-1].left.shape == (3, 4)
+
+
+def test_the_first_pair_of_a_call_is_refused_where_the_second_one_repeats_its_image():
+    """Nobody has seen the pair before it: the image may be an hour old."""
+    stale = dataclasses.replace(pair(2, stripes(), stripes()), frozen=FrozenImage("left", 1))
+    outcome = CalibrationCall(Source(pair(1, stripes(), stripes()), stale), config(frames=1)).run()
+    assert outcome.result is None
+    assert "the left camera repeats its last image since 0.000 s" in outcome.message
+
+
+def test_images_that_came_twice_are_told_in_the_answer():
+    counts = dataclasses.replace(ARRIVED, repeated_left=2, repeated_right=1)
+    outcome = CalibrationCall(Source(pair(), counts=counts), config()).run()
+    assert outcome.result is not None
+    words = "; 2 left and 1 right images came twice (one stamp and the same bytes): each counts once"
+    assert outcome.message.endswith(words)

@@ -210,3 +210,24 @@ def test_formats():
     assert len(intake.formats["right"].encoding) == 80
     compressed = ImageFormat.of(SimpleNamespace(format="jpeg", data=b""))
     assert (str(compressed), compressed.is_raw) == ("jpeg", False)
+
+
+def test_pairs_know_which_camera_repeats_its_last_image_even_across_pauses():
+    intake = ImageIntake(config(), lambda: 100.0)
+
+    def send(stamp_ms, left, right):
+        for side, content in (("left", left), ("right", right)):
+            message = image(stamp_ms)
+            message.data = content
+            intake.add(side, message)
+
+    intake.begin()
+    send(0, b"a", b"e")
+    send(33, b"b", b"e")
+    assert [intake.next_pair(0).frozen, intake.next_pair(0).frozen] == [None, ("right", 0)]
+    intake.end()
+    intake.begin()
+    send(90_000, b"c", b"e")
+    send(90_000, b"c", b"e")
+    assert intake.next_pair(0).frozen == ("right", 0) and intake.next_pair(0) is None
+    assert intake.state.counts.repeated_right == 1

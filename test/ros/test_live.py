@@ -1,6 +1,7 @@
 """Single frames between calls: a call always goes first, and there is a reason when there is no frame."""
 
 import threading
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,10 +12,13 @@ pytest.importorskip("rclpy")
 from ros_graph import image_message, info_message
 
 from stereo_selfcal import RigError
+from stereo_selfcal.core.camera.frozen import FrozenImage
 from stereo_selfcal.core.camera.pairing import PairCounts, StampedPair
+from stereo_selfcal.core.rejection import RejectReason
 from stereo_selfcal.ros import live as live_module
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
 from stereo_selfcal.ros.live import LiveFrame, LiveFrames, NoFrame, known_rig, missing_info
+from stereo_selfcal.ros.monitor import Monitor
 from stereo_selfcal.ros.pair_source import InputState, Topics
 from stereo_selfcal.synth.scenes import PAPER_RIG
 
@@ -162,3 +166,16 @@ def test_a_fault_while_a_frame_is_read_is_a_reason_with_its_traceback(monkeypatc
     assert "IndexError: a bug (test_live.py, line" in frame.reason
     assert "Traceback" in frame.fault.trace
     assert frame.stamp_ns == 5
+
+
+def test_a_frame_with_a_repeated_image_is_shown_and_not_calibrated():
+    """The watch reports why."""
+    seen = np.tile(np.arange(PIXELS.shape[1], dtype=np.uint8), (PIXELS.shape[0], 1))
+    stale = replace(pair(seen), frozen=FrozenImage("right", 4))
+    frame = live(Input(stale)).one(1.0)
+    assert frame.refusal.reason is RejectReason.IMAGE_FROZEN and frame.left.shape == PIXELS.shape
+    reports = []
+    config = SimpleNamespace(monitor_period_s=1.0)
+    Monitor(lambda _: frame, lambda: config, lambda: True, reports.append, lambda: True, None).step()
+    assert [report.result.reason for report in reports] == [RejectReason.IMAGE_FROZEN]
+    assert reports[0].rig == PAPER_RIG and reports[0].stamp_ns == 5

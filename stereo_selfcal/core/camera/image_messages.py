@@ -27,6 +27,11 @@ _BAYER = {
     "bayer_gbrg8": cv2.COLOR_BayerGR2GRAY,
     "bayer_grbg8": cv2.COLOR_BayerGB2GRAY,
 }
+# Neighbouring pixels of a picture are alike. Of 18 recorded and rendered roads in 8 to 16 bits, their
+# differences were at most as great as with exchanged bytes, both over the spread of all pixels; in the wrong
+# order, where the low bits come first, 3.5 times as great or more. Of 8 bits, the order does not matter.
+_MOST_ROUGHER = 2.0
+_ORDER_ROWS = 60  # rows that are looked at
 _BAYER_LEAST_SIDE_PX = 3  # the interpolation reads one pixel on every side
 
 SUPPORTED_ENCODINGS = (*_GREY, "mono16", *_COLOUR, *_BAYER)
@@ -100,7 +105,9 @@ def to_grey(data: Any, width: int, height: int, step: int, encoding: str, is_big
         return np.asarray(cv2.cvtColor(pixels, _COLOUR[encoding][1]), dtype=np.uint8)
     if pixel_bytes == 2:
         values = np.ascontiguousarray(pixels).view(">u2" if is_bigendian else "<u2")[:, :, 0]
-        return np.ascontiguousarray(values, dtype=np.uint16)
+        image = np.ascontiguousarray(values, dtype=np.uint16)
+        _check_byte_order(image, is_bigendian)
+        return image
     grey = np.ascontiguousarray(pixels[:, :, 0])
     return _demosaic(grey, encoding) if encoding in _BAYER else grey
 
@@ -148,6 +155,31 @@ def decode_compressed(data: Any, image_format: str, rig_size: tuple[int, int] | 
             "8 or 16 bits are read"
         )
     return np.ascontiguousarray(image)
+
+
+def _check_byte_order(image: Pixels, is_bigendian: bool) -> None:
+    """Refuse 16-bit pixels that are a picture with their bytes exchanged, and noise as they are.
+
+    Raises:
+        ImageError: They are.
+    """
+    rows = image[:: max(1, image.shape[0] // _ORDER_ROWS)]
+    declared, exchanged = _roughness(rows), _roughness(rows.byteswap())
+    if declared > _MOST_ROUGHER * exchanged:
+        said, right = ("big", "little") if is_bigendian else ("little", "big")
+        ratio = declared / max(exchanged, 1e-9)
+        raise ImageError(
+            f"the bytes of mono16 are in the wrong order: as {said}-endian numbers (is_bigendian is "
+            f"{int(is_bigendian)}), neighbouring pixels differ {ratio:.3g} times as much as {right}-endian, "
+            f"at most {_MOST_ROUGHER:g} times are allowed: correct is_bigendian in the camera driver"
+        )
+
+
+def _roughness(rows: Pixels) -> float:
+    """Return the mean difference of neighbours over the spread of all pixels; 0 where all are equal."""
+    values = rows.astype(np.float64)
+    spread = float(values.std())
+    return float(np.abs(np.diff(values)).mean()) / spread if spread and rows.shape[1] > 1 else 0.0
 
 
 def _pixel_bytes(encoding: str) -> int:

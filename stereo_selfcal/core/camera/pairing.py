@@ -1,9 +1,10 @@
 """Pairing of the left and right images by their time stamps.
 
 Pairing depends on stamps and the order of arrival alone, never on a clock. So the live node and the replay of
-a bag form the same pairs. It differs from message_filters in five points. It emits nothing from inside a
+a bag form the same pairs. It differs from message_filters in seven points. It emits nothing from inside a
 lock. It counts the images that it drops. It accepts a difference *equal* to the tolerance. It waits for the
-nearest partner instead of taking the first. It continues after a bag that starts over.
+nearest partner instead of taking the first. It continues after a bag that starts over. An image that arrives
+twice counts once, and a pair says when a camera repeats its last image with a new stamp.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from dataclasses import dataclass, fields
 from typing import Any, Generic, TypeVar
 
 from ..errors import ConfigError
+from .frozen import FrozenImage, FrozenImages
 from .stamp_pattern import StampPattern, stamp_pattern
 
 T = TypeVar("T")
@@ -25,7 +27,8 @@ _NS_PER_S = 1_000_000_000
 # when messages overtake each other. It needs no reset, because the queues evict by order of arrival.
 BACKWARD_JUMP_NS = 100_000_000
 
-# Stamps of each side that are kept to tell why no pair was formed: ten seconds of a 30 Hz camera.
+# Stamps of each side that are kept to tell why no pair was formed, and which images arrive twice: ten seconds
+# of a 30 Hz camera.
 _REMEMBERED = 300
 
 
@@ -54,12 +57,14 @@ class StampedPair(Generic[T]):
         right: Payload of the right side.
         left_stamp_ns: Stamp of the left side [ns]; the stamp of the pair.
         right_stamp_ns: Stamp of the right side [ns].
+        frozen: Which image is a repeated one, None where both are new or it is not known.
     """
 
     left: T
     right: T
     left_stamp_ns: int
     right_stamp_ns: int
+    frozen: FrozenImage | None = None
 
     @property
     def stamp_ns(self) -> int:
@@ -78,6 +83,9 @@ class PairCounts:
         dropped_left: Left images that found no partner.
         dropped_right: Right images that found no partner.
         resets: Times the stamps jumped back.
+        repeated_left: Left images that arrived again, with the same stamp and the same bytes; they count in
+            ``left`` and go no further.
+        repeated_right: The same of right ones.
     """
 
     left: int = 0
@@ -86,10 +94,22 @@ class PairCounts:
     dropped_left: int = 0
     dropped_right: int = 0
     resets: int = 0
+    repeated_left: int = 0
+    repeated_right: int = 0
 
     def since(self, earlier: PairCounts) -> PairCounts:
         """Return the counts added after ``earlier`` was taken."""
         return PairCounts(*(getattr(self, f.name) - getattr(earlier, f.name) for f in fields(self)))
+
+    @property
+    def repeated_remark(self) -> str:
+        """A sentence about the images that arrived again, "" where none did."""
+        if not (self.repeated_left or self.repeated_right):
+            return ""
+        return (
+            f"{self.repeated_left} left and {self.repeated_right} right images came twice (one stamp and the "
+            "same bytes): each counts once"
+        )
 
 
 @dataclass(frozen=True)
@@ -97,6 +117,7 @@ class _Entry(Generic[T]):
     stamp_ns: int
     arrival: int
     payload: T
+    checksum: int | None
 
 
 class _Side(Generic[T]):
@@ -106,13 +127,26 @@ class _Side(Generic[T]):
         self.entries: list[_Entry[T]] = []
         self.newest_ns: int | None = None
         self.unpaired: deque[int] = deque(maxlen=_REMEMBERED)
+        self.seen: deque[tuple[int, int]] = deque(maxlen=_REMEMBERED)  # stamps and checksums
         self.arrived = 0
         self.dropped = 0
+        self.repeated = 0
 
-    def insert(self, stamp_ns: int, payload: T) -> None:
+    def repeats(self, stamp_ns: int, checksum: int | None) -> bool:
+        """Whether this very image has arrived before; it is counted then."""
+        if checksum is None:
+            return False
+        if (stamp_ns, checksum) in self.seen:
+            self.arrived += 1
+            self.repeated += 1
+            return True
+        self.seen.append((stamp_ns, checksum))
+        return False
+
+    def insert(self, stamp_ns: int, payload: T, checksum: int | None) -> None:
         """Store an image; it replaces an earlier one with the same stamp."""
         self.keep([entry for entry in self.entries if entry.stamp_ns != stamp_ns])
-        self.entries.append(_Entry(stamp_ns, self.arrived, payload))
+        self.entries.append(_Entry(stamp_ns, self.arrived, payload, checksum))
         self.entries.sort(key=lambda entry: entry.stamp_ns)
         self.arrived += 1
         self.unpaired.append(stamp_ns)
@@ -181,6 +215,7 @@ class StampPairer(Generic[T]):
         self._resets = 0
         self._nearest_ns: int | None = None
         self._equal_before = False
+        self._frozen = FrozenImages()
         self.configure(approximate, tolerance_s, queue_size)
 
     def configure(self, approximate: bool, tolerance_s: float, queue_size: int) -> None:
@@ -196,18 +231,19 @@ class StampPairer(Generic[T]):
         self._tolerance_ns = round(tolerance_s * _NS_PER_S) if approximate else 0
         self._queue_size = queue_size
 
-    def add_left(self, stamp_ns: int, payload: T) -> list[StampedPair[T]]:
+    def add_left(self, stamp_ns: int, payload: T, checksum: int | None = None) -> list[StampedPair[T]]:
         """Take a left image and return the pairs that are now certain, oldest first.
 
         Args:
             stamp_ns: Stamp of the image [ns].
             payload: The image; the pair contains it.
+            checksum: Of its bytes (:func:`.frozen.checksum`); None: repeated images are not looked for.
         """
-        return self._add(self._left, self._right, stamp_ns, payload)
+        return self._add(self._left, self._right, stamp_ns, payload, checksum)
 
-    def add_right(self, stamp_ns: int, payload: T) -> list[StampedPair[T]]:
+    def add_right(self, stamp_ns: int, payload: T, checksum: int | None = None) -> list[StampedPair[T]]:
         """Take a right image; see :meth:`add_left`."""
-        return self._add(self._right, self._left, stamp_ns, payload)
+        return self._add(self._right, self._left, stamp_ns, payload, checksum)
 
     def flush(self) -> list[StampedPair[T]]:
         """Return the pairs that wait for a nearer partner, because no more images will arrive."""
@@ -229,6 +265,8 @@ class StampPairer(Generic[T]):
             self._left.dropped,
             self._right.dropped,
             self._resets,
+            self._left.repeated,
+            self._right.repeated,
         )
 
     @property
@@ -244,12 +282,15 @@ class StampPairer(Generic[T]):
         )
 
     def forget_nearest(self) -> None:
-        """Start a new measurement of :attr:`nearest_s` and :attr:`pattern`."""
+        """Start a new measurement of :attr:`nearest_s` and :attr:`pattern`; every image is a new one."""
         self._nearest_ns = None
         for side in (self._left, self._right):
             side.unpaired.clear()
+            side.seen.clear()
 
-    def _add(self, side: _Side[T], other: _Side[T], stamp_ns: int, payload: T) -> list[StampedPair[T]]:
+    def _add(
+        self, side: _Side[T], other: _Side[T], stamp_ns: int, payload: T, checksum: int | None
+    ) -> list[StampedPair[T]]:
         pairs: list[StampedPair[T]] = []
         if side.newest_ns is not None and stamp_ns < side.newest_ns - BACKWARD_JUMP_NS:
             pairs = self.flush()
@@ -257,12 +298,15 @@ class StampPairer(Generic[T]):
             # The other side may have jumped first; its images from after the jump are kept.
             for each in (side, other):
                 each.unpaired.clear()
+                each.seen.clear()
                 each.forget_after(stamp_ns + BACKWARD_JUMP_NS)
+        if side.repeats(stamp_ns, checksum):
+            return pairs
         partner = other.nearest(stamp_ns)
         if partner is not None:
             difference = abs(partner.stamp_ns - stamp_ns)
             self._nearest_ns = difference if self._nearest_ns is None else min(self._nearest_ns, difference)
-        side.insert(stamp_ns, payload)
+        side.insert(stamp_ns, payload, checksum)
         pairs += self._match()
         if len(side.entries) > self._queue_size:
             # A full queue forms its pairs at once, although a nearer partner might still arrive.
@@ -283,9 +327,15 @@ class StampPairer(Generic[T]):
                 continue
             certain = self._left.has_passed(right.stamp_ns) and self._right.has_passed(left.stamp_ns)
             if final or certain:
-                pairs.append(StampedPair(left.payload, right.payload, left.stamp_ns, right.stamp_ns))
+                pairs.append(self._paired(left, right))
                 self._equal_before |= left.stamp_ns == right.stamp_ns
                 self._left.take(left)
                 self._right.take(right)
         self._pairs += len(pairs)
         return pairs
+
+    def _paired(self, left: _Entry[T], right: _Entry[T]) -> StampedPair[T]:
+        frozen = None
+        if left.checksum is not None and right.checksum is not None:
+            frozen = self._frozen.follow((left.checksum, right.checksum), left.stamp_ns)
+        return StampedPair(left.payload, right.payload, left.stamp_ns, right.stamp_ns, frozen)

@@ -18,12 +18,14 @@ from ..config import CalibratorConfig
 from ..evidence.frame_evidence import FrameObservations
 from ..geometry.homography import SIDES
 from ..lanes.closed_form import solve_plane
+from ..lanes.detector import detect_by_hough
 from ..lanes.frame_checks import FIND_LINES
 from ..lanes.hypotheses import LaneHypotheses, find_hypotheses
 from ..lanes.lane_pair import ImageLine, LanePattern
 from ..lanes.stripe_points import find_stripe_points
 from ..rejection import Bound, NotFitted, Rejection, RejectReason
 from ..types import Array, Image
+from .both_images import BothImages, Relation, same_picture
 
 # Refusals that say that the lines of both images do not fit each other, or that there are none.
 _OF_LINES = (
@@ -112,11 +114,14 @@ def diagnose(
             cause = check(side, looks[camera], looks[1 - camera])
             if cause is not None:
                 return cause
-    if looks[0].edges >= _LEAST_EDGE_GREY and np.array_equal(*frame.images):
-        return _same_picture()
-    # Where a line of both images is one of a road as they are, nothing hangs upside down.
-    if rejection.reason in _OF_MISSING_LINES and not any(found.matches):
-        return _upside_down(frame, rig, config) or rejection
+    view = BothImages.of(frame.images)
+    cause = same_picture(frame.images, rig, config) or _one_changed(view, frame, rig, config)
+    if cause is not None:
+        return cause
+    # Where a line of both images is one of a road as they are, nothing hangs upside down; nor where what is
+    # below is nearer than what is above.
+    if rejection.reason in _OF_MISSING_LINES and not any(found.matches) and not view.nearer_below:
+        return _both_upside_down(frame, rig, config) or rejection
     return rejection
 
 
@@ -226,22 +231,6 @@ def _blurred(side: str, own: _Look, other: _Look) -> Rejection | None:
     )
 
 
-def _same_picture() -> Rejection:
-    return Rejection(
-        RejectReason.LINES_NOT_MATCHED,
-        "the left and the right image are the same picture: {value} pixels differ",
-        0,
-        Bound.LEAST,
-        1,
-        "",
-        "give the topics of two cameras, and check their drivers",
-    )
-
-
-def _turned(image: Image) -> Image:
-    return np.ascontiguousarray(image[::-1, ::-1])
-
-
 def _may_be_a_road(pattern: LanePattern, rig: StereoRig, config: CalibratorConfig) -> bool:
     """Whether the plane through two lines is that of a road in the search space."""
     closed = solve_plane(pattern, rig)
@@ -252,38 +241,66 @@ def _may_be_a_road(pattern: LanePattern, rig: StereoRig, config: CalibratorConfi
     return bool(np.all((np.array(lower) < pose) & (pose < np.array(upper))))
 
 
-def _upside_down(frame: FrameObservations, rig: StereoRig, config: CalibratorConfig) -> Rejection | None:
-    """Return the refusal of images that show the lines of a road when they are turned by 180 degrees."""
-    upright, turned = frame.images, (_turned(frame.images[0]), _turned(frame.images[1]))
-    points = {
-        False: frame.points,
-        True: tuple(find_stripe_points(image, config.extraction) for image in turned),
-    }
-    images = {False: upright, True: turned}
+def _both_upside_down(frame: FrameObservations, rig: StereoRig, config: CalibratorConfig) -> Rejection | None:
+    """Return the refusal of images that show the lines of a road when both are turned by 180 degrees."""
+    # Most refused frames show no lines that way either: one image is enough to see that.
+    images = Relation.TURNED.applied_to(frame.images[0]), Relation.TURNED.applied_to(frame.images[1])
+    left = find_stripe_points(images[0], config.extraction)
+    if not all(detect_by_hough(left, images[0], chained=False)):
+        return None
+    points = left, find_stripe_points(images[1], config.extraction)
     # A principal point at the border of the image stays there.
-    turned_rig = replace(rig, cx=max(rig.width - 1 - rig.cx, 0.0), cy=max(rig.height - 1 - rig.cy, 0.0))
-    both, exchange = "both images are", "turn both images by 180 deg"
-    variants = (
-        # Which camera stands for the left and the right one, which of them are turned, and the words.
-        ((1, 0), (True, True), turned_rig, both, f"{exchange} and exchange left and right"),
-        ((0, 1), (True, True), turned_rig, both, exchange),
-        ((0, 1), (True, False), rig, "the left image is", "turn the left image by 180 deg"),
-        ((0, 1), (False, True), rig, "the right image is", "turn the right image by 180 deg"),
-    )
-    for order, turn, seen_rig, which, remedy in variants:
-        chosen = list(zip(turn, order, strict=True))
-        left, right = (images[each][camera] for each, camera in chosen)
-        left_points, right_points = (points[each][camera] for each, camera in chosen)
-        found = find_hypotheses((left_points, right_points), (left, right), seen_rig, config)
-        if isinstance(found.patterns, list) and _may_be_a_road(found.patterns[0], seen_rig, config):
-            return Rejection(
-                RejectReason.IMAGES_UPSIDE_DOWN,
-                f"{which} upside down: as they are, {{value}} of {{limit}} lane lines are found, turned both",
-                0,
-                Bound.LEAST,
-                2,
-                "",
-                f"{remedy}, with a CameraInfo of these images; or, where nothing hangs upside down, "
-                f"{FIND_LINES}",
-            )
+    rig = replace(rig, cx=max(rig.width - 1 - rig.cx, 0.0), cy=max(rig.height - 1 - rig.cy, 0.0))
+    both = "turn both images by 180 deg"
+    for first, remedy in (
+        (1, f"{both} and exchange left and right (or flip both back, if flipped)"),
+        (0, both),
+    ):
+        order = [first, 1 - first]
+        found = find_hypotheses(
+            (points[order[0]], points[order[1]]), (images[order[0]], images[order[1]]), rig, config
+        )
+        if isinstance(found.patterns, list):
+            is_road = _may_be_a_road(found.patterns[0], rig, config)
+            return _upside_down("both images are", remedy) if is_road else None
+        if found.patterns.rejection.reason is not RejectReason.CAMERAS_SWAPPED:
+            return None
     return None
+
+
+def _one_changed(
+    view: BothImages, frame: FrameObservations, rig: StereoRig, config: CalibratorConfig
+) -> Rejection | None:
+    """Return the refusal of images of which one is mirrored, flipped or turned against the other one."""
+    if view.relation is Relation.AS_IT_IS:
+        return None
+    side = None
+    for camera, name in enumerate(SIDES):
+        images = tuple(
+            view.relation.applied_to(image) if index == camera else image
+            for index, image in enumerate(frame.images)
+        )
+        points = tuple(
+            find_stripe_points(image, config.extraction) if index == camera else frame.points[index]
+            for index, image in enumerate(images)
+        )
+        found = find_hypotheses((points[0], points[1]), (images[0], images[1]), rig, config)
+        if isinstance(found.patterns, list) and _may_be_a_road(found.patterns[0], rig, config):
+            side = name
+            break
+    if view.relation is not Relation.TURNED:
+        return view.mirrored(side)
+    which = "one image is" if side is None else f"the {side} image is"
+    return _upside_down(which, f"turn {'it' if side is None else f'the {side} image'} by 180 deg")
+
+
+def _upside_down(which: str, remedy: str) -> Rejection:
+    return Rejection(
+        RejectReason.IMAGES_UPSIDE_DOWN,
+        f"{which} upside down: as they are, {{value}} of {{limit}} lane lines are found, turned both",
+        0,
+        Bound.LEAST,
+        2,
+        "",
+        f"{remedy}, with a CameraInfo of these images; or, where nothing hangs upside down, {FIND_LINES}",
+    )

@@ -186,3 +186,38 @@ def test_messages_of_both_kinds():
     compressed = SimpleNamespace(data=cv2.imencode(".png", image)[1].tobytes(), format="png")
     np.testing.assert_array_equal(message_to_grey(raw), image)
     np.testing.assert_array_equal(message_to_grey(compressed), image)
+
+
+def road_of_12_bits(left_aligned):
+    rng = np.random.default_rng(5)
+    v, u = np.mgrid[0:120, 0:160]
+    grey = 40 + v + u // 2 + 40 * (np.abs(u - 80 - v / 2) < 3)  # a stripe on a road that is brighter below
+    image = (grey * 16 + rng.integers(0, 16, grey.shape)).astype(np.uint16)
+    return image << 4 if left_aligned else image
+
+
+@pytest.mark.parametrize("left_aligned", [False, True])
+@pytest.mark.parametrize("big", [False, True])
+def test_a_wrong_byte_order_of_mono16_is_named_and_the_right_one_is_read(big, left_aligned):
+    image = road_of_12_bits(left_aligned)
+    data = image.astype(">u2" if big else "<u2").tobytes()
+    np.testing.assert_array_equal(to_grey(data, 160, 120, 320, "mono16", big), image)
+    orders = ("little-endian numbers (is_bigendian is 0)", "big-endian numbers (is_bigendian is 1)")
+    with pytest.raises(ImageError, match="the bytes of mono16 are in the wrong order") as refusal:
+        to_grey(data, 160, 120, 320, "mono16", not big)
+    assert orders[not big] in str(refusal.value)
+    assert "correct is_bigendian in the camera driver" in str(refusal.value)
+
+
+@pytest.mark.parametrize("big", [False, True])
+def test_images_that_tell_no_byte_order_are_read(big, rng):
+    """Noise, a single value, and 8 bits in the low or in the high byte."""
+    low = road_of_12_bits(False) >> 4
+    for image in (
+        rng.integers(0, 2**16, (120, 160)).astype(np.uint16),
+        np.full((120, 160), 700, np.uint16),
+        low,
+        low << 8,
+    ):
+        assert to_grey(image.tobytes(), 160, 120, 320, "mono16", big).shape == (120, 160)
+    assert to_grey(b"\x01\x02" * 5, 1, 5, 2, "mono16", big).shape == (5, 1)

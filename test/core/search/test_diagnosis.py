@@ -7,8 +7,11 @@ import cv2
 import numpy as np
 import pytest
 
-from stereo_selfcal import Calibrator, RejectReason
-from stereo_selfcal.synth.scenes import custom_scene
+from stereo_selfcal import Calibrator, CalibratorConfig, RejectReason
+from stereo_selfcal.core.search import diagnosis
+from stereo_selfcal.core.search.both_images import BothImages, Relation, same_picture
+from stereo_selfcal.synth.renderer import render
+from stereo_selfcal.synth.scenes import NAMED_SCENES, custom_scene, random_scene
 
 SCENE = custom_scene(
     height_m=1.25, pitch_rad=math.radians(2.0), roll_rad=math.radians(-0.6), n_frames=1, seed=4
@@ -44,6 +47,14 @@ def glare(image):
 
 def blurred(sigma_px):
     return lambda image: cv2.GaussianBlur(image, (0, 0), sigma_px)
+
+
+@pytest.fixture(scope="module")
+def frames_of_many_roads():
+    """Return (left, right, rig) of all kinds of rendered roads."""
+    scenes = [random_scene(np.random.default_rng(seed), 0.02) for seed in range(6)]
+    scenes += [named.scene_at(0) for named in NAMED_SCENES]
+    return [(*render(scene, np.random.default_rng(0)), scene.rig) for scene in scenes]
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -134,3 +145,85 @@ def test_what_is_accepted_is_not_diagnosed():
     assert result_of(FRAME.left, FRAME.right).accepted
     both = brighter(1.2)
     assert result_of(both(FRAME.left), both(FRAME.right)).accepted
+
+
+def noisy(image, grey=3.0):
+    noise = np.random.default_rng(7).normal(0.0, grey, image.shape)
+    return np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
+
+
+def as_jpeg(image, quality=50):
+    return cv2.imdecode(
+        cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_GRAYSCALE
+    )
+
+
+@pytest.mark.parametrize("change", [noisy, as_jpeg, brighter(0.8, 10.0)])
+@pytest.mark.parametrize("side", SIDES)
+def test_one_picture_with_noise_or_compressed_anew_is_told(side, change):
+    result = result_of(PAIR[side], change(PAIR[side]))
+    assert result.reason is RejectReason.LINES_NOT_MATCHED
+    assert "the left and the right image are the same picture" in result.message
+    assert result.message.endswith("give the topics of two cameras, and check their drivers")
+    assert result.rejection.value > result.rejection.threshold
+
+
+def test_no_pair_of_two_cameras_is_one_picture_or_mirrored(frames_of_many_roads):
+    for left, right, rig in frames_of_many_roads:
+        assert same_picture((left, right), rig, CalibratorConfig()) is None
+        assert BothImages.of((left, right)).relation is Relation.AS_IT_IS
+
+
+def test_far_roads_of_a_narrow_rig_are_not_taken_for_one_picture():
+    """There, both cameras see the road at the same place but for a pixel or two."""
+    narrow = replace(RIG, baseline_m=0.01)
+    assert same_picture((FRAME.left, noisy(FRAME.left)), narrow, CalibratorConfig()) is None
+    assert same_picture((FRAME.left, FRAME.left), narrow, CalibratorConfig()) is not None
+
+
+def test_an_overlay_in_both_images_does_not_make_them_one_picture():
+    images = [image.copy() for image in (FRAME.left, FRAME.right)]
+    for image in images:
+        cv2.putText(image, "2026-05-01 12:00:00", (150, 470), cv2.FONT_HERSHEY_SIMPLEX, 1.0, 255, 2)
+    assert same_picture((images[0], images[1]), RIG, CalibratorConfig()) is None
+
+
+SIDEWAYS = custom_scene(
+    height_m=1.4,
+    pitch_rad=math.radians(3.0),
+    roll_rad=0.0,
+    lateral_offset_m=0.3,
+    lane_yaw_rad=0.01,
+    n_frames=1,
+    seed=2,
+).frame(0)
+
+
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize(
+    ("relation", "words"),
+    [(Relation.FLIPPED, "mirrored upside down"), (Relation.MIRRORED, "mirrored left to right")],
+)
+def test_one_image_that_is_mirrored_is_told(side, relation, words):
+    images = {"left": SIDEWAYS.left, "right": SIDEWAYS.right}
+    images[side] = relation.applied_to(images[side])
+    result = result_of(images["left"], images["right"])
+    assert result.reason is RejectReason.IMAGES_MIRRORED
+    assert result.message.startswith(f"the {side} image is {words} against the other one: ")
+    assert f"check the mirror and flip settings of the {side} camera" in result.message
+
+
+def test_both_images_flipped_are_upside_down():
+    result = result_of(FRAME.left[::-1], FRAME.right[::-1])
+    assert result.reason is RejectReason.IMAGES_UPSIDE_DOWN
+    assert "flip both back" in result.message
+
+
+def test_lines_are_looked_for_upside_down_only_where_the_images_may_be(monkeypatch):
+    """It takes as long as half of the other work on a refused frame."""
+    looked = []
+    monkeypatch.setattr(diagnosis, "_both_upside_down", lambda *_: looked.append(True))
+    one_line = replace(SCENE.scene, road=replace(SCENE.scene.road, lines=SCENE.scene.road.lines[:1]))
+    left, right = render(one_line, np.random.default_rng(1))
+    assert not result_of(left, right).accepted and not looked
+    assert not result_of(turned(right), turned(left)).accepted and looked
