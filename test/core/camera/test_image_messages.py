@@ -186,3 +186,10 @@ def test_messages_of_both_kinds():
     compressed = SimpleNamespace(data=cv2.imencode(".png", image)[1].tobytes(), format="png")
     np.testing.assert_array_equal(message_to_grey(raw), image)
     np.testing.assert_array_equal(message_to_grey(compressed), image)
+
+
+@pytest.mark.parametrize(("name", "video"), [("h264", True), ("hevc", True), ("jpeg", False), ("png", False)])
+def test_video_is_refused_with_what_makes_images_of_it(name, video):
+    with pytest.raises(ImageError) as caught:
+        decode_compressed(b"\x00\x00\x00\x01\x67", name)
+    assert ("'ros2 run image_transport republish' makes images of video" in str(caught.value)) == video
