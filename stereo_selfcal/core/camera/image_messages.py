@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import cv2
@@ -12,6 +13,8 @@ from ..types import Image
 from .bit_depth import Pixels
 from .image_header import SUPPORTED_FORMATS, check_image_size, read_image_header
 
+# Names of video codecs, as they stand in ``format``.
+_VIDEO = re.compile(r"h\.?26[45]|hevc|av1|vp[89]|mpeg[124]|theora|video", re.IGNORECASE)
 _GREY = "mono8", "8UC1"  # cv_bridge uses 8UC1 for a grey array without a named encoding
 _COLOUR = {
     "bgr8": (3, cv2.COLOR_BGR2GRAY),
@@ -147,7 +150,7 @@ def decode_compressed(data: Any, image_format: str, rig_size: tuple[int, int] | 
     if image is None:
         raise ImageError(
             f"compressed image in format {shortened(image_format)} with {buffer.size} bytes cannot be "
-            f"decoded: {', '.join(SUPPORTED_FORMATS)} are supported"
+            f"decoded: {', '.join(SUPPORTED_FORMATS)} are supported{_remedy(image_format)}"
         )
     if image.dtype not in (np.uint8, np.uint16):
         raise ImageError(
@@ -180,6 +183,13 @@ def _roughness(rows: Pixels) -> float:
     values = rows.astype(np.float64)
     spread = float(values.std())
     return float(np.abs(np.diff(values)).mean()) / spread if spread and rows.shape[1] > 1 else 0.0
+
+
+def _remedy(image_format: str) -> str:
+    """Return how images are made of video, "" for other formats."""
+    return (
+        "; 'ros2 run image_transport republish' makes images of video" if _VIDEO.search(image_format) else ""
+    )
 
 
 def _pixel_bytes(encoding: str) -> int:

@@ -221,3 +221,10 @@ def test_images_that_tell_no_byte_order_are_read(big, rng):
     ):
         assert to_grey(image.tobytes(), 160, 120, 320, "mono16", big).shape == (120, 160)
     assert to_grey(b"\x01\x02" * 5, 1, 5, 2, "mono16", big).shape == (5, 1)
+
+
+@pytest.mark.parametrize(("name", "video"), [("h264", True), ("hevc", True), ("jpeg", False), ("png", False)])
+def test_video_is_refused_with_what_makes_images_of_it(name, video):
+    with pytest.raises(ImageError) as caught:
+        decode_compressed(b"\x00\x00\x00\x01\x67", name)
+    assert ("'ros2 run image_transport republish' makes images of video" in str(caught.value)) == video
