@@ -62,11 +62,13 @@ ROWS = (
                 ("images of a topic,", "or of a recording"),
                 ("subscriptions", "intake", "calibration", "offline/bag", "bags/reader"),
             ),
-            Box("core/camera/pairing", ("left and right image", "of one moment"), ("stamp_pattern",)),
+            Box(
+                "core/camera/pairing", ("left and right image", "of one moment"), ("stamp_pattern", "frozen")
+            ),
             Box(
                 "core/camera/camera_info",
                 ("intrinsics, baseline", "and their faults"),
-                ("camera_info_checks", "camera_info_history", "pair_geometry", "rig"),
+                ("camera_info_checks", "camera_info_history", "pair_geometry", "rig", "rig_checks"),
             ),
             Box("core/camera/image_messages", ("8-bit grey values",), ("image_header", "bit_depth")),
             Box("core/camera/rectifier", ("rectified images", "of one rig")),
@@ -178,7 +180,7 @@ NOT_ON_THE_WAY = {
     "numerics/robust, numerics/linear, numerics/derivatives, numerics/statistics": "robust fits, equations "
     "that may have no solution, derivatives, medians",
     "geometry/pose, geometry/plane, geometry/rays, geometry/homography": "frames, signs and projections",
-    "search/diagnosis": "what the images of a refused frame show",
+    "search/diagnosis, search/both_images": "what the images of a refused frame show",
     "drive/drive, drive/motion, drive/changes": "the whole of a drive",
     "camera/topic_names, camera/camera_difference, drive/camera_changes": "topics, changes of cameras",
     "drive/drift, drive/watch, drive/states": "the watch over an active calibration",

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NoReturn, TextIO
 
 from ..closed_streams import open_closed_streams
-from ..core.errors import OutputError, SelfcalError, printable
+from ..core.errors import OutputError, SelfcalError, one_line, printable
 from ..files.writable import check_writable as can_be_written
 from ..search_path import SAFE_PATH
 from ..unforeseen import unforeseen
@@ -165,11 +165,6 @@ def _close(stream: TextIO) -> None:
     """Let go of a stream that nobody reads any more: what is still buffered must not complain at exit."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-
-
-def one_line(error: BaseException) -> str:
-    """Return the text of an error on one line, with nothing in it that a terminal would obey."""
-    return printable(" ".join(str(error).split()) or type(error).__name__)
 
 
 def check_writable(path: Path, option: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import os
 import sys
 import time
 from collections import Counter
@@ -15,6 +16,7 @@ from pathlib import Path
 from ..files.atomic_file import write_atomically
 from ..files.parameter_file import chosen_config
 from ..files.rig_file import read_rig_file
+from ..files.safe_yaml import read_content
 from ..fleet.bags import find_bags
 from ..fleet.index import index_page
 from ..fleet.outcome import BagOutcome, Status
@@ -58,6 +60,7 @@ _STRETCH_S = 120.0
 # died and is replaced, is none of them.
 _CHATTY = ("client", "comm", "core", "scheduler", "worker")
 _LAST_PORT = 65535
+_LONGEST_LIST = 2**24  # bytes: 100 000 recordings with long paths
 _TICK_S = 0.5  # between two looks of the progress bar at the clock
 
 
@@ -74,8 +77,10 @@ def _fleet(argv: list[str]) -> int:
         check_table(arguments.table)
     if arguments.reports and find_spec("jinja2") is None:
         raise UsageError("reports need the Python module jinja2, which is not installed; or give --no-report")
-    paths = find_bags(arguments.bags)
-    _check_outputs(arguments, argv, paths)
+    paths = find_bags(list(listed(arguments.bags)))
+    if not paths:
+        raise UsageError("the list names no recording")
+    _check_outputs(arguments, paths)
     bags = [Bag.of(path, settings) for path in paths]
     try:
         store = Store(arguments.output, arguments.reports)
@@ -264,11 +269,33 @@ def _check_cluster(arguments: argparse.Namespace) -> None:
             )
 
 
-def _check_outputs(arguments: argparse.Namespace, argv: Sequence[str], bags: Sequence[Path]) -> None:
+def listed(given: Sequence[Path]) -> Iterator[Path]:
+    """Yield the paths that are given, with those of its lines in place of a list.
+
+    A line is a path, whatever its first letter is: no list is looked for in a list.
+
+    Raises:
+        ConfigError: A list cannot be read.
+    """
+    for path in given:
+        file = _list_file(path)
+        if file is None:
+            yield path
+        else:
+            lines = os.fsdecode(read_content(file, _LONGEST_LIST, "list of recordings")).split("\n")
+            yield from (Path(line) for line in (each.rstrip("\r") for each in lines) if line)
+
+
+def _list_file(path: Path) -> Path | None:
+    """Return the list that an argument names, None where it is a path itself."""
+    return Path(str(path)[1:]) if str(path).startswith("@") else None
+
+
+def _check_outputs(arguments: argparse.Namespace, bags: Sequence[Path]) -> None:
     """Refuse files that cannot be written or are in the place of others, before any work is done for them."""
     given = (("--config", arguments.config), ("--rig", arguments.rig))
     inputs = [File(option, path) for option, path in given if path is not None]
-    inputs += [File("the list", Path(each[1:])) for each in argv if each.startswith("@")]
+    inputs += [File("the list", path) for path in map(_list_file, arguments.bags) if path is not None]
     inputs += recording_files(bags, arguments.left, arguments.right)
     outputs = [File("--output", arguments.output / name) for name in (_TABLE, _INDEX)]
     outputs = outputs if arguments.output.is_dir() else []
@@ -315,7 +342,6 @@ def _parser() -> Parser:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
-        fromfile_prefix_chars="@",
     )
     add = parser.add_argument
     add("bags", metavar="BAG", nargs="+", type=Path, help="a recording, or a folder of recordings")

@@ -25,6 +25,7 @@ from ..synth.world import LANE_WIDTH_M, LINE_WIDTH_M, MAX_TILT_RAD, PSF_SIGMA_PX
 from .chart import ChartImage, Curve, Panel, draw_charts
 from .console import EXIT_OK, OTHER_STATUSES, Parser, UsageError, run
 from .outputs import File, check_outputs
+from .replay_options import positive_int
 
 _DESCRIPTION = """\
 Print how well height, pitch and roll can be known at all: the Cramer-Rao bound of a stereo frame with the
@@ -276,13 +277,6 @@ def _between(low: float, high: float, *, open_low: bool = True) -> Callable[[str
     return parse
 
 
-def _positive_int(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{value} is less than 1")
-    return value
-
-
 def _parser() -> Parser:
     parser = Parser(
         prog="limits",
@@ -311,7 +305,7 @@ def _parser() -> Parser:
     add("--rig", metavar="FILE", type=Path, help="rig file, YAML or JSON (default: the paper's rig)")
     for option, default, kind, text in numbers:
         add(option, metavar="X", type=kind, default=default, help=f"{text} (default: {default:g})")
-    add("--frames", metavar="N", type=_positive_int, default=1, help="frames that are fused (default: 1)")
+    add("--frames", metavar="N", type=positive_int, default=1, help="frames that are fused (default: 1)")
     add("--json", action="store_true", help="print one JSON object (SI units, radians) instead of the table")
     add("--plot", metavar="FILE", type=Path, help="draw it over baseline and noise (PNG)")
     return parser

@@ -17,7 +17,7 @@ import cv2
 from ..bags import StereoTopics, stereo_pairs
 from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
-from ..core.errors import SelfcalError, printable
+from ..core.errors import SelfcalError, one_line, printable
 from ..files.atomic_file import write_atomically
 from ..files.exports import export_paths, write_exports
 from ..files.parameter_file import chosen_config, load_frames
@@ -40,7 +40,6 @@ from .console import (
     EXIT_OK,
     Progress,
     UsageError,
-    one_line,
     run,
 )
 from .outputs import File, check_outputs, recording_files

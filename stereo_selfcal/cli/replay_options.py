@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 
-from ..core.errors import ConfigError
+from ..core.errors import ConfigError, shortened
 from ..files.exports import EXPORTS, parse_exports
 from ..offline import default_jobs
 from .console import OTHER_STATUSES, Parser
+
+# Of a recording: 30 years, or three years of frames at 10 Hz. In nanoseconds it is an integer of 64 bits.
+_MOST = 10**9
 
 _DESCRIPTION = """\
 Find height, pitch and roll of a stereo camera from a recording of a straight road.
@@ -117,16 +119,16 @@ def add_selection_options(parser: Parser) -> None:
 def positive_int(text: str) -> int:
     """Return the whole number an option gives, 1 or more."""
     value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{value} is less than 1")
+    if not 1 <= value <= _MOST:
+        raise argparse.ArgumentTypeError(f"{shortened(value)} is not in 1 ... {_MOST}")
     return value
 
 
 def time_s(text: str) -> float:
     """Return the time an option gives [s], 0 or more."""
     value = float(text)
-    if not (value >= 0 and math.isfinite(value)):
-        raise argparse.ArgumentTypeError(f"{text} is not a time of 0 s or more")
+    if not 0 <= value <= _MOST:
+        raise argparse.ArgumentTypeError(f"{shortened(value)} is not a time in 0 ... {_MOST} s")
     return value
 
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 from typing import Any
 
 _LONGEST_SHOWN = 40
+# Letters of a message of one line: some paths and a list of topics; a recording may have 60 kB of names.
+_LONGEST_LINE = 4000
 
 
 class SelfcalError(Exception):
@@ -52,3 +54,12 @@ def printable(text: str) -> str:
     return "".join(
         letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text
     )
+
+
+def one_line(error: BaseException) -> str:
+    """Return the text of an error as one printable line, its type where it has none.
+
+    What an error lists comes from outside and may be megabytes; the line has a limit.
+    """
+    text = printable(" ".join(str(error).split())) or type(error).__name__
+    return text if len(text) <= _LONGEST_LINE else f"{text[:_LONGEST_LINE]}... ({len(text)} letters)"

@@ -63,8 +63,8 @@ def _problem(what: str, place: Any) -> yaml.MarkedYAMLError:
     return yaml.composer.ComposerError(None, None, what, place.start_mark)
 
 
-def read_text(path: Path | str, most_bytes: int, what: str) -> str:
-    """Return the text of a file.
+def read_content(path: Path | str, most_bytes: int, what: str) -> bytes:
+    """Return the bytes of a file.
 
     Args:
         path: The file.
@@ -73,7 +73,7 @@ def read_text(path: Path | str, most_bytes: int, what: str) -> str:
 
     Raises:
         UnreadableFileError: The file cannot be read.
-        ConfigError: It is too large, or no text.
+        ConfigError: It is too large.
     """
     shown = printable(str(path))
     try:
@@ -92,10 +92,19 @@ def read_text(path: Path | str, most_bytes: int, what: str) -> str:
         raise ConfigError(
             f"{shown} is no {what}: it is larger than {most_bytes} bytes, which is the most allowed"
         )
+    return content
+
+
+def read_text(path: Path | str, most_bytes: int, what: str) -> str:
+    """Return the text of a file; arguments and errors are those of :func:`read_content`.
+
+    Raises:
+        ConfigError: It is no text.
+    """
     try:
-        return content.decode("utf-8")
+        return read_content(path, most_bytes, what).decode("utf-8")
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{shown} cannot be read: it is not a text file") from error
+        raise ConfigError(f"{printable(str(path))} cannot be read: it is not a text file") from error
 
 
 def parse_yaml(path: Path | str, text: str) -> Any:

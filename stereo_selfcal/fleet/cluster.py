@@ -22,6 +22,7 @@ import dask
 from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
 from distributed.security import Security
 
+from ..core.errors import one_line
 from .work import versions
 from .workers import (
     PATIENCE_S,
@@ -31,7 +32,6 @@ from .workers import (
     WorkersError,
     internal_error,
     on_progress,
-    one_line,
     silence,
 )
 

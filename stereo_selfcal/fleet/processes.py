@@ -24,8 +24,9 @@ from typing import Any
 
 import cv2
 
+from ..core.errors import one_line
 from ..offline.pool import end_with_parent, for_workers
-from .workers import Died, Job, Workers, WorkersError, internal_error, on_progress, one_line, silence
+from .workers import Died, Job, Workers, WorkersError, internal_error, on_progress, silence
 
 # A job whose worker died is done again by so many others, as somebody may just have killed that one.
 _TRIES = 2

@@ -17,14 +17,14 @@ from ..core.calibrator import Calibrator
 from ..core.camera.pairing import PairCounts
 from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
-from ..core.errors import SelfcalError
+from ..core.errors import SelfcalError, one_line
 from ..core.results import CalibrationResult
 from ..offline import BagSource, FrameSource, Replay, Selection, calibrate_recording
 from ..offline.frame import FrameHead
 from ..offline.opening import open_source
 from ..offline.pool import calibrate_in_order
 from ..offline.run import assemble_replay
-from .workers import Failure, internal_error, one_line, progress
+from .workers import Failure, internal_error, progress
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any
 
-from ..core.errors import SelfcalError, printable
+from ..core.errors import SelfcalError, one_line
 
 # Without a frame for so long a recording is given up [s]. Frames take a tenth of a second; to find the first
 # one in a large recording without an index, all of it may have to be read, from a disk that is far away.
@@ -106,11 +106,6 @@ def silence(patience_s: float) -> Failure:
         f"no frame came for {patience_s:g} s: the recording or its disk does not answer, or a frame never "
         "ends; see whether replay reads it, or wait longer with --patience"
     )
-
-
-def one_line(error: BaseException) -> str:
-    """Return the text of an error as one printable line, its type where it has none."""
-    return printable(" ".join(str(error).split())) or type(error).__name__
 
 
 def internal_error(error: BaseException) -> Failure:

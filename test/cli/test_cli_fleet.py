@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from fleet_making import make_bags
 
-from stereo_selfcal.cli.fleet import main
+from stereo_selfcal.cli.fleet import listed, main
 from stereo_selfcal.cli.replay import main as replay
 from stereo_selfcal.core.config import CalibratorConfig
 from stereo_selfcal.fleet import processes
@@ -109,7 +109,7 @@ def test_other_settings_need_a_cluster_again(roads, capsys, monkeypatch, nowhere
     ("arguments", "message"),
     [
         ([], "required: BAG"),
-        (["x", "--workers", "0"], "0 is less than 1"),
+        (["x", "--workers", "0"], "0 is not in 1 ... "),
         (["x", "--patience", "0"], "0 is no time"),
         (["x", "--patience", "nan"], "not a time"),
         (["x", "--dashboard-port", "70000"], "no port"),
@@ -127,10 +127,19 @@ def test_other_settings_need_a_cluster_again(roads, capsys, monkeypatch, nowhere
         (["x", "--rig", "nowhere.yaml"], "cannot be read"),
         (["x", "--output", "/dev/null"], "choose a writable folder"),
         (["@nowhere"], "nowhere"),
+        (["@/dev/zero"], "/dev/zero cannot be read: it is not a file"),
+        (["@pipe"], "pipe cannot be read: it is not a file"),
+        (["@huge"], "huge is no list of recordings: it is larger than 16777216 bytes"),
+        (["@empty"], "the list names no recording"),
+        (["x", "--every", "9" * 30], "is not in 1 ... 1000000000"),
+        (["x", "--patience", "1e308"], "1e+308 is not a time in 0 ... 1000000000 s"),
     ],
 )
 def test_bad_usage(arguments, message, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    os.mkfifo("pipe")
+    os.truncate(os.open("huge", os.O_CREAT | os.O_WRONLY), 2**40)
+    (tmp_path / "empty").write_text("\n\n")
     assert main(arguments) == 2
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
@@ -291,3 +300,11 @@ def test_killed_again_and_again_it_loses_no_result_leaves_nothing_and_comes_to_a
     assert not list(scratch.iterdir())
     assert {path.name for path in out.iterdir()} == {"results", "reports", "table.csv", "index.html"}
     assert not list(out.rglob(".*"))
+
+
+def test_lines_of_a_list_are_paths_and_nothing_else(tmp_path, monkeypatch):
+    """Not options, no lists of their own, and no text that has to be UTF-8."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "list").write_bytes(b"a\n\n@list\r\n--every\nb \xff\n")
+    names = [os.fsencode(path) for path in listed([Path("first"), Path("@list")])]
+    assert names == [b"first", b"a", b"@list", b"--every", b"b \xff"]

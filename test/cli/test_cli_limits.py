@@ -110,7 +110,7 @@ def test_ros_arguments_are_passed_over(capsys):
         (["--height-m", "inf"], "--height-m"),
         (["--height-m", "high"], "invalid number value: 'high'"),
         (["--psf-px", "-1"], "at least 0"),
-        (["--frames", "0"], "0 is less than 1"),
+        (["--frames", "0"], "0 is not in 1 ... "),
         (["--lane-width-m", "0.1"], "the lines would overlap"),
         (["--pitch-deg", "-50"], "cannot be determined"),
         (["--rig", "nowhere.yaml"], "nowhere.yaml: cannot be read"),

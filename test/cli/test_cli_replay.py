@@ -266,7 +266,7 @@ BAD_INPUT = {
     "unknown option": (recording(cameras(), "--wrong"), "--wrong"),
     "seed no number": (recording(cameras(), "--seed", "x"), "invalid int value"),
     "seed out of range": (recording(cameras(), "--seed", "-1"), "seed is -1"),
-    "no frames wanted": (recording(cameras(), "--max-frames", "0"), "less than 1"),
+    "no frames wanted": (recording(cameras(), "--max-frames", "0"), "0 is not in 1 ... "),
     "bad tolerance": (recording(cameras(), "--approximate-sync-tolerance", "nan"), "is not a time"),
     "rig file missing": (recording(cameras(), "--rig", "/nowhere/rig.yaml"), "No such file"),
     "rig file no YAML": (rig_file("a: ["), "cannot be read"),

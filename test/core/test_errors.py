@@ -2,7 +2,7 @@
 
 import pytest
 
-from stereo_selfcal.core.errors import printable
+from stereo_selfcal.core.errors import ConfigError, one_line, printable
 
 
 @pytest.mark.parametrize(
@@ -20,3 +20,11 @@ from stereo_selfcal.core.errors import printable
 def test_a_text_from_outside_stays_on_one_line_and_can_be_printed(text: str, shown: str) -> None:
     assert printable(text) == shown
     printable(text).encode("utf-8")
+
+
+def test_a_line_about_an_error_has_a_limit() -> None:
+    assert one_line(ConfigError("two\nlines\x1b")) == "two lines\\x1b"
+    assert one_line(KeyError()) == "KeyError"
+    line = one_line(ConfigError("topics: " + "a" * 10**7))
+    assert len(line) < 5000
+    assert line.endswith("... (10000008 letters)")

@@ -20,7 +20,7 @@ from ..rejection import Bound, Rejection, RejectReason
 from ..types import Array, Image
 
 # Edges of the road of both images, compared at the same pixels in bands of the lower half, without the
-# borders at the sides, which a rectification may leave black. Of 24 recorded and rendered pairs, the greatest
+# borders at the sides, which a rectification may leave black. Of 19 recorded and rendered pairs, the greatest
 # correlation in a band was 0.19; of one picture twice, with noise of 3 grey levels or JPEG of quality 50, the
 # least was 0.99.
 _BANDS, _BORDER = 6, 1 / 8
