@@ -46,7 +46,10 @@ MOMENTS = ["stereo_selfcal.unforeseen", "numpy", "cv2", "stereo_selfcal.core.cam
 @pytest.mark.parametrize(
     ("command", "module"),
     [(REPLAY, module) for module in MOMENTS]
-    + [(NODE, module) for module in ("stereo_selfcal.unforeseen", "rclpy", "cv2", "stereo_selfcal.ros.node")],
+    + [
+        (NODE, module)
+        for module in ("stereo_selfcal.unforeseen", "rclpy", "cv2", "stereo_selfcal.ros.selfcal")
+    ],
 )
 def test_sigint_while_modules_are_imported_leaves_no_traceback(command, module):
     if command is NODE and importlib.util.find_spec("rclpy") is None:
