@@ -29,6 +29,6 @@ def test_frames_of_any_script_and_of_255_characters_are_taken(text):
 def test_frames_of_a_parameter_file_are_checked_as_those_of_the_node(tmp_path):
     path = tmp_path / "params.yaml"
     path.write_text('/**:\n  ros__parameters:\n    camera_frame: "a\\nFORGED\\e[31m"\n', encoding="utf-8")
-    with pytest.raises(ConfigError, match="camera_frame is .* printable characters") as raised:
+    with pytest.raises(ConfigError, match=r"camera_frame is .* printable characters") as raised:
         load_frames(path)
     assert str(raised.value).isprintable()
