@@ -8,7 +8,7 @@ from typing import NoReturn
 from ..core.errors import ConfigError
 
 
-class Parser(argparse.ArgumentParser):
+class RosParser(argparse.ArgumentParser):
     """Argument parser that leaves it to the program to tell a wrong argument: in one line, and printable."""
 
     def error(self, message: str) -> NoReturn:

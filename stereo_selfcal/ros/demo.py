@@ -31,7 +31,7 @@ from ..files.saved_result import SavedResult
 from ..interrupts import raised_by_ctrl_c
 from ..pictures.overview import draw_overview
 from ..unforeseen import unforeseen
-from .arguments import Parser
+from .arguments import RosParser
 from .player import BagPlayer
 
 BAG_NAME = "straight_road"
@@ -255,7 +255,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         not foreseen.
     """
     open_closed_streams()
-    parser = Parser(
+    parser = RosParser(
         prog="demo",
         description=__doc__.replace("``", ""),
         epilog="exit status: 0 calibrated; 1 refused; 2 bad usage, unreadable input or a node that failed; "

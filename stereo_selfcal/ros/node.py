@@ -19,7 +19,7 @@ from ..core.errors import ConfigError, SelfcalError, printable
 from ..files.node_settings import NODE_NAME
 from ..interrupts import ignore_ctrl_c_at_the_end
 from ..unforeseen import unforeseen
-from .arguments import Parser
+from .arguments import RosParser
 from .memory import spare_what_stays, use_one_heap
 from .selfcal import SelfcalNode
 
@@ -134,7 +134,7 @@ def main(args: Sequence[str] | None = None) -> int:
     """
     open_closed_streams()
     arguments = list(sys.argv[1:] if args is None else args)
-    parser = Parser(
+    parser = RosParser(
         prog="node",
         description="Calibrate a stereo camera on request: subscribes to left and right image_rect and "
         "their camera_info, answers ~/calibrate. Parameters, remappings: --ros-args -p NAME:=VALUE -r A:=B.",
