@@ -45,13 +45,10 @@ setup(
     description="Finds height, pitch and roll of a vehicle's stereo camera from painted lane lines.",
     license="Apache-2.0",
     entry_points={
+        # Not the modules of the commands: Ctrl-C is seen to before they are imported.
         "console_scripts": [
-            f"node = {NAME}.ros.node:main",
-            f"replay = {NAME}.cli.replay:main",
-            f"fleet = {NAME}.cli.fleet:main",
-            f"synth = {NAME}.cli.synth:main",
-            f"limits = {NAME}.cli.limits:main",
-            f"demo = {NAME}.ros.demo:main",
+            f"{command} = {NAME}.__main__:{command}"
+            for command in ("node", "replay", "fleet", "synth", "limits", "demo")
         ],
     },
 )

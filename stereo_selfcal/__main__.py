@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+from .interrupts import end_at_once_by_ctrl_c
+
+if __name__ == "__main__":
+    end_at_once_by_ctrl_c()
+
+# After that, as a signal may come while they are imported.
 import sys
 from collections.abc import Sequence
+from functools import partial
 from importlib import import_module
 
 from .closed_streams import open_closed_streams, tell_error
@@ -71,6 +78,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         return unforeseen(f"stereo_selfcal {arguments[0]}", error)
     status: int = program.main(arguments[1:])
     return status
+
+
+def _script(command: str) -> int:
+    """Run a command as a program of its own: what ``ros2 run stereo_selfcal COMMAND`` starts."""
+    end_at_once_by_ctrl_c()
+    return main([command, *sys.argv[1:]])
+
+
+# The entry points of setup.py: this module is imported in no time, those of the commands are not.
+node, replay, fleet, synth, limits, demo = (partial(_script, command) for command in COMMANDS)
 
 
 if __name__ == "__main__":

@@ -75,8 +75,9 @@ def run(program: str, work: Callable[[list[str]], int], argv: Sequence[str] | No
     for stream in (sys.stdout, sys.stderr):
         with suppress(AttributeError):  # what a caller has put in their place
             stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
+    ended: list[signal.Signals] = []
     try:
-        with _ended_by_signals(), _safe_path_for_workers():
+        with _ended_by_signals(ended), _safe_path_for_workers():
             status = work(without_ros_args(sys.argv[1:] if argv is None else argv))
             sys.stdout.flush()  # a closed pipe has to show up here, not in the interpreter's exit
             return status
@@ -85,23 +86,23 @@ def run(program: str, work: Callable[[list[str]], int], argv: Sequence[str] | No
     except BrokenPipeError:
         _close(sys.stdout)
         return EXIT_BROKEN_PIPE
-    except KeyboardInterrupt as error:
-        number = signal.Signals(error.number if isinstance(error, _Ended) else signal.SIGINT)
-        _say(f"{program}: {_ENDED[number]}\n")
-        return EXIT_BY_SIGNAL + number
-    except (SelfcalError, OSError) as error:
-        _say(f"{program}: {one_line(error)}\n")
-        return EXIT_BAD_INPUT
-    except Exception as error:  # noqa: BLE001 - whatever it is, it is told with its traceback and a status
+    except (KeyboardInterrupt, Exception) as error:  # noqa: BLE001 - whatever it is, it is told, with a status
+        # After a signal, any error is its consequence: modules in C make others of a KeyboardInterrupt.
+        if ended or isinstance(error, KeyboardInterrupt):
+            number = ended[0] if ended else signal.SIGINT
+            _say(f"{program}: {_ENDED[number]}\n")
+            return EXIT_BY_SIGNAL + number
+        if isinstance(error, (SelfcalError, OSError)):
+            _say(f"{program}: {one_line(error)}\n")
+            return EXIT_BAD_INPUT
         return unforeseen(program, error)
 
 
 class _Ended(KeyboardInterrupt):
-    """A signal asks the program to end; it is handled as Ctrl-C is, so that everything is cleaned up."""
+    """A signal asks the program to end; a class of its own, as Python notes a plain one that passes exec().
 
-    def __init__(self, number: int) -> None:
-        super().__init__()
-        self.number = number
+    It then ends by SIGINT (3.8 and later), whatever status is returned.
+    """
 
 
 _ENDED = {
@@ -112,22 +113,27 @@ _ENDED = {
 
 
 @contextmanager
-def _ended_by_signals() -> Iterator[None]:
-    """Raise :class:`_Ended` at SIGHUP and SIGTERM, which without it leave temporary files and workers behind.
+def _ended_by_signals(ended: list[signal.Signals]) -> Iterator[None]:
+    """Raise KeyboardInterrupt at each of these signals, which else leave temporary files and workers behind.
 
-    Where one is ignored (nohup) it stays so.
+    Where one is ignored (nohup, background job of a shell) it stays so.
+
+    Args:
+        ended: Gets the signal.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.getsignal(number) for number in (signal.SIGHUP, signal.SIGTERM)}
+    before = {number: signal.getsignal(number) for number in _ENDED}
 
     def end(number: int, _frame: object) -> None:
         for each in before:
             signal.signal(each, signal.SIG_IGN)  # a second one must not disturb the cleaning
-        raise _Ended(number)
+        ended.append(signal.Signals(number))
+        raise _Ended
 
-    ours = [number for number, handler in before.items() if handler == signal.SIG_DFL]
+    usual = (signal.SIG_DFL, signal.default_int_handler)
+    ours = [number for number, handler in before.items() if handler in usual]
     for number in ours:
         signal.signal(number, end)
     try:

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
+from ..core.errors import printable
 from ..files.atomic_file import write_atomically
 from ..files.parameter_file import chosen_config
 from ..files.rig_file import read_rig_file
@@ -172,7 +173,7 @@ class _Outcomes:
         for row in self._rows.values():
             if row.status in (Status.FAILED, Status.DAMAGED):
                 text += f"  {row.bag}: {row.reason}\n"
-        return f"{text}{self._store.folder / _INDEX}\n"
+        return f"{text}{printable(str(self._store.folder / _INDEX))}\n"
 
 
 def _run(

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ..core.config import CalibratorConfig
+from ..core.errors import ConfigError, shortened
 
 NODE_NAME = "stereo_selfcal"
 RIG_PREFIX = "rig."
@@ -27,6 +28,10 @@ OLD_OUTPUT_PATH = f"~/.ros/{NODE_NAME}.yaml"
 _GREATEST_PIXELS = 100_000
 _GREATEST_BASELINE_M = 100.0
 _GREATEST_QUEUE = 1000
+
+# Characters of a text. ROS allows names of 255; Linux paths of 4096 with the zero at their end (PATH_MAX).
+_LONGEST_NAME = 255
+_LONGEST_PATH = 4095
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +62,25 @@ class NodeSetting:
     def is_switch(self) -> bool:
         """Whether it is a number of which 0 means false and 1 true."""
         return type(self.default) is int and (self.low, self.high) == (0, 1)
+
+
+def check_text(name: str, text: str) -> None:
+    """Refuse a text that would forge lines, or is too long for where it ends up: answers, logs and files.
+
+    Args:
+        name: Name of the parameter.
+        text: Its value.
+
+    Raises:
+        ConfigError: It has characters that cannot be printed (line ends, escapes), or is too long.
+    """
+    longest = _LONGEST_PATH if name == "output_path" else _LONGEST_NAME
+    if not text.isprintable():
+        raise ConfigError(f"{name} is {shortened(text)}: give it printable characters only")
+    if len(text) > longest:
+        raise ConfigError(
+            f"{name} is {shortened(text)}, {len(text)} characters: give it at most {longest} characters"
+        )
 
 
 NODE_SETTINGS = (

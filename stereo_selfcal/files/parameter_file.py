@@ -8,7 +8,7 @@ from typing import Any
 
 from ..core.config import CalibratorConfig, flatten
 from ..core.errors import ConfigError, printable, shortened
-from .node_settings import NODE_NAME, NODE_SETTINGS, is_calibrator_setting
+from .node_settings import NODE_NAME, NODE_SETTINGS, check_text, is_calibrator_setting
 from .safe_yaml import UnreadableFileError, parse_yaml, read_text
 
 __all__ = ["UnreadableFileError"]
@@ -71,6 +71,10 @@ def load_frames(path: Path | str | None) -> tuple[str, str]:
             raise ConfigError(
                 f"{printable(str(path))}: {name} is {shortened(value)}: the name of a frame is needed"
             )
+        try:
+            check_text(name, value)
+        except ConfigError as error:
+            raise ConfigError(f"{printable(str(path))}: {error}") from error
     return str(road), str(camera)
 
 

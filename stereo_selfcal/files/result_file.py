@@ -231,7 +231,7 @@ def restore(path: Path | str, topics: tuple[str, str] | None = None) -> Restored
         aside = set_aside(path)
     except OutputError as error:
         return Restored(problem=f"{problem}; it stays where it is: {error}", path=file)
-    return Restored(problem=f"{problem}; kept aside as {aside}", kept_aside=aside, path=file)
+    return Restored(problem=f"{problem}; kept aside as {printable(str(aside))}", kept_aside=aside, path=file)
 
 
 def restore_old_default(topics: tuple[str, str]) -> Restored:

@@ -11,7 +11,7 @@ from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
 from ..core.errors import ConfigError, RigError
 from ..files.exports import parse_exports
-from ..files.node_settings import RIG_PREFIX, all_settings, is_calibrator_setting
+from ..files.node_settings import RIG_PREFIX, all_settings, check_text, is_calibrator_setting
 
 # Parameters that are text and have another type here.
 _CONVERTED = ("output_path", "exports")
@@ -67,6 +67,8 @@ class NodeConfig:
                 contradicts another.
         """
         for name, setting in SETTINGS.items():
+            if isinstance(setting.default, str):
+                check_text(name, values[name])
             if setting.choices and values[name] not in setting.choices:
                 remedy = "; have others republished as raw" if name == "image_transport" else ""
                 raise ConfigError(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import signal
 import subprocess
@@ -29,8 +28,10 @@ from ..files.atomic_file import write_atomically
 from ..files.node_settings import NODE_NAME
 from ..files.result_file import load_result
 from ..files.saved_result import SavedResult
+from ..interrupts import raised_by_ctrl_c
 from ..pictures.overview import draw_overview
 from ..unforeseen import unforeseen
+from .arguments import RosParser
 from .player import BagPlayer
 
 BAG_NAME = "straight_road"
@@ -79,7 +80,9 @@ def run_demo(bag: Path, output_dir: Path) -> int:
         for old in (result_path, output_dir / PICTURE_FILE):
             old.unlink(missing_ok=True)
     except OSError as error:
-        raise OutputError(f"{output_dir} cannot be written: {error.strerror}; choose --output-dir") from error
+        raise OutputError(
+            f"{printable(str(output_dir))} cannot be written: {error.strerror}; choose --output-dir"
+        ) from error
     answer = _calibrate_live(bag, result_path)
     _say(f"answer   {answer.message}" if answer.success else f"refused  {answer.message}")
     if not answer.success:
@@ -89,7 +92,7 @@ def run_demo(bag: Path, output_dir: Path) -> int:
     frame = _frame_at(bag, float(saved.provenance["stamp"]))
     if frame is not None:
         _say(_write_picture(frame, saved, output_dir / PICTURE_FILE))
-    _say(f"result   {result_path}")
+    _say(f"result   {printable(str(result_path))}")
     return 0
 
 
@@ -127,7 +130,7 @@ def _calibrate_live(bag: Path, result_path: Path) -> Answer:
         with _node_process(player, result_path) as process:
             player.start()
             try:
-                _say(f"playing  {bag} over DDS to the node (process {process.pid})")
+                _say(f"playing  {printable(str(bag))} over DDS to the node (process {process.pid})")
                 return _call(node, process)
             finally:
                 player.stop()
@@ -233,7 +236,7 @@ def _write_picture(frame: StereoFrame, saved: SavedResult, path: Path) -> str:
         raise OutputError(f"{path} cannot be written: the picture cannot be encoded")
     write_atomically(path, png.tobytes())
     verdict = "the same numbers" if agrees else "OTHER numbers"
-    return f"the Python API gives {verdict} for this frame\npicture  {path}"
+    return f"the Python API gives {verdict} for this frame\npicture  {printable(str(path))}"
 
 
 def _say(text: str) -> None:
@@ -252,7 +255,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         not foreseen.
     """
     open_closed_streams()
-    parser = argparse.ArgumentParser(
+    parser = RosParser(
         prog="demo",
         description=__doc__.replace("``", ""),
         epilog="exit status: 0 calibrated; 1 refused; 2 bad usage, unreadable input or a node that failed; "
@@ -265,9 +268,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         default=Path("demo"),
         help="for the result and the picture (default: %(default)s)",
     )
-    arguments = parser.parse_args(argv)
     try:
-        return run_demo(arguments.bag or packaged_bag(), arguments.output_dir)
+        arguments = parser.parse_args(argv)
+        with raised_by_ctrl_c():
+            return run_demo(arguments.bag or packaged_bag(), arguments.output_dir)
     except SelfcalError as error:
         tell_error(f"demo: {printable(str(error))}\n")
         return _EXIT_BAD_INPUT

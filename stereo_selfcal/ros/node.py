@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import signal
 import sys
@@ -18,7 +17,9 @@ from rclpy.utilities import remove_ros_args
 from ..closed_streams import open_closed_streams, tell_error
 from ..core.errors import ConfigError, SelfcalError, printable
 from ..files.node_settings import NODE_NAME
+from ..interrupts import ignore_ctrl_c_at_the_end
 from ..unforeseen import unforeseen
+from .arguments import RosParser
 from .memory import spare_what_stays, use_one_heap
 from .selfcal import SelfcalNode
 
@@ -107,6 +108,7 @@ def _run(arguments: list[str]) -> None:
             selfcal.node.destroy_node()
     finally:
         rclpy.try_shutdown()
+        ignore_ctrl_c_at_the_end()  # rclpy has put back what was before its own handlers
 
 
 def _without_ros_arguments(arguments: list[str]) -> list[str]:
@@ -117,7 +119,7 @@ def _without_ros_arguments(arguments: list[str]) -> list[str]:
 
 
 def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
+    return printable(" ".join(str(error).split()))
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -132,7 +134,7 @@ def main(args: Sequence[str] | None = None) -> int:
     """
     open_closed_streams()
     arguments = list(sys.argv[1:] if args is None else args)
-    parser = argparse.ArgumentParser(
+    parser = RosParser(
         prog="node",
         description="Calibrate a stereo camera on request: subscribes to left and right image_rect and "
         "their camera_info, answers ~/calibrate. Parameters, remappings: --ros-args -p NAME:=VALUE -r A:=B.",

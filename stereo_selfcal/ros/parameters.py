@@ -12,7 +12,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from ..core.errors import ConfigError, OutputError
+from ..core.errors import ConfigError, OutputError, shortened
 from ..core.geometry.pose import POSE_COMPONENTS
 from ..files.node_settings import RESULT_PREFIX, NodeSetting, default_output_path
 from ..files.saved_result import RESULT_NAMES
@@ -167,12 +167,12 @@ def _declare(node: Node, setting: NodeSetting) -> None:
     value = _as_its_type(value, setting)
     if type(value) is not type(setting.default):
         kind = type(setting.default).__name__
-        raise ConfigError(f"{setting.name} is {value!r}: a value of type {kind} is needed")
+        raise ConfigError(f"{setting.name} is {shortened(value)}: a value of type {kind} is needed")
     try:
         node.declare_parameter(setting.name, value, _descriptor(setting), ignore_override=True)
     except InvalidParameterValueException:
         reason = f"it must lie in {setting.low} ... {setting.high} {setting.unit}".rstrip()
-        raise ConfigError(f"{setting.name} is {value!r}: {reason}") from None
+        raise ConfigError(f"{setting.name} is {shortened(value)}: {reason}") from None
 
 
 def _override(node: Node, setting: NodeSetting) -> Any:

@@ -17,7 +17,7 @@ from std_srvs.srv import Trigger
 
 from ..core.camera.rig import StereoRig
 from ..core.drive.states import Event, State
-from ..core.errors import ConfigError, RigError
+from ..core.errors import ConfigError, RigError, printable
 from ..core.faults import FaultLog
 from ..core.lanes.lane_pair import LanePattern
 from ..core.results import CalibrationResult
@@ -141,7 +141,7 @@ class SelfcalNode:
         active = restored_calibration(restored.saved, restored.path, now_s)
         problem = _other_cameras(active.rig, _rig_of(config))
         if problem:
-            self.node.get_logger().warning(f"{restored.path} is not used: {problem}")
+            self.node.get_logger().warning(f"{printable(str(restored.path))} is not used: {problem}")
             self._keeper.reject(problem)
             return
         self._outputs.publish_now(Publication(active.result, config, restored.saved.stamp_ns))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from ..core.errors import OutputError
+from ..core.errors import OutputError, printable
 from ..files.atomic_file import cannot_be_written
 from ..files.exports import write_exports
 from ..files.node_settings import ros_home
@@ -32,7 +32,9 @@ def restored_calibration(saved: SavedResult, path: Path, now_s: float) -> Active
     age_s = now_s - saved.stamp_s
     if not 0.0 <= age_s <= _LONGEST_AGE_S:
         age_s = 0.0
-    return ActiveCalibration(saved.as_result(), saved.rig, time.monotonic() - age_s, f"restored from {path}")
+    return ActiveCalibration(
+        saved.as_result(), saved.rig, time.monotonic() - age_s, f"restored from {printable(str(path))}"
+    )
 
 
 def save(active: ActiveCalibration, config: NodeConfig, source: str) -> tuple[str, bool]:
@@ -56,17 +58,18 @@ def save(active: ActiveCalibration, config: NodeConfig, source: str) -> tuple[st
         )
     except _FAILURES as error:
         return f"in effect, but not saved: {_reason(error, path)}", True
-    kept = f"; what was there, not of these images, is kept as {aside}" if aside else ""
+    kept = f"; what was there, not of these images, is kept as {printable(str(aside))}" if aside else ""
+    shown = printable(str(path))
     if not config.exports:
-        return f"saved to {path}{kept}", False
+        return f"saved to {shown}{kept}", False
     extrinsics = active.result.extrinsics
     assert extrinsics is not None  # it was written
     frames = config.road_frame, config.camera_frame
     try:
         write_exports(path, config.exports, extrinsics, active.rig, *frames)
     except _FAILURES as error:
-        return f"saved to {path}, but not exported: {_reason(error, path)}{kept}", True
-    return f"saved to {path} and exported as {', '.join(config.exports)}{kept}", False
+        return f"saved to {shown}, but not exported: {_reason(error, path)}{kept}", True
+    return f"saved to {shown} and exported as {', '.join(config.exports)}{kept}", False
 
 
 def check_output(path: Path) -> None:
@@ -86,7 +89,9 @@ def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"{folder} cannot be made: {error.strerror}; set output_path") from error
+        raise OutputError(
+            f"{printable(str(folder))} cannot be made: {error.strerror}; set output_path"
+        ) from error
 
 
 def _ros_home() -> Path | None:

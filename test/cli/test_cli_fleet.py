@@ -308,3 +308,12 @@ def test_lines_of_a_list_are_paths_and_nothing_else(tmp_path, monkeypatch):
     (tmp_path / "list").write_bytes(b"a\n\n@list\r\n--every\nb \xff\n")
     names = [os.fsencode(path) for path in listed([Path("first"), Path("@list")])]
     assert names == [b"first", b"a", b"@list", b"--every", b"b \xff"]
+
+
+@pytest.mark.slow
+def test_an_output_folder_whose_name_forges_lines_is_told_printable(tmp_path, capsys):
+    (tmp_path / "x.mcap").write_bytes(b"no recording")
+    folder = tmp_path / "out\nFORGED\x1b[31m"
+    main([str(tmp_path / "x.mcap"), "--output", str(folder), "--workers", "1", "--no-report"])
+    said = "".join(capsys.readouterr())
+    assert "\x1b" not in said and "\nFORGED" not in said

@@ -17,6 +17,7 @@ from ros_graph import LONG_S, RESULTS, SHORT_S, Camera, blank, rendered, stamp_o
 from stereo_selfcal import Calibrator, CalibratorConfig, Extrinsics
 from stereo_selfcal.core.camera.pairing import stamp_to_s
 from stereo_selfcal.files.result_file import load_result
+from stereo_selfcal.ros import node as node_program
 
 TRUTH = Extrinsics(1.4, math.radians(3.0), math.radians(0.8))  # of the scene straight_road
 
@@ -277,3 +278,17 @@ def test_output_path_that_cannot_be_written_ends_the_start_with_status_2_and_one
     assert process.wait() == 2
     (line,) = process.output.strip().splitlines()
     assert line.startswith("stereo_selfcal: output_path: ") and "choose a writable folder" in line
+
+
+def test_arguments_that_forge_lines_are_told_in_one_printable_line(capsys):
+    assert node_program.main(["x\x1b[31mX\nFORGED"]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.startswith("stereo_selfcal: ")
+    assert err.count("\n") == 1 and err.rstrip("\n").isprintable()
+
+
+def test_output_path_that_forges_lines_is_refused_while_it_runs(graph, start):
+    start()
+    outcome = graph.set_parameter("output_path", "/tmp/a\nFORGED\x1b[31m")
+    assert not outcome.successful
+    assert outcome.reason.startswith("output_path is ") and outcome.reason.isprintable()
