@@ -138,8 +138,8 @@ def main(args: Sequence[str] | None = None) -> int:
         prog="node",
         description="Calibrate a stereo camera on request: subscribes to left and right image_rect and "
         "their camera_info, answers ~/calibrate. Parameters, remappings: --ros-args -p NAME:=VALUE -r A:=B.",
-        epilog="exit status: 0 ended by Ctrl-C or SIGTERM; 2 wrong arguments or parameters; 3 something "
-        "unforeseen, with a traceback",
+        epilog="exit status: 0 ended by Ctrl-C, SIGTERM or SIGHUP; 2 wrong arguments or parameters; 3 "
+        "something unforeseen, with a traceback",
     )
     try:
         parser.parse_args(_without_ros_arguments(arguments))

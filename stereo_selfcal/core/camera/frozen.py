@@ -84,7 +84,7 @@ def refuse_frozen(
     return Rejection(
         RejectReason.IMAGE_FROZEN,
         f"the {frozen.side} camera repeats its last image{when}, while the {other} one goes on: {{value}} "
-        f"bytes of the {frozen.side} image differ from those of the frame before",
+        f"bytes of the {frozen.side} image differ from those of the frame next to it",
         0,
         Bound.LEAST,
         1,

@@ -45,8 +45,8 @@ def test_the_refusal_names_side_time_and_remedy():
     assert refusal.reason is RejectReason.IMAGE_FROZEN
     assert refusal.message == (
         "the left camera repeats its last image since 7.200 s, while the right one goes on: 0 bytes of the "
-        "left image differ from those of the frame before, at least 1 needed; restart the left camera and "
-        "its driver"
+        "left image differ from those of the frame next to it, at least 1 needed; restart the left camera "
+        "and its driver"
     )
 
 
