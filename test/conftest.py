@@ -17,9 +17,12 @@ from stereo_selfcal.synth.scenes import random_scene
 
 cv2.setNumThreads(1)
 
-# A script starts what runs in the background with SIGINT ignored, which the programs under test inherit.
+# A script starts what runs in the background with SIGINT ignored, and nohup with SIGHUP; the programs under
+# test inherit it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @cache
