@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from ..core.errors import printable
+from ..core.errors import one_line, printable
 from .definitions import check_definitions, deserialize
 from .errors import BagError, NoFileError, TooLargeError
 from .mcap_storage import MAGIC as MCAP_MAGIC
@@ -175,10 +175,8 @@ class Part:
             raise TooLargeError(f"{self.path}: {error}") from error
         except MemoryError as error:
             raise BagError(f"{self.path}: reading it needs more memory than there is") from error
-        except (
-            Exception
-        ) as error:  # struct.error, sqlite3.Error, ZstdError, AssertionError, ... by the damage
-            detail = (printable(" ".join(str(error).split())) or type(error).__name__).rstrip(".")
+        except Exception as error:  # struct.error, sqlite3.Error, ZstdError, AssertionError: by the damage
+            detail = one_line(error).rstrip(".")
             remedy = next((text for sign, text in _REMEDIES.items() if sign in detail), _REPAIR)
             raise BagError(f"{self.path}: cannot be read as a recording ({detail}); {remedy}") from error
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from ..core.errors import ConfigError, printable, shortened
+from ..core.errors import ConfigError, one_line, printable, shortened
 
 _GREATEST_INTEGER = 2**63  # an integer parameter of ROS has 64 bits
 _MERGE = "tag:yaml.org,2002:merge"
@@ -125,7 +125,8 @@ def parse_yaml(path: Path | str, text: str) -> Any:
         where = f" in line {mark.line + 1}" if mark else ""
         if getattr(error, "context", None) == "expected a single document in the stream":
             raise ConfigError(f"{shown} has a second document{where} (---): leave one of them") from error
-        detail = printable(getattr(error, "problem", None) or " ".join(str(error).split()))
+        problem = getattr(error, "problem", None)
+        detail = printable(problem) if problem else one_line(error)
         raise ConfigError(f"{shown} is not YAML{where}: {detail}") from error
     except Exception as error:
         raise ConfigError(f"{shown} is not YAML that can be read: {_named(error)}") from error

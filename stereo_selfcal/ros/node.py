@@ -15,7 +15,7 @@ from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.utilities import remove_ros_args
 
 from ..closed_streams import open_closed_streams, tell_error
-from ..core.errors import ConfigError, SelfcalError, printable
+from ..core.errors import ConfigError, SelfcalError, one_line, printable
 from ..files.node_settings import NODE_NAME
 from ..interrupts import ignore_ctrl_c_at_the_end
 from ..unforeseen import unforeseen
@@ -87,7 +87,7 @@ def _run(arguments: list[str]) -> None:
     try:
         rclpy.init(args=arguments)
     except RuntimeError as error:
-        raise ConfigError(f"ROS does not start: {_one_line(error)}") from error
+        raise ConfigError(f"ROS does not start: {one_line(error)}") from error
     try:
         try:
             selfcal = SelfcalNode()
@@ -115,11 +115,7 @@ def _without_ros_arguments(arguments: list[str]) -> list[str]:
     try:
         return list(remove_ros_args(arguments))
     except RuntimeError as error:  # base class of those of rcl
-        raise ConfigError(f"wrong ROS arguments: {_one_line(error)}") from error
-
-
-def _one_line(error: Exception) -> str:
-    return printable(" ".join(str(error).split()))
+        raise ConfigError(f"wrong ROS arguments: {one_line(error)}") from error
 
 
 def main(args: Sequence[str] | None = None) -> int:
