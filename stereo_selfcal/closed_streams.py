@@ -6,7 +6,7 @@ import os
 import sys
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 
 def open_closed_streams() -> None:
@@ -39,6 +39,12 @@ def tell_error(text: str) -> None:
     with suppress(OSError, ValueError):
         sys.stderr.write(text)
         sys.stderr.flush()
+
+
+def let_go(stream: TextIO) -> None:
+    """Let go of a stream that nobody reads any more: what is still buffered must not complain at exit."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _null(mode: str) -> Any:

@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NoReturn, TextIO
 
-from ..closed_streams import open_closed_streams
+from ..closed_streams import let_go, open_closed_streams
 from ..core.errors import OutputError, SelfcalError, one_line, printable
 from ..files.writable import check_writable as can_be_written
 from ..search_path import SAFE_PATH
@@ -84,7 +84,7 @@ def run(program: str, work: Callable[[list[str]], int], argv: Sequence[str] | No
     except SystemExit as error:  # argparse's --help
         return int(error.code or 0)
     except BrokenPipeError:
-        _close(sys.stdout)
+        let_go(sys.stdout)
         return EXIT_BROKEN_PIPE
     except (KeyboardInterrupt, Exception) as error:  # noqa: BLE001 - whatever it is, it is told, with a status
         # After a signal, any error is its consequence: modules in C make others of a KeyboardInterrupt.
@@ -164,13 +164,7 @@ def _say(text: str) -> None:
         try:
             stream.flush()
         except (OSError, ValueError):
-            _close(stream)
-
-
-def _close(stream: TextIO) -> None:
-    """Let go of a stream that nobody reads any more: what is still buffered must not complain at exit."""
-    with suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+            let_go(stream)
 
 
 def check_writable(path: Path, option: str) -> None:

@@ -19,7 +19,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from ..bags import StereoBag, StereoFrame
-from ..closed_streams import open_closed_streams, tell_error
+from ..closed_streams import let_go, open_closed_streams, tell_error
 from ..core.calibrator import Calibrator
 from ..core.config import CalibratorConfig
 from ..core.errors import OutputError, SelfcalError, printable
@@ -275,6 +275,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SelfcalError as error:
         tell_error(f"demo: {printable(str(error))}\n")
         return _EXIT_BAD_INPUT
+    except BrokenPipeError:  # whoever read the output has ended
+        let_go(sys.stdout)
+        return 128 + signal.SIGPIPE
     except KeyboardInterrupt:
         tell_error("demo: interrupted\n")
         return 128 + signal.SIGINT

@@ -113,3 +113,15 @@ def test_demo_finds_the_recording_of_a_checkout_and_of_an_installation(tmp_path,
     installed.mkdir(parents=True)
     (installed / "metadata.yaml").write_text("")
     assert packaged_bag() == installed
+
+
+def test_demo_whose_output_nobody_reads_any_more_ends_quietly(monkeypatch, capsys):
+    def fail(*_arguments):
+        raise BrokenPipeError
+
+    streams = []
+    monkeypatch.setattr(demo_module, "run_demo", fail)
+    monkeypatch.setattr(demo_module, "let_go", streams.append)
+    assert demo_module.main([]) == 141
+    assert streams == [sys.stdout]
+    assert capsys.readouterr().err == ""
