@@ -23,7 +23,7 @@ from .results import CalibrationResult, caught, rejected, result_of
 from .search.attempt import Attempt
 from .search.diagnosis import diagnose
 from .search.solve import solve
-from .search.strategy import choose, hypotheses
+from .search.strategy import FrameSearch, choose
 from .types import Image
 
 
@@ -111,24 +111,25 @@ class Calibrator:
         if refusal:
             return rejected(refusal, stamp_s)
         left, right = np.asarray(left), np.asarray(right)  # of plain arrays, whatever was derived from them
-        frame = FrameObservations.from_images((left, right), self.config)
-        first = find_hypotheses(frame.points, frame.images, self.rig, self.config)
+        frame = FrameObservations.from_images((left, right), self.rig, self.config)
+        search = FrameSearch(frame, self.rig, self.config)
         attempts: list[Attempt] = []
-        for hypothesis in hypotheses(first, frame, self.rig, self.config, attempts):
+        for hypothesis in search.hypotheses(attempts):
             attempts.append(solve(hypothesis, frame, self.rig, self.config))
         chosen = choose(attempts)
+        lines = search.lines
         if chosen is not None:
             result = result_of(chosen, attempts, stamp_s)
         else:
             # With a pair of lines, there is an attempt that was refused.
-            assert isinstance(first.patterns, NoPattern)
+            assert isinstance(lines.patterns, NoPattern)
             result = rejected(
-                first.patterns.rejection, stamp_s, pattern=first.patterns.pattern, attempts=tuple(attempts)
+                lines.patterns.rejection, stamp_s, pattern=lines.patterns.pattern, attempts=tuple(attempts)
             )
         if result.rejection is not None:
-            cause = diagnose(result.rejection, first, result.pattern, frame, self.rig, self.config)
+            cause = diagnose(result.rejection, lines, result.pattern, frame, self.rig, self.config)
             result = replace(result, rejection=cause, message=cause.message)
-        return replace(result, unused_lines=unused_lines(first, result.pattern))
+        return replace(result, unused_lines=unused_lines(lines, result.pattern))
 
     def extract(self, left: Image, right: Image) -> LanePattern | NoPattern:
         """Extract the calibration pattern of one frame (paper section 2.2).
@@ -143,7 +144,7 @@ class Calibrator:
         refusal = frame_checks.check_images(left, right, self.rig)
         if refusal:
             return NoPattern(refusal)
-        frame = FrameObservations.from_images((left, right), self.config)
+        frame = FrameObservations.from_images((left, right), self.rig, self.config)
         found = find_hypotheses(frame.points, frame.images, self.rig, self.config).patterns
         return found[0] if isinstance(found, list) else found
 

@@ -130,6 +130,15 @@ class TextureConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class RefinementConfig:
+    """Refinement of the estimate from lines by the grey values of their stripes."""
+
+    stripes: int = _setting(
+        1, "Whether (1) to fit the grey values of the stripes; 0: the estimate is that of the paper", "", 0, 1
+    )
+
+
+@dataclass(frozen=True, slots=True)
 class CalibratorConfig:
     """All settings of a :class:`~stereo_selfcal.core.calibrator.Calibrator`.
 
@@ -143,6 +152,7 @@ class CalibratorConfig:
     fitness: FitnessConfig = field(default_factory=FitnessConfig)
     genetic: GeneticConfig = field(default_factory=GeneticConfig)
     texture: TextureConfig = field(default_factory=TextureConfig)
+    refinement: RefinementConfig = field(default_factory=RefinementConfig)
 
     def __post_init__(self) -> None:
         for name, value, setting in self.settings():

@@ -22,6 +22,7 @@ class ReservationKind(Enum):
     KERB_NOT_EXCLUDED = "kerb_not_excluded"
     SLOPE_AHEAD_UNKNOWN = "slope_ahead_unknown"
     ONE_LINE_ONLY = "one_line_only"
+    NO_LINE_CONFIRMS = "no_line_confirms"
     NOT_REFINED = "not_refined"
     NO_CLOSED_FORM = "no_closed_form"
     CLOSED_FORM_DIFFERS = "closed_form_differs"
@@ -42,6 +43,7 @@ _WORDS = {
         ": ",
     ),
     ReservationKind.ONE_LINE_ONLY: ("from the road surface, confirmed by one line only", ": "),
+    ReservationKind.NO_LINE_CONFIRMS: ("from the road surface alone, without a lane line", ": "),
     ReservationKind.NOT_REFINED: ("not refined", ": "),
     ReservationKind.NO_CLOSED_FORM: ("no closed form", ": "),
     ReservationKind.CLOSED_FORM_DIFFERS: ("the closed form differs from the genetic algorithm", " in "),

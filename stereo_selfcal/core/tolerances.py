@@ -17,8 +17,11 @@ MAX_NOISE_STD = AGREEMENT / 3.0
 # nearest line enlarges it. An estimate with a larger error is called wrong; the road surface alone is twice
 # as accurate.
 MAX_DIFFERENCE = np.array([0.060, np.radians(0.5), np.radians(1.2)])
-# The same for an estimate whose only evidence that it is not wrong is its own standard deviation.
+# The same for an estimate whose only evidence that it is not wrong is its own standard deviation: beyond,
+# nobody can use it.
 WRONG = MAX_DIFFERENCE.copy()
+# An estimate excludes another one that differs by this many standard deviations of both, and is wrong then.
+EXCLUDED_SIGMAS = 5.0
 # The surface of the lane excludes the height of a line or a plane that differs by this many of its standard
 # deviations. It is a second check, after the whole surface has agreed with the lines.
 KERB_SIGMAS = 2.0
@@ -30,5 +33,3 @@ LEAST_SHIFT: Array = np.array([0.010, np.radians(0.10), np.radians(0.15)])
 # Standard deviations of the changes by load, speed and fuel over an hour, without a shift of the camera:
 # these are no drift. Height [m], pitch, roll [rad].
 WANDER_STD: Array = np.array([0.001, np.radians(0.005), np.radians(0.01)])
-# Twice what is called wrong: a tape measure and a spirit level on the parked car are as accurate.
-MAX_STD = 2.0 * WRONG

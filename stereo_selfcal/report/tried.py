@@ -13,14 +13,12 @@ from .choice import refusals
 
 FOUND_BY_IN_WORDS = {
     FoundBy.HOUGH: "two lane lines through the edges of painted stripes",
-    FoundBy.CHAINS: "two lane lines through edges that are connected",
-    FoundBy.TEXTURE: "two lane lines on the road that its texture shows",
-    FoundBy.SURFACE: "the texture of the road surface and one line on it",
+    FoundBy.ROAD: "two lane lines on the road that its surface shows",
+    FoundBy.SURFACE: "the road surface without two lane lines",
 }
 VERDICT_IN_WORDS = {
     Verdict.ACCEPTED: "accepted",
     Verdict.REFUSED: "refused",
-    Verdict.UNCONFIRMED: "not confirmed",
     Verdict.NOT_FITTED: "no estimate",
 }
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..camera.rig import StereoRig
-from ..evidence.nuisances import rig_terms
+from ..evidence.rig_unknowns import response_of_surface, rig_terms
 from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, merge_terms, propagate_terms, total_covariance
 from ..numerics.statistics import OUTLIER_SIGMAS, SIGMA_OVER_MAD
@@ -140,7 +140,7 @@ def fuse_frames(
     confirmed = any(frame.confirmed_by_texture for frame in good)
     if confirmed:
         # The residual error of the cameras' own calibration is the same in all frames.
-        terms += rig_terms(rig, pose)
+        terms += rig_terms(response_of_surface(rig, pose))
     uncertainty = merge_terms(terms)
     fused = CalibrationResult(
         message="",

@@ -45,11 +45,14 @@ class LineFit:
         covariance: (3, 3) of (height_m, pitch_rad, roll_rad).
         lane_yaw_rad: Yaw of the camera against the lane, > 0: it points left.
         chi2: Weighted sum of the squared residuals, with two degrees of freedom; 2 is expected.
+        jac_pose_lines: (3, 8) derivative of the pose by (u_mid, slope) of the lines of the left and of the
+            right camera.
     """
 
     covariance: Array
     lane_yaw_rad: float
     chi2: float
+    jac_pose_lines: Array
 
     @property
     def terms(self) -> tuple[UncertaintyTerm, ...]:
@@ -94,7 +97,7 @@ def propagate(
     covariance = (covariance + covariance.T) / 2.0
     if not is_covariance(covariance):
         return NotFitted(_DETERMINED, min(rank_of(covariance), 2), Bound.LEAST, len(covariance))
-    return LineFit(covariance, float(parameters[3]), chi2)
+    return LineFit(covariance, float(parameters[3]), chi2, jac_pose_lines)
 
 
 def _fit_parameters(

@@ -20,12 +20,21 @@ import numpy.typing as npt
 
 from ..camera.rig import StereoRig
 from ..geometry.plane import DisparityPlane, jacobian_pose_wrt_plane, plane_from_pose, pose_from_plane
-from ..geometry.pose import Extrinsics
+from ..geometry.pose import Extrinsics, road_from_camera_rotation
 from ..geometry.uncertainty import UncertaintyTerm, propagate_terms, total_covariance
 from ..numerics.robust import TUKEY_SIGMAS, tukey_weights
 from ..rejection import Bound, NotFitted
-from ..road.cell_grid import FAR_M, HALF_WIDTH_M, SampleGrid, lay_out_samples
-from ..road.surface import CellHeights, RoadUnevenness, Surface, fit_surface
+from ..road.cell_grid import FAR_M, HALF_WIDTH_M, SampleGrid, lay_out_samples, strip_of
+from ..road.extent import OUTLIER_WEIGHT
+from ..road.surface import (
+    HALF_WIDTHS_M,
+    STRETCHES_M,
+    CellHeights,
+    LanePoints,
+    Surface,
+    fit_surface,
+)
+from ..road.unevenness import RoadUnevenness
 from ..tolerances import AGREEMENT, MAX_NOISE_STD
 from ..types import Array, Floats, Image
 from .sampling import blur_images, half_disparity, sample, sample_positions, usable_samples, warp
@@ -60,6 +69,8 @@ _ROUNDING = 1.0 / 12.0  # variance of rounding to whole grey levels: it turns a 
 # many samples count as one. For samples farther apart, the number is an upper bound.
 _CORRELATED_SAMPLES = 1.88
 
+_LANE_STEP_M = 1.5  # distance of the points of the own lane: there are cells as long, 10 m ahead
+
 _NOT_IN_VIEW = NotFitted("cells of the road in view", 0, Bound.LEAST, 1)
 
 MIN_SIGMAS = 8.0  # least texture common to both images, in standard errors
@@ -72,7 +83,7 @@ class TextureQuality:
 
     Attributes:
         sigmas: Texture common to both images over its standard error, for all cells together.
-        cell_share: Share of the sampled area whose cells have texture and agree with the plane.
+        cell_share: Share of the road's sampled area whose cells have texture and agree with the plane.
         pixel_share: Share of the samples that were used: neither saturated, nor paint, nor outliers.
         correlation: Correlation of both images after the alignment, with the means of the segments removed.
         noise_std: Standard deviations of height [m], pitch, roll [rad] caused by the images' noise alone.
@@ -201,6 +212,7 @@ def _align(
         grid = lay_out_samples(rig, pose_from_plane(plane, rig), *layout, thinning=thinning)
         if grid is None:
             return _NOT_IN_VIEW
+        lane = _lane_points(plane, rig, layout)
         half = half_disparity(grid, plane, rig)
         usable = usable_samples(images, grid, half, rig, None if keep_paint else blur_px)
         if blurred is None:
@@ -213,16 +225,37 @@ def _align(
             # Height of the road over the plane for a disparity that is larger by one pixel.
             metres = plane.height_m(rig) / plane.disparities(grid.cell_rays)
             heights = np.where(cells.significant, cells.displacement * metres, np.nan)
-            road = CellHeights(heights, cells.variance * metres**2, metres, grid.cell_xy)
-            surface = fit_surface(road, grid.cell_rays * metres[:, None], final=final)
+            road = CellHeights(heights, cells.variance * metres**2, metres, grid.cell_xy, grid.cell_strip)
+            surface = fit_surface(road, grid.cell_rays * metres[:, None], lane, final=final)
             if isinstance(surface, NotFitted):
                 return surface
-            step_px = float(np.abs(grid.cell_rays @ surface.plane).max())
+            step_px = float(
+                np.abs(grid.cell_rays[surface.weights > OUTLIER_WEIGHT] @ surface.plane).max(initial=0.0)
+            )
             if step_px > _MOST_STEP_PX:
                 return NotFitted("change of disparity in a pass", step_px, Bound.MOST, _MOST_STEP_PX, "px")
             plane = plane.moved(surface.plane)
     assert grid is not None and isinstance(surface, Surface)  # there are passes
     return _report(rig, plane, grid, surface, cells, _correlation(*grey, cells.weights, grid))
+
+
+def _lane_points(plane: DisparityPlane, rig: StereoRig, layout: _Layout) -> LanePoints:
+    """Return the points of the own lane in the sampled strip, over which the plane is fitted."""
+    yaw, (right_m, left_m), _ = layout
+    pose = pose_from_plane(plane, rig)
+    begin_m, end_m = STRETCHES_M[0][0], STRETCHES_M[-1][1]
+    ahead = np.linspace(begin_m, end_m, 1 + round((end_m - begin_m) / _LANE_STEP_M))
+    half_m = np.array([*HALF_WIDTHS_M, 0.0])
+    lateral = np.unique(np.clip(np.concatenate([half_m, -half_m]), right_m, left_m))
+    x, aside = (each.ravel() for each in np.meshgrid(ahead, lateral))
+    xy = np.column_stack([x, aside - np.tan(yaw) * x])
+    on_road = np.column_stack([xy, np.full(len(x), -pose.height_m)])
+    ray = on_road @ road_from_camera_rotation(pose.pitch_rad, pose.roll_rad)
+    ray /= ray[:, :1]
+    metres = plane.height_m(rig) / plane.disparities(ray)
+    limits = right_m, left_m
+    middle = int(strip_of(np.zeros(1), limits)[0])
+    return LanePoints(xy, aside, ray * metres[:, None], strip_of(aside, limits), middle)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -383,7 +416,7 @@ def _report(
     agreeing = surface.weights * grid.cell_area
     quality = TextureQuality(
         sigmas=cells.sigmas,
-        cell_share=float(agreeing.sum() / grid.cell_area.sum()),
+        cell_share=float(agreeing.sum() / grid.cell_area[surface.on_road].sum()),
         pixel_share=float(cells.weights.sum()) / grid.n_samples,
         correlation=correlation,
         noise_std=(float(noise[0]), float(noise[1]), float(noise[2])),

@@ -23,7 +23,8 @@ from ..lanes.line_geometry import HeightOverLane, lane_in_road
 from ..rejection import GateReading, NotFitted, Rejection, fitted
 from ..reservations import ReservationKind
 from ..road.cell_grid import CELL_WIDTH_M
-from .cue_fusion import combine
+from ..types import Array
+from .cue_fusion import combine, difference_covariance
 from .estimate import Estimate, StagePoses
 from .frame_evidence import Evidence, FrameObservations, Hypothesis
 from .gates import evaluate_gates, undetermined
@@ -32,14 +33,11 @@ from .lane_heights import heights_over_surface, surely_no_kerb
 from .nuisances import (
     crown_covariance,
     kerb_covariance,
-    paint_angle_covariance,
-    rig_terms,
     road_shape_terms,
-    seen_slope_covariance,
     slope_ahead_unknown,
     unseen_slope_covariance,
 )
-from .profile import profile_from_texture
+from .rig_unknowns import response_of_surface, rig_terms
 from .row_offset import vertical_offset
 from .stripe_border import measure_borders
 
@@ -50,6 +48,7 @@ _MARGIN_M = CELL_WIDTH_M
 # texture between the lines is aligned alone as well. That surface begins this far inside of either line: a
 # kerb's face of 15 cm with a margin (`core.evidence.stripe_border`), and half a stripe.
 _INSET_M = 0.3
+_INSUFFICIENT = 0.99  # of a check that lacks a part
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,6 +60,7 @@ class JudgedEstimate:
         poses: Pose by every stage that ran.
         evidence: Results of the stages so far.
         readings: Readings of the gates so far.
+        line_response: (3, 4) change of the estimate by one standard deviation of each unknown of the rig.
         rejection: Refusal by a gate; None where every gate was passed.
     """
 
@@ -68,6 +68,7 @@ class JudgedEstimate:
     poses: StagePoses
     evidence: Evidence
     readings: tuple[GateReading, ...]
+    line_response: Array
     rejection: Rejection | None = None
 
     def judged(self) -> JudgedEstimate:
@@ -76,7 +77,7 @@ class JudgedEstimate:
         return replace(self, readings=readings, rejection=rejection)
 
 
-def cross_check_texture(
+def cross_check_surface(
     lines: JudgedEstimate,
     hypothesis: Hypothesis,
     pattern: LanePattern,
@@ -85,13 +86,11 @@ def cross_check_texture(
 ) -> JudgedEstimate:
     """Check whether the lines lie in the road surface; where its texture is too weak, check the lines alone.
 
-    Where the alignment between the lines is too weak, the alignment by which the lines were found is used.
-
     Args:
         lines: An estimate from lines.
-        hypothesis: Which lines were found, and how.
+        hypothesis: Which lines were found, and how; with the alignment of the surface they were found on.
         pattern: These lines.
-        frame: Images and stripe points.
+        frame: Images, and what is known of them without a hypothesis.
         rig: Intrinsics and baseline.
 
     Returns:
@@ -101,61 +100,76 @@ def cross_check_texture(
     estimate, evidence, config = lines.estimate, lines.evidence, lines.evidence.config
     if not config.texture.check:
         off = estimate.with_reservation(ReservationKind.NOT_CHECKED_BY_TEXTURE, "texture.check is 0")
-        lines = replace(lines, estimate=off)
-        return _cross_check_lines_only(lines, hypothesis, pattern, frame, rig)
-    _, left_m, right_m = lane_in_road(pattern.boundaries, rig, estimate.pose)
-    limits_m = (float(right_m) - _MARGIN_M, float(left_m) + _MARGIN_M)
-    line_pose, yaw = estimate.pose, estimate.lane_yaw_rad
-    fit = fitted(align_texture(frame.images, rig, line_pose, yaw, limits_m=limits_m))
-    if hypothesis.locating_texture is not None and (fit is None or fit.sufficiency < 1.0):
-        fit = hypothesis.locating_texture
+        return _cross_check_lines_only(replace(lines, estimate=off), hypothesis, pattern, frame, rig)
+    lane_heights: tuple[HeightOverLane, ...] = ()
+    fit, sufficiency = hypothesis.texture, 1.0
+    if fit is None:
+        fit, lane_heights, sufficiency = _align_between(lines, pattern, frame, rig)
     # The unevenness of the road counts for the lines even where the texture is too weak to check them.
     if fit is not None:
-        paint = paint_angle_covariance(pattern, rig, line_pose, fit.unevenness)
-        shape = road_shape_terms(pattern, rig, line_pose, fit.unevenness)
-        estimate = estimate.with_terms(*shape, UncertaintyTerm("paint_angle", paint))
-    lacking = ""
-    if fit is None or not fit.enough_texture or not fit.comparable:
-        lacking = "too uneven" if fit is not None and fit.enough_texture else "too little texture"
-        sufficiency = 0.0 if fit is None else fit.sufficiency
-    else:
-        within_m = (float(right_m) + _INSET_M, float(left_m) - _INSET_M)
-        between = fitted(align_texture(frame.images, rig, line_pose, yaw, limits_m=within_m))
-        lane_heights = _heights_over_lane(pattern, rig, line_pose, between)
-        sufficiency = surely_no_kerb(lane_heights) if lane_heights else 0.0
-        if between is not None and between.enough_texture:  # a weaker one may be aligned by chance
-            evidence = replace(evidence, lane_heights=lane_heights)
-        if sufficiency < 1.0:
-            lacking = "too little texture between the lines"
-    if fit is None or lacking:
-        if config.texture.required:
-            evidence = replace(evidence, texture_sufficiency=sufficiency)
-        estimate = estimate.with_reservation(ReservationKind.NOT_CHECKED_BY_TEXTURE, lacking)
-        lines = replace(lines, estimate=estimate, evidence=evidence)
-        return _cross_check_lines_only(lines, hypothesis, pattern, frame, rig)
+        estimate = estimate.with_terms(*road_shape_terms(pattern, rig, estimate.pose, fit.unevenness))
+        evidence = replace(evidence, lane_heights=lane_heights)
+    common = fit is not None and fit.common_texture
+    if fit is not None and common:
+        of_surface = response_of_surface(rig, fit.extrinsics)
+        spread = difference_covariance(estimate, fit, lines.line_response, of_surface)
+        evidence = replace(evidence, texture=fit, difference_std=np.sqrt(np.diag(spread)))
+    lines = replace(lines, estimate=estimate, evidence=evidence)
+    if fit is not None and sufficiency >= 1.0:
+        return _cross_check_on_surface(lines, pattern, fit, frame, rig)
+    if config.texture.required:
+        evidence = replace(evidence, texture_sufficiency=sufficiency)
+    lacking = f"too little texture{' between the lines' if common else ''}"
+    estimate = estimate.with_reservation(ReservationKind.NOT_CHECKED_BY_TEXTURE, lacking)
+    lines = replace(lines, estimate=estimate, evidence=evidence)
+    return _cross_check_lines_only(lines, hypothesis, pattern, frame, rig)
+
+
+def _align_between(
+    lines: JudgedEstimate, pattern: LanePattern, frame: FrameObservations, rig: StereoRig
+) -> tuple[TextureFit | None, tuple[HeightOverLane, ...], float]:
+    """Align the texture beside and between lines that were found without it.
+
+    Returns:
+        The alignment, None without one; the heights of the lines over the surface between them; and the
+        texture over what a check of the lines needs, 1 or more where it is sufficient.
+    """
+    pose, yaw = lines.estimate.pose, lines.estimate.lane_yaw_rad or 0.0
+    _, left_m, right_m = lane_in_road(pattern.boundaries, rig, pose)
+    wide_m = (float(right_m) - _MARGIN_M, float(left_m) + _MARGIN_M)
+    within_m = (float(right_m) + _INSET_M, float(left_m) - _INSET_M)
+    wide, between = (
+        fitted(align_texture(frame.images, rig, pose, yaw, limits_m=limits_m))
+        for limits_m in (wide_m, within_m)
+    )
+    heights = _heights_over_lane(pattern, rig, pose, between)
+    fit = wide if wide is not None and wide.common_texture else between
+    if fit is None or between is None or not heights:
+        return fit or wide, heights, 0.0 if fit is None else min(fit.sufficiency, _INSUFFICIENT)
+    return fit, heights, min(fit.sufficiency, surely_no_kerb(heights))
+
+
+def _cross_check_on_surface(
+    lines: JudgedEstimate, pattern: LanePattern, fit: TextureFit, frame: FrameObservations, rig: StereoRig
+) -> JudgedEstimate:
+    """Check whether lines and road surface agree, and combine them."""
+    evidence, pose, yaw = lines.evidence, lines.estimate.pose, lines.estimate.lane_yaw_rad
     evidence = replace(
         evidence,
-        texture=fit,
-        surface_heights=heights_over_surface(pattern, rig, line_pose, fit),
-        vertical=fitted(vertical_offset(frame.images, rig, fit.extrinsics, yaw, limits_m=limits_m))
+        surface_heights=heights_over_surface(pattern, rig, pose, fit),
+        vertical=fitted(vertical_offset(frame.images, rig, fit.extrinsics, yaw or 0.0))
         or fitted(horizon_offset(frame.images, rig, fit.extrinsics)),
     )
     poses = replace(lines.poses, textured=fit.extrinsics)
-    checked = replace(lines, estimate=estimate, poses=poses, evidence=evidence).judged()
+    checked = replace(lines, poses=poses, evidence=evidence).judged()
     if checked.rejection is not None:
         return checked
-    combined = combine(estimate, fit)
+    combined = combine(lines.estimate, fit, lines.line_response, response_of_surface(rig, fit.extrinsics))
     if isinstance(combined, NotFitted):
         return replace(checked, rejection=undetermined(combined))
-    profiles = (evidence.profile, profile_from_texture(fit))
-    combined = combined.with_terms(
-        *rig_terms(rig, combined.pose),
-        UncertaintyTerm("slope_seen", seen_slope_covariance(*profiles)),
-        UncertaintyTerm("slope_unseen", unseen_slope_covariance(*profiles)),
-    )
-    if slope_ahead_unknown(*profiles):
-        combined = combined.with_reservation(ReservationKind.SLOPE_AHEAD_UNKNOWN)
-    return replace(checked, estimate=combined, poses=replace(poses, combined=combined.pose))
+    evidence = replace(evidence, std=np.sqrt(np.diag(combined.covariance)))
+    poses = replace(poses, combined=combined.pose)
+    return replace(checked, estimate=combined, poses=poses, evidence=evidence).judged()
 
 
 def _cross_check_lines_only(
@@ -167,7 +181,9 @@ def _cross_check_lines_only(
 ) -> JudgedEstimate:
     """Check an estimate that rests on the lines alone: borders and edges of stripes, other lines, horizon."""
     evidence = lines.evidence
-    estimate = lines.estimate.with_terms(UncertaintyTerm("crown", crown_covariance(evidence.refined)))
+    estimate = lines.estimate.with_terms(
+        UncertaintyTerm("crown", crown_covariance(evidence.refined)), *rig_terms(lines.line_response)
+    )
     if evidence.refined is not None and evidence.profile is not None:
         if slope_ahead_unknown(evidence.profile):  # also where it is bent
             estimate = estimate.with_reservation(ReservationKind.SLOPE_AHEAD_UNKNOWN)
@@ -181,15 +197,21 @@ def _cross_check_lines_only(
         )
         if doubtful:
             estimate = estimate.with_reservation(ReservationKind.KERB_NOT_EXCLUDED)
-    std = np.sqrt(np.diag(estimate.covariance))
-    evidence = replace(evidence, stripes_fitted=evidence.refined is not None, std=std)
-    if hypothesis.other_lines is not None:
-        plane = plane_from_pose(estimate.pose, rig)
-        between = inner_line_height(
-            pattern, plane, hypothesis.other_lines, frame.points, rig, evidence.config
-        )
-        evidence = replace(evidence, inner_line_height=between)
-    evidence = replace(evidence, vertical=fitted(horizon_offset(frame.images, rig, estimate.pose)))
+    fitted_to_grey = evidence.config.refinement.stripes
+    evidence = replace(
+        evidence,
+        stripes_fitted=evidence.refined is not None if fitted_to_grey else None,
+        std=np.sqrt(np.diag(estimate.covariance)),
+        coarse=None if frame.surface is None else frame.surface.clear_plane,
+    )
+    plane = plane_from_pose(estimate.pose, rig)
+    between = inner_line_height(pattern, plane, hypothesis.other_lines, frame.points, rig, evidence.config)
+    vertical = vertical_offset(frame.images, rig, estimate.pose, estimate.lane_yaw_rad or 0.0)
+    evidence = replace(
+        evidence,
+        inner_line_height=between,
+        vertical=fitted(vertical) or fitted(horizon_offset(frame.images, rig, estimate.pose)),
+    )
     return replace(lines, estimate=estimate, evidence=evidence).judged()
 
 

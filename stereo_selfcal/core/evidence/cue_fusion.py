@@ -13,17 +13,16 @@ from dataclasses import replace
 import numpy as np
 
 from ..estimators.texture_alignment import TextureFit
-from ..geometry.pose import POSE_COMPONENTS, Extrinsics
+from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, merge_terms, propagate_terms
 from ..numerics.linear import invert, solve_linear
-from ..numerics.statistics import UNLIKELY_CHI2_3
-from ..rejection import Bound, NotFitted
-from ..tolerances import AGREEMENT, WRONG
+from ..rejection import NotFitted
+from ..tolerances import AGREEMENT
 from ..types import Array
 from .estimate import Estimate
+from .rig_unknowns import rig_terms
 
 _DETERMINED = "numbers of the pose that lines and texture determine"
-_SURE_SIGMAS = 3.0  # one in 370 for normal errors
 
 
 def same_road(a: Extrinsics, b: Extrinsics) -> bool:
@@ -31,55 +30,63 @@ def same_road(a: Extrinsics, b: Extrinsics) -> bool:
     return bool(np.all(np.abs(a.as_array() - b.as_array()) < AGREEMENT))
 
 
-def too_uncertain(covariance: Array) -> NotFitted | None:
-    """Return which component has three standard deviations of more than ``WRONG``; None where none has."""
-    spread = _SURE_SIGMAS * np.sqrt(np.diag(covariance))
-    worst = int(np.argmax(spread / WRONG))
-    if spread[worst] <= WRONG[worst]:
-        return None
-    component = POSE_COMPONENTS[worst]
-    unit = component.small_unit
-    value, limit = (float(each[worst]) * unit.per_si for each in (spread, WRONG))
-    what = f"three standard deviations of the {component.label}"
-    return NotFitted(what, value, Bound.MOST, limit, unit.symbol)
+def difference_covariance(lines: Estimate, texture: TextureFit, of_lines: Array, of_surface: Array) -> Array:
+    """Return the covariance (3, 3) of the difference between an estimate from lines and one from texture.
+
+    Args:
+        lines: Estimate from lines, without what is unknown of the rig.
+        texture: The alignment of the road surface.
+        of_lines: (3, K) change of the lines' pose by one standard deviation of each unknown of the rig.
+        of_surface: The same of the surface's pose.
+    """
+    apart = of_lines - of_surface
+    covariance: Array = lines.covariance + texture.covariance + apart @ apart.T
+    return covariance
 
 
-def combine(lines: Estimate, texture: TextureFit) -> Estimate | NotFitted:
+def combine(lines: Estimate, texture: TextureFit, of_lines: Array, of_surface: Array) -> Estimate | NotFitted:
     """Return the mean of lines and texture, weighted by their information, with the terms of both.
 
-    They share no pixel, as the texture is aligned without the paint. The unevenness of the road that both
-    share is neglected. Where they differ by more than their covariances explain, a term
+    They share no pixel, as the texture is aligned without the paint. What is unknown of the rig is common to
+    both, and each responds to it in its own way: so it is estimated with the pose. The unevenness of the road
+    that both share is neglected. Where they differ by more than their covariances explain, a term
     ``combination_disagreement`` enlarges the covariance by as much (R. T. Birge, "The calculation of errors
     by the method of least squares", Phys. Rev. 40, 1932).
 
     Args:
-        lines: Estimate from lines, with the terms of the road's shape.
+        lines: Estimate from lines, with the terms of the road's shape, without those of the rig.
         texture: The alignment of the road surface.
+        of_lines: (3, K) change of the lines' pose by one standard deviation of each unknown of the rig.
+        of_surface: The same of the surface's pose.
 
     Returns:
         The mean, or why there is none: one of them leaves a component of the pose open.
     """
-    of_lines, of_texture = (invert(each.covariance, _DETERMINED) for each in (lines, texture))
-    if isinstance(of_lines, NotFitted):
-        return of_lines
-    if isinstance(of_texture, NotFitted):
-        return of_texture
-    information = [of_lines, of_texture]
-    total = invert(information[0] + information[1], _DETERMINED)
-    if isinstance(total, NotFitted):
-        return total
-    line_pose, texture_pose = lines.pose.as_array(), texture.extrinsics.as_array()
-    mean = total @ (information[0] @ line_pose + information[1] @ texture_pose)
-    terms = [
-        *propagate_terms(lines.terms, total @ information[0]),
-        *propagate_terms(texture.terms, total @ information[1]),
-    ]
-    difference = line_pose - texture_pose
-    weighted = solve_linear(lines.covariance + texture.covariance, difference, _DETERMINED)
+    response = np.concatenate([of_lines, of_surface])
+    both = response @ response.T
+    both[:3, :3] += lines.covariance
+    both[3:, 3:] += texture.covariance
+    same_pose = np.concatenate([np.eye(3), np.eye(3)])
+    weighted = solve_linear(both, same_pose, _DETERMINED)
     if isinstance(weighted, NotFitted):
         return weighted
-    chi2 = float(difference @ weighted)
-    if chi2 > UNLIKELY_CHI2_3:
-        excess = total * (chi2 / len(difference) - 1.0)
-        terms.append(UncertaintyTerm("combination_disagreement", (excess + excess.T) / 2.0))
+    total = invert(same_pose.T @ weighted, _DETERMINED)
+    if isinstance(total, NotFitted):
+        return total
+    gain = total @ weighted.T
+    line_pose, texture_pose = lines.pose.as_array(), texture.extrinsics.as_array()
+    terms = [
+        *propagate_terms(lines.terms, gain[:, :3]),
+        *propagate_terms(texture.terms, gain[:, 3:]),
+        *rig_terms(gain @ response),
+    ]
+    difference = line_pose - texture_pose
+    explained = solve_linear(
+        difference_covariance(lines, texture, of_lines, of_surface), difference, _DETERMINED
+    )
+    if isinstance(explained, NotFitted):
+        return explained
+    excess = max(0.0, float(difference @ explained) / len(difference) - 1.0)
+    terms.append(UncertaintyTerm("combination_disagreement", (total + total.T) / 2.0 * excess))
+    mean = gain @ np.concatenate([line_pose, texture_pose])
     return replace(lines, pose=Extrinsics.from_array(mean), terms=merge_terms(terms))

@@ -15,6 +15,7 @@ class StagePoses:
     """The pose by every stage; None where a stage did not run or gave up.
 
     Attributes:
+        coarse: By dense disparities at low resolution: the start of the alignment of the texture.
         genetic: By the genetic algorithm, from the sampled lines (paper section 2.3).
         closed_form: By linear least squares, from the same lines.
         refined: By the fit of the stripes' grey values.
@@ -22,6 +23,7 @@ class StagePoses:
         combined: Of lines and texture together.
     """
 
+    coarse: Extrinsics | None = None
     genetic: Extrinsics | None = None
     closed_form: Extrinsics | None = None
     refined: Extrinsics | None = None
@@ -46,13 +48,13 @@ class Estimate:
     Attributes:
         pose: Height, pitch and roll.
         terms: Terms of the uncertainty, one for each name; their sum is the covariance.
-        lane_yaw_rad: Yaw of the camera against the lane [rad], > 0: it points left of it.
+        lane_yaw_rad: Yaw of the camera against the lane [rad], > 0: it points left; None without a line.
         reservations: What could not be checked, or is not quite as it should be.
     """
 
     pose: Extrinsics
     terms: tuple[UncertaintyTerm, ...]
-    lane_yaw_rad: float
+    lane_yaw_rad: float | None
     reservations: tuple[Reservation, ...] = ()
 
     @property

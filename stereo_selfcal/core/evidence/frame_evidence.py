@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
 
+from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
+from ..estimators.coarse_road import CoarseRoad
 from ..estimators.line_covariance import Bends, LineFit
 from ..estimators.stripe_fit import StripeFit
 from ..estimators.texture_alignment import TextureFit
@@ -15,10 +17,11 @@ from ..geometry.pose import Extrinsics
 from ..lanes.hypotheses import Points
 from ..lanes.lane_pair import LanePattern
 from ..lanes.line_geometry import BelowPlane, HeightOverLane
-from ..lanes.matching import Match, Matches
+from ..lanes.matching import Matches
 from ..lanes.stripe_points import find_stripe_points
 from ..types import Array, Image
 from .profile import Profile
+from .road_surface import RoadSurface, find_road_surface
 from .row_offset import VerticalOffset
 from .stripe_border import StripeBorder
 
@@ -33,18 +36,22 @@ class FrameObservations:
         images: Left and right image, (H, W) uint8.
         points: Stripe points of both images.
         clipped: Greatest part of black and white pixels in the lower half of an image.
+        surface: The road surface; None where ``texture.check`` is 0.
     """
 
     images: tuple[Image, Image]
     points: Points
     clipped: float
+    surface: RoadSurface | None = None
 
     @classmethod
-    def from_images(cls, images: tuple[Image, Image], config: CalibratorConfig) -> FrameObservations:
+    def from_images(
+        cls, images: tuple[Image, Image], rig: StereoRig, config: CalibratorConfig
+    ) -> FrameObservations:
         """Return the observations of a left and a right image, (H, W) uint8 each."""
-        clipped = clipped_share(images)
         left, right = (find_stripe_points(image, config.extraction) for image in images)
-        return cls(images, (left, right), clipped)
+        surface = find_road_surface(images, rig, config) if config.texture.check else None
+        return cls(images, (left, right), clipped_share(images), surface)
 
 
 def clipped_share(images: tuple[Image, Image]) -> float:
@@ -56,10 +63,9 @@ def clipped_share(images: tuple[Image, Image]) -> float:
 class FoundBy(Enum):
     """How the lines of a hypothesis were found; ``str()`` is a stable snake_case word."""
 
-    HOUGH = "hough"
-    CHAINS = "chains"
-    TEXTURE = "texture"
+    ROAD = "road"
     SURFACE = "surface"
+    HOUGH = "hough"
 
     def __str__(self) -> str:
         return self.value
@@ -67,33 +73,26 @@ class FoundBy(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypothesis:
-    """An assumption about a frame: which two lines bound the lane, and how they were found.
+    """An assumption about a frame: which two lines bound the lane, if any, and how they were found.
 
     Attributes:
-        found_by: ``hough``: single stripe points vote for lines; ``chains``: chains of stripe points vote;
-            ``texture``: the lines were looked for on the plane of the road surface's texture; ``surface``: no
-            pair of lines, but the texture of the road surface and one line on it.
+        found_by: ``road``: the lines were looked for on the road that its surface shows; ``surface``: that
+            road without a pair of lines; ``hough``: points of the whole image have voted for the lines.
         pattern: The lines; None for ``surface``.
-        other_lines: Lines that both cameras see, those of the pattern included; None where none were kept.
+        other_lines: Lines that both cameras see, those of the pattern included.
         below: How deep another line lies below the plane of the pattern; None where it was not measured.
-        locating_texture: The texture alignment by which the lines were found; None where they were found
-            without one.
-        needs_texture: Whether an estimate counts only if the texture confirms it, as for lines that were not
-            the first choice.
-        single_lines: For ``surface``: lines that both cameras see, one of which has to lie in the surface.
+        texture: The alignment of the road surface on which the lines were looked for; None for ``hough``.
     """
 
     found_by: FoundBy
     pattern: LanePattern | None
-    other_lines: Matches | None = None
+    other_lines: Matches = field(default_factory=lambda: ([], []))
     below: BelowPlane | None = None
-    locating_texture: TextureFit | None = None
-    needs_texture: bool = False
-    single_lines: tuple[Match, ...] = ()
+    texture: TextureFit | None = None
 
     def slim(self) -> Hypothesis:
         """Return the hypothesis without points and lines, which take as much memory as an image."""
-        return Hypothesis(self.found_by, None, needs_texture=self.needs_texture)
+        return Hypothesis(self.found_by, None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,7 +122,10 @@ class Evidence:
         stripes_fitted: Whether the stripes' grey values could be fitted; None where the texture checks the
             lines.
         inner_line_height: Height of a line between the boundaries over their plane.
-        std: (3,) standard deviations of an estimate that rests on the lines alone [m, rad, rad].
+        std: (3,) standard deviations of the estimate [m, rad, rad].
+        difference_std: (3,) standard deviations of the difference between the poses by lines and by texture.
+        own_strip: The alignment of the strip under the car alone, for an estimate without lines.
+        coarse: Plane of the dense disparities, for an estimate that rests on the lines alone.
     """
 
     config: CalibratorConfig
@@ -146,6 +148,9 @@ class Evidence:
     stripes_fitted: bool | None = None
     inner_line_height: HeightOverLane | None = None
     std: Array | None = None
+    difference_std: Array | None = None
+    own_strip: TextureFit | None = None
+    coarse: CoarseRoad | None = None
 
     @property
     def line_pose(self) -> Extrinsics | None:

@@ -216,18 +216,25 @@ GATES: tuple[Gate, ...] = (
         measurements.read_edge_heights,
     ),
     Gate(
-        "certain",
-        "certain enough",
-        RejectReason.ESTIMATE_UNCERTAIN,
-        _SEE_MORE,
-        measurements.read_uncertainty,
-    ),
-    Gate(
         "lines_on_lane_surface",
         "lines on the lane",
         RejectReason.TEXTURE_DISAGREES,
         _KERB,
         measurements.read_height_over_lane,
+    ),
+    Gate(
+        "strip_agrees",
+        "strip under the car agrees",
+        RejectReason.TEXTURE_DISAGREES,
+        "the surface may be that of a pavement or of another lane: drive on, in the middle of a flat lane",
+        measurements.read_strip_difference,
+    ),
+    Gate(
+        "dense_agrees",
+        "dense disparities agree",
+        RejectReason.TEXTURE_DISAGREES,
+        _KERB,
+        measurements.read_coarse_difference,
     ),
     Gate(
         "surface_agrees",
@@ -242,5 +249,12 @@ GATES: tuple[Gate, ...] = (
         RejectReason.TEXTURE_DISAGREES,
         _KERB,
         measurements.read_height_over_surface,
+    ),
+    Gate(
+        "certain",
+        "certain enough",
+        RejectReason.ESTIMATE_UNCERTAIN,
+        _SEE_MORE,
+        measurements.read_uncertainty,
     ),
 )

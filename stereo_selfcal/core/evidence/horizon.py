@@ -146,6 +146,7 @@ def _lay_out(rig: StereoRig, extrinsics: Extrinsics, cells: int, cell_columns: i
         cell_rays=rays.reshape(cells, cell_columns, 3).mean(axis=1),
         cell_xy=np.zeros((cells, 2)),  # the cells are not on the road
         cell_area=np.zeros(cells),
+        cell_strip=np.zeros(cells, np.intp),
     )
 
 

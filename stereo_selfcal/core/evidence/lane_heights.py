@@ -16,8 +16,9 @@ from ..lanes.lane_pair import LanePattern
 from ..lanes.line_geometry import N_ROWS, HeightOverLane, lane_in_road, rays_of_lines
 from ..numerics.linear import solve_linear
 from ..rejection import NotFitted
+from ..road.extent import LEAST_WEIGHT
 from ..road.priors import HALF_LANE_WIDTH_M
-from ..road.surface import LEAST_WEIGHT, unit_covariances
+from ..road.unevenness import unit_covariances
 from ..tolerances import KERB_SIGMAS, MAX_LINE_HEIGHT_M
 from ..types import Array
 

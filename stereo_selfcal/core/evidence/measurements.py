@@ -14,7 +14,7 @@ import numpy as np
 from ..estimators.stripe_fit import BLUR_MAX_PX
 from ..geometry.pose import POSE_COMPONENTS
 from ..rejection import Bound
-from ..tolerances import AGREEMENT, MAX_DIFFERENCE, MAX_LINE_HEIGHT_M, MAX_STD
+from ..tolerances import AGREEMENT, EXCLUDED_SIGMAS, MAX_DIFFERENCE, MAX_LINE_HEIGHT_M, WRONG
 from ..types import Array
 from .frame_evidence import Evidence
 from .stripe_border import EDGE_REMAINDER
@@ -177,11 +177,10 @@ def read_line_misfit(evidence: Evidence) -> Reading | None:
 
 
 def read_uncertainty(evidence: Evidence) -> Reading | None:
-    """Read the standard deviations of an estimate from lines alone."""
+    """Read the standard deviations of the estimate."""
     if evidence.std is None:
         return None
-    what = "the lines alone give the {axis} with a standard deviation of {value}"
-    return _difference(what, evidence.std, MAX_STD)
+    return _difference("the {axis} is known with a standard deviation of {value}", evidence.std, WRONG)
 
 
 def _difference(what: str, difference: Array, limits: Array) -> Reading:
@@ -247,11 +246,32 @@ def read_clipped_part(evidence: Evidence) -> Reading | None:
 
 def read_surface_difference(evidence: Evidence) -> Reading | None:
     """Read how the plane of the lines and that of the road surface differ."""
-    if evidence.texture is None or evidence.line_pose is None:
+    if evidence.texture is None or evidence.line_pose is None or evidence.difference_std is None:
         return None
     difference = evidence.line_pose.as_array() - evidence.texture.extrinsics.as_array()
     what = "the lane lines and the road surface between them differ in {axis} by {value}"
-    return _difference(what, difference, MAX_DIFFERENCE)
+    limits = np.maximum(MAX_DIFFERENCE, EXCLUDED_SIGMAS * evidence.difference_std)
+    return _difference(what, difference, limits)
+
+
+def read_coarse_difference(evidence: Evidence) -> Reading | None:
+    """Read how the plane of the lines and that of the dense disparities of the road differ."""
+    if evidence.coarse is None or evidence.line_pose is None or evidence.std is None:
+        return None
+    difference = evidence.line_pose.as_array() - evidence.coarse.extrinsics.as_array()
+    std = np.sqrt(np.diag(evidence.coarse.covariance) + evidence.std**2)
+    what = "the lane lines and the dense disparities of the road differ in {axis} by {value}"
+    return _difference(what, difference, np.maximum(MAX_DIFFERENCE, EXCLUDED_SIGMAS * std))
+
+
+def read_strip_difference(evidence: Evidence) -> Reading | None:
+    """Read how the strip of the road under the car differs from all of its surface."""
+    if evidence.texture is None or evidence.own_strip is None:
+        return None
+    difference = evidence.own_strip.extrinsics.as_array() - evidence.texture.extrinsics.as_array()
+    std = np.sqrt(np.diag(evidence.own_strip.covariance))
+    what = "the strip under the car and the whole road surface differ in {axis} by {value}"
+    return _difference(what, difference, np.maximum(AGREEMENT, EXCLUDED_SIGMAS * std))
 
 
 def read_height_over_surface(evidence: Evidence) -> Reading | None:

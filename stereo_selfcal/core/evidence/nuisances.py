@@ -24,9 +24,8 @@ from ..road.priors import (
     MAX_LANE_WIDTH_M,
     MIN_LANE_WIDTH_M,
     PAINT_ANGLE_STD_RAD,
-    RECTIFICATION_STD_PX,
 )
-from ..road.surface import RoadUnevenness, unit_covariances
+from ..road.unevenness import RoadUnevenness, unit_covariances
 from ..tolerances import MAX_LINE_HEIGHT_M
 from ..types import Array
 from .profile import Profile
@@ -128,9 +127,7 @@ def stage_disagreement_covariance(
     return np.outer(difference, difference) * (not explained)
 
 
-def paint_angle_covariance(
-    pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics, unevenness: RoadUnevenness
-) -> Array:
+def paint_angle_covariance(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics) -> Array:
     """Return the covariance (3, 3) of an estimate from lines that are not painted exactly parallel.
 
     The disparities of two lines determine the pose only weakly along one direction. The angle between the
@@ -140,13 +137,7 @@ def paint_angle_covariance(
         pattern: The lines.
         rig: Intrinsics and baseline.
         extrinsics: The estimate from them.
-        unevenness: Roughness, camber and mismatch of the road between the lines.
-
-    Returns:
-        The covariance; zeros where the texture shows a plane, as rendered lines are exactly parallel.
     """
-    if not unevenness.uneven:
-        return np.zeros((3, 3))
     ray = np.concatenate(rays_of_lines(pattern.boundaries, rig))
     jac_pose_plane = jacobian_pose_wrt_plane(plane_from_pose(extrinsics, rig), rig)
     jac_pose_disparities = jac_pose_plane @ np.linalg.pinv(ray)
@@ -173,34 +164,6 @@ def _jac_angle_pose(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics
         return float(np.arctan(tangents[0]) - np.arctan(tangents[1]))
 
     return central_difference(point_by_point(angle), extrinsics.as_array(), _ANGLE_STEPS)
-
-
-def rig_terms(rig: StereoRig, extrinsics: Extrinsics) -> tuple[UncertaintyTerm, ...]:
-    """Return what is unknown of the rig, and so the same in all frames with it.
-
-    Every estimate from the texture of the road surface gets these terms, and so does the mean of frames: what
-    is the same in all frames does not average out. A further unknown of the rig is one entry here.
-
-    Args:
-        rig: Intrinsics and baseline.
-        extrinsics: The estimate.
-    """
-    return (UncertaintyTerm("rectification", rectification_covariance(rig, extrinsics)),)
-
-
-def rectification_covariance(rig: StereoRig, extrinsics: Extrinsics) -> Array:
-    """Return the covariance (3, 3) that an imperfect rectification adds to any estimate.
-
-    The calibration of the cameras leaves an error in the disparities of a rectified pair. The error has three
-    parts of equal size at the border of the image: a constant, one that grows with the column, and one that
-    grows with the row.
-    """
-    reach = np.array([1.0, rig.width / (2.0 * rig.fx), rig.height / (2.0 * rig.fy)])
-    jac_pose_plane = jacobian_pose_wrt_plane(plane_from_pose(extrinsics, rig), rig) * (
-        RECTIFICATION_STD_PX / reach
-    )
-    covariance: Array = jac_pose_plane @ jac_pose_plane.T
-    return covariance
 
 
 def seen_slope_covariance(*profiles: Profile | None) -> Array:

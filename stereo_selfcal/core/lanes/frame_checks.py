@@ -154,6 +154,23 @@ def lines_not_matched(n_matched: tuple[int, int], roll_max_rad: float) -> Reject
     )
 
 
+def no_pair_on_road(n_left: int, n_right: int) -> Rejection:
+    """Refuse lines of which no two lie on the road surface and are parallel.
+
+    Args:
+        n_left: Number of lines on the road to the left.
+        n_right: Number of lines on the road to the right.
+    """
+    n_sides = (n_left > 0) + (n_right > 0)
+    what = (
+        "no two of the lines on the road are parallel: pairs of lane lines"
+        if n_sides == 2
+        else "sides of the lane on which a line lies on the road surface"
+    )
+    value, least = (0, 1) if n_sides == 2 else (n_sides, 2)
+    return Rejection(RejectReason.NO_LINES_FOUND, what, value, Bound.LEAST, least, "", FIND_LINES)
+
+
 def cameras_swapped(pairs: list[MatchedLines]) -> Rejection:
     """Refuse images whose lines match only when the left and the right image are exchanged.
 

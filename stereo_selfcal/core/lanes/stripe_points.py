@@ -9,7 +9,7 @@ the middle of the stripe, as perspective moves the middle.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import cv2
 import numpy as np
@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from ..config import ExtractionConfig
 from ..numerics.statistics import SIGMA_OVER_MAD
-from ..types import Array, Image
+from ..types import Array, Image, Mask
 
 Response = npt.NDArray[np.float32]
 
@@ -80,6 +80,19 @@ class StripePoints:
     continuity: Array
     noise_grey: float
     gradient: Response
+
+    def chosen(self, which: Mask) -> StripePoints:
+        """Return some of the points, with the same image.
+
+        Args:
+            which: (N,) whether to take each point.
+        """
+        per_point = {
+            each.name: getattr(self, each.name)[which]
+            for each in fields(self)
+            if each.name not in ("noise_grey", "gradient")
+        }
+        return replace(self, **per_point)
 
 
 def noise_grey(image: Image) -> float:

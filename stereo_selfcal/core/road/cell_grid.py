@@ -52,6 +52,7 @@ class SampleGrid:
         cell_rays: (C, 3) rays through the middle of each cell.
         cell_xy: (C, 2) positions of the cells on the road [m].
         cell_area: (C,) areas of the cells [m^2].
+        cell_strip: (C,) strip along the road in which each cell lies, 0 for the leftmost one.
     """
 
     u: Floats
@@ -64,6 +65,7 @@ class SampleGrid:
     cell_rays: Array
     cell_xy: Array
     cell_area: Array
+    cell_strip: Indices
 
     def segment_sums(self, values: Floats) -> Array:
         """Sum samples (..., N) over segments, shape (..., S)."""
@@ -130,7 +132,7 @@ def lay_out_samples(
     rows, ahead, disparity = rows[visible], ahead[visible], disparity[visible]
     spaced = _spaced(ahead, SPACING_M * thinning, thinning)
     rows, ahead, disparity = rows[spaced], ahead[spaced], disparity[spaced]
-    n_cells = max(1, round((limits_m[1] - limits_m[0]) / CELL_WIDTH_M))
+    n_cells = _n_strips(limits_m)
     lateral = np.linspace(limits_m[1], limits_m[0], n_cells + 1)  # from left to right, as columns
     columns = middle - rig.fx * lateral / ahead[:, None]
     reach = disparity[:, None] / 2.0 + _MARGIN_PX
@@ -149,7 +151,24 @@ def lay_out_samples(
     first, lengths, cell, row, step = (a[keep] for a in (first, lengths, cell, row, step))
     order = np.lexsort((row, cell))
     first, lengths, cell, row, step = (a[order] for a in (first, lengths, cell, row, step))
-    return _assemble(rig, plane, pose, first, lengths, cell, row, step)
+    return _assemble(rig, plane, pose, first, lengths, cell, row, step, n_cells)
+
+
+def strip_of(aside_m: Array, limits_m: tuple[float, float]) -> Indices:
+    """Return the strip along the road in which points lie, (N,); 0 is the leftmost one.
+
+    Args:
+        aside_m: (N,) distances from the camera's path along the lane, to the left [m].
+        limits_m: Right and left limit of the sampled road [m].
+    """
+    right_m, left_m = limits_m
+    n_strips = _n_strips(limits_m)
+    strips = np.floor((left_m - aside_m) / (left_m - right_m) * n_strips).astype(np.intp)
+    return np.clip(strips, 0, n_strips - 1)
+
+
+def _n_strips(limits_m: tuple[float, float]) -> int:
+    return max(1, round((limits_m[1] - limits_m[0]) / CELL_WIDTH_M))
 
 
 def _spaced(ahead: Array, spacing_m: float, thinning: int) -> Mask:
@@ -178,6 +197,7 @@ def _assemble(
     cell: Indices,
     row: Indices,
     step: Indices,
+    n_columns: int,
 ) -> SampleGrid:
     """Compute the samples of the segments, and the rays, positions and areas of segments and cells."""
     starts = np.concatenate([[0], np.cumsum(lengths)[:-1]])
@@ -216,4 +236,5 @@ def _assemble(
         cell_rays=cell_rays,
         cell_xy=cell_xy,
         cell_area=(spread + gap) * width,
+        cell_strip=cell[cell_starts] % n_columns,
     )

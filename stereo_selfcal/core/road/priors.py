@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 # Most distance of an extra line from the lane's boundaries: the width of one more motorway lane. Lines
 # farther aside may belong to another road.
 LANE_WIDTH_M = 3.75
@@ -24,6 +26,10 @@ MAX_LANE_WIDTH_M = 4.05
 LINE_HEIGHT_STD_M = 0.010
 # Calibrations of stereo cameras end with reprojection errors of a tenth of a pixel.
 RECTIFICATION_STD_PX = 0.1
+# Standard deviation of the angle by which a right camera has turned about the vertical against its
+# calibration. A tenth of a pixel is 0.008 deg for KITTI's cameras, whose calibration is known to be off by a
+# few tenths (Cvisic et al., 2021); warming and vibration add as much.
+VERGENCE_STD_RAD = math.radians(0.01)
 # Standard deviation of the angle between painted lines. On the plane of the road surface, the lines of 12
 # recorded roads meet at an angle of 5 mrad (RMS). Such a lane is 5 cm wider after 10 m.
 PAINT_ANGLE_STD_RAD = 0.005

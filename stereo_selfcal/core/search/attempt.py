@@ -18,7 +18,6 @@ class Verdict(Enum):
 
     ACCEPTED = "accepted"
     REFUSED = "refused"
-    UNCONFIRMED = "unconfirmed"
     NOT_FITTED = "not_fitted"
 
     def __str__(self) -> str:
@@ -31,8 +30,7 @@ class Attempt:
 
     Attributes:
         hypothesis: Which lines were found, and how.
-        verdict: ``accepted``; ``refused`` by a gate; ``unconfirmed``: every gate was passed, but the texture
-            did not confirm lines that need it; ``not_fitted``: an estimator gave up.
+        verdict: ``accepted``; ``refused`` by a gate; ``not_fitted``: an estimator gave up.
         message: One sentence: why it was not accepted, "" where it was.
         rejection: The gate's refusal, None without one.
         poses: Pose by every stage that ran.
@@ -61,6 +59,11 @@ class Attempt:
     def reason(self) -> RejectReason | None:
         """Why a gate refused it, None where none did."""
         return None if self.rejection is None else self.rejection.reason
+
+    @property
+    def refused_by(self) -> str:
+        """Name of the gate that refused it, "" where none did."""
+        return "" if self.rejection is None or not self.readings else self.readings[-1].name
 
     @property
     def found_by(self) -> FoundBy:

@@ -12,19 +12,17 @@ from ..estimators.fitness import PatternFitness
 from ..estimators.line_covariance import LineFit, measure_bends, propagate
 from ..estimators.stripe_fit import StripeFit, refine
 from ..estimators.texture_alignment import TextureFit, align_texture
-from ..evidence.cross_checks import JudgedEstimate, cross_check_texture
-from ..evidence.cue_fusion import too_uncertain
+from ..evidence.cross_checks import JudgedEstimate, cross_check_surface
 from ..evidence.estimate import Estimate, StagePoses
 from ..evidence.frame_evidence import Evidence, FrameObservations, Hypothesis
 from ..evidence.gates import evaluate_gates, undetermined
-from ..evidence.lane_heights import surely_same
 from ..evidence.nuisances import (
-    rig_terms,
+    paint_angle_covariance,
     seen_slope_covariance,
     stage_disagreement_covariance,
-    unseen_slope_covariance,
 )
-from ..evidence.profile import measure_profile, profile_from_texture
+from ..evidence.profile import measure_profile
+from ..evidence.rig_unknowns import response_of_lines, response_of_surface, rig_terms
 from ..evidence.row_offset import vertical_offset
 from ..geometry.homography import SIDES
 from ..geometry.pose import Extrinsics
@@ -35,13 +33,13 @@ from ..numerics.genetic import GeneticResult, maximise_each
 from ..numerics.linear import is_covariance, rank_of
 from ..rejection import Bound, GateReading, NotFitted, Rejection, fitted
 from ..reservations import Reservation, ReservationKind
-from ..tolerances import KERB_SIGMAS
 from .attempt import Attempt, Verdict
-from .texture_guided_lines import line_on_road
+from .lines_on_road import yaw_of_line
 
-# Part of the road surface that surely belongs to the own lane, left and right of the camera [m]: a lane of
-# 2.5 m extends a quarter of a metre farther.
-_OWN_LANE_M = (-1.0, 1.0)
+# The strip under the car, left and right of the camera [m]: lanes are a quarter of a metre wider, at least.
+_OWN_STRIP_M = (-1.0, 1.0)
+
+_SWITCHED_OFF = NotFitted("refinement.stripes", 0, Bound.LEAST, 1)
 
 
 def solve(
@@ -60,9 +58,9 @@ def solve(
     """
     if hypothesis.pattern is not None:
         return _sound(_solve_lines(hypothesis, hypothesis.pattern, frame, rig, config))
-    if hypothesis.locating_texture is None:
+    if hypothesis.texture is None:
         raise ValueError("a hypothesis needs a pair of lines or the texture of the road surface")
-    return _sound(_solve_surface(hypothesis, hypothesis.locating_texture, frame, rig, config))
+    return _sound(_solve_surface(hypothesis, hypothesis.texture, frame, rig, config))
 
 
 def _sound(attempt: Attempt) -> Attempt:
@@ -72,7 +70,7 @@ def _sound(attempt: Attempt) -> Attempt:
     """
     if attempt.estimate is None:
         return attempt
-    values = np.array([*attempt.estimate.pose.as_array(), attempt.estimate.lane_yaw_rad])
+    values = np.array([*attempt.estimate.pose.as_array(), attempt.estimate.lane_yaw_rad or 0.0])
     n_finite, covariance = int(np.count_nonzero(np.isfinite(values))), attempt.estimate.covariance
     if n_finite < len(values):
         why = NotFitted("numbers of the pose that are finite", n_finite, Bound.LEAST, len(values))
@@ -96,7 +94,7 @@ def _solve_lines(
     genetic = _search(fitness, config)
     pose = Extrinsics.from_array(genetic.best)
     misfit_px = float(np.sqrt(np.max(fitness.errors(genetic.best[None]))))
-    poses = StagePoses(genetic=pose)
+    poses = replace(_coarse(frame), genetic=pose)
     evidence = Evidence(config, pose, genetic.fitness, misfit_px, hypothesis.below)
     readings, refusal = evaluate_gates(evidence)
     if refusal:
@@ -114,7 +112,9 @@ def _solve_lines(
     else:
         poses = replace(poses, closed_form=closed.extrinsics)
         reservations = contradictions(closed, pose, fit.covariance)
-    stripe_fit = refine(frame.images, pattern, rig, pose)
+    stripe_fit: StripeFit | NotFitted = _SWITCHED_OFF
+    if config.refinement.stripes:
+        stripe_fit = refine(frame.images, pattern, rig, pose)
     refined = fitted(stripe_fit)
     if isinstance(stripe_fit, NotFitted):
         reservations = (*reservations, Reservation(ReservationKind.NOT_REFINED, stripe_fit.reason))
@@ -129,18 +129,16 @@ def _solve_lines(
     readings, refusal = evaluate_gates(evidence, already=readings)
     if refusal:
         return _refused(hypothesis, refusal, readings, poses, genetic)
-    estimate = _estimate(pose, fit, refined, evidence, reservations)
-    lines = JudgedEstimate(estimate, poses, evidence, readings)
-    checked = cross_check_texture(lines, hypothesis, pattern, frame, rig)
+    estimate = _estimate(pose, fit, refined, evidence, reservations).with_terms(
+        UncertaintyTerm("paint_angle", paint_angle_covariance(pattern, rig, pose))
+    )
+    lines = JudgedEstimate(estimate, poses, evidence, readings, response_of_lines(fit, pattern, rig))
+    checked = cross_check_surface(lines, hypothesis, pattern, frame, rig)
     if checked.rejection is not None:
         return _refused(hypothesis, checked.rejection, checked.readings, checked.poses, genetic)
-    confirmed = checked.poses.textured is not None or not hypothesis.needs_texture
     return Attempt(
         hypothesis,
-        Verdict.ACCEPTED if confirmed else Verdict.UNCONFIRMED,
-        ""
-        if confirmed
-        else f"lines that were not the first choice need the texture; {_unchecked(checked.estimate)}",
+        Verdict.ACCEPTED,
         poses=checked.poses,
         readings=checked.readings,
         estimate=checked.estimate,
@@ -149,10 +147,11 @@ def _solve_lines(
     )
 
 
-def _unchecked(estimate: Estimate) -> str:
-    """Return why an estimate was not checked against the texture."""
-    kind = ReservationKind.NOT_CHECKED_BY_TEXTURE
-    return next(each.sentence for each in estimate.reservations if each.kind is kind)
+def _coarse(frame: FrameObservations) -> StagePoses:
+    """Return the poses that are known before a hypothesis: that of the dense disparities."""
+    if frame.surface is None or isinstance(frame.surface.coarse, NotFitted):
+        return StagePoses()
+    return StagePoses(coarse=frame.surface.coarse.extrinsics)
 
 
 def _estimate(
@@ -185,64 +184,32 @@ def _solve_surface(
     rig: StereoRig,
     config: CalibratorConfig,
 ) -> Attempt:
-    """Take the pose over the road surface, where a line that both cameras see lies in it."""
-    poses = StagePoses(textured=texture.extrinsics)
-
-    def not_fitted(message: str) -> Attempt:
-        return Attempt(hypothesis, Verdict.NOT_FITTED, message, poses=poses)
-
-    profile = profile_from_texture(texture)
-    terms = merge_terms(
-        (
-            *texture.terms,
-            *rig_terms(rig, texture.extrinsics),
-            UncertaintyTerm("slope_seen", seen_slope_covariance(profile)),
-            UncertaintyTerm("slope_unseen", unseen_slope_covariance(profile)),
-        )
-    )
-    estimate = Estimate(texture.extrinsics, terms, 0.0, (Reservation(ReservationKind.ONE_LINE_ONLY),))
-    uncertain = too_uncertain(estimate.covariance)
-    if uncertain is not None:
-        return not_fitted(f"the road surface alone leaves {uncertain.reason}")
-    found = line_on_road(
-        texture.extrinsics, list(hypothesis.single_lines), frame.points, frame.images, rig, config
-    )
-    if found is None:
-        return not_fitted("0 lines that both cameras see lie in the road surface, at least 1 needed")
-    _, yaw = found
-    doubt = _doubt_of_surface(texture.extrinsics, yaw, frame, rig)
-    if doubt:
-        return not_fitted(doubt)
-    vertical = vertical_offset(frame.images, rig, texture.extrinsics, yaw)
-    if isinstance(vertical, NotFitted):  # the rows may be those of a camera that has turned
-        return not_fitted(f"the rows of both images are not compared; {vertical.reason}")
-    readings, refusal = evaluate_gates(Evidence(config, texture=texture, vertical=vertical))
+    """Take the pose over the road surface, without a pair of lines; a line on it tells the yaw."""
+    poses = replace(_coarse(frame), textured=texture.extrinsics)
+    yaw = yaw_of_line(hypothesis.other_lines, texture.extrinsics, rig)
+    seen = Reservation(ReservationKind.NO_LINE_CONFIRMS if yaw is None else ReservationKind.ONE_LINE_ONLY)
+    terms = merge_terms((*texture.terms, *rig_terms(response_of_surface(rig, texture.extrinsics))))
+    estimate = Estimate(texture.extrinsics, terms, yaw, (seen,))
+    evidence = Evidence(config, texture=texture, std=np.sqrt(np.diag(estimate.covariance)))
+    readings, refusal = evaluate_gates(evidence)
     if refusal:
         return _refused(hypothesis, refusal, readings, poses)
-    return Attempt(
-        hypothesis,
-        Verdict.ACCEPTED,
-        poses=poses,
-        readings=readings,
-        estimate=replace(estimate, lane_yaw_rad=yaw),
-    )
-
-
-def _doubt_of_surface(pose: Extrinsics, yaw: float, frame: FrameObservations, rig: StereoRig) -> str:
-    """Return why the plane of the road surface may be that of a pavement; "" where that is excluded.
-
-    A pavement beside the lane is not the road, and its texture may have determined the plane. So the surface
-    of the own lane is aligned alone, as a check.
-    """
-    own_lane = align_texture(frame.images, rig, pose, yaw, limits_m=_OWN_LANE_M)
-    if isinstance(own_lane, NotFitted):
-        return f"the road surface of the own lane alone is not aligned; {own_lane.reason}"
-    if not surely_same(pose, own_lane, rig):
-        return (
-            "the road surface of the own lane does not exclude a kerb beside it, "
-            f"at least {KERB_SIGMAS:g} standard deviations needed"
-        )
-    return ""
+    # A pavement beside the lane is not the road, and its texture may have determined the plane. So the strip
+    # under the car is aligned alone.
+    strip = align_texture(frame.images, rig, texture.extrinsics, yaw or 0.0, limits_m=_OWN_STRIP_M)
+    if isinstance(strip, NotFitted) or not strip.common_texture:
+        why = "too little texture" if not isinstance(strip, NotFitted) else strip.reason
+        message = f"the road surface under the car alone is not aligned; {why}"
+        return Attempt(hypothesis, Verdict.NOT_FITTED, message, poses=poses, readings=readings)
+    vertical = vertical_offset(frame.images, rig, texture.extrinsics, yaw or 0.0)
+    if isinstance(vertical, NotFitted):  # the rows may be those of a camera that has turned
+        message = f"the rows of both images are not compared; {vertical.reason}"
+        return Attempt(hypothesis, Verdict.NOT_FITTED, message, poses=poses, readings=readings)
+    evidence = replace(evidence, own_strip=strip, vertical=vertical)
+    readings, refusal = evaluate_gates(evidence, already=readings)
+    if refusal:
+        return _refused(hypothesis, refusal, readings, poses)
+    return Attempt(hypothesis, Verdict.ACCEPTED, poses=poses, readings=readings, estimate=estimate)
 
 
 def _refused(

@@ -1,27 +1,26 @@
-"""Lines found with the plane of the road surface's texture, where no pair of lines was found without it.
+"""Lines looked for on the road that its surface shows.
 
-Matching the lines of both cameras needs two lines that are clear in both images. With one clear line, the
-pose over a road without roll is accurate enough to align the texture of the road surface. The plane of the
-texture then gives the position of a line in the right image from its position in the left one. Lines that are
-found this way are fitted to the images without that plane, and the gates are the same as for all others.
+With the plane of the road surface, a line of the left image has one place in the right image, and what is not
+on the road (houses, poles, cars) is left out before lines are looked for. Lines that are found this way are
+fitted to the images without that plane, and the gates are the same as for all others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
-from itertools import islice, product
+from itertools import product
 
 import numpy as np
 
 from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
-from ..estimators.texture_alignment import TextureFit, align_texture
-from ..geometry.plane import DisparityPlane, PlaneCamera, plane_from_pose, pose_from_plane
+from ..geometry.plane import DisparityPlane, PlaneCamera, plane_from_pose
 from ..geometry.pose import Extrinsics
-from ..geometry.rays import pixel_rays
-from ..lanes.hypotheses import Points
-from ..lanes.lane_pair import ImageLine, LanePattern
+from ..geometry.rays import LEAST_DISPARITY_PX, pixel_rays
+from ..lanes import frame_checks
+from ..lanes.detector import detect_by_hough
+from ..lanes.hypotheses import LaneHypotheses, NoPattern, Points
+from ..lanes.lane_pair import ImageLine
 from ..lanes.line_fit import refit_line
 from ..lanes.line_geometry import height_and_offset_m
 from ..lanes.matching import (
@@ -36,13 +35,14 @@ from ..lanes.matching import (
     sample_pattern,
     similarity,
 )
-from ..numerics.linear import solve_linear
-from ..rejection import NotFitted
+from ..lanes.stripe_points import StripePoints
+from ..road.priors import LANE_WIDTH_M
 from ..tolerances import MAX_LINE_HEIGHT_M
 from ..types import Image
 
-# Most lines from which the alignment of the texture is started: those with most votes.
-_MOST_STARTS = 3
+# How far to either side lines are looked for: those of a lane, whose camera may be half a lane beside its
+# middle, and those of the next lane.
+_HALF_WIDTH_M = 1.5 * LANE_WIDTH_M
 # Parallel lines meet on the horizon of their road, unless its slope changes: here by up to 1 %.
 MAX_GAP_RAD = 0.01
 # The heading of a car in its lane is within a few degrees of the lane; edges across the road are not.
@@ -51,86 +51,52 @@ MAX_YAW_RAD = float(np.radians(10.0))
 _MOST_PATTERNS = 3
 
 
-def roads_of_single_lines(
-    matches: list[Match], rig: StereoRig, config: CalibratorConfig
-) -> Iterator[Extrinsics]:
-    """Yield the pose over the road of each line, without roll; the line with most votes first.
+def candidates_on_road(
+    road_pose: Extrinsics, points: StripePoints, image: Image, rig: StereoRig
+) -> Candidates:
+    """Return the lines of the left image through stripe points that lie on the road.
 
     Args:
-        matches: Lines that both cameras see.
+        road_pose: Pose over the road surface.
+        points: Stripe points of the left image.
+        image: The left image.
         rig: Intrinsics and baseline.
-        config: Settings; poses outside of the search box are left out.
     """
-    box = config.search
-    for match in sorted(matches, key=lambda m: -m.votes):
-        left, right = match.left.line, match.right.line
-        v = np.array([max(left.rows.min(), right.rows.min()), min(left.rows.max(), right.rows.max())])
-        if v[1] <= v[0]:
-            continue
-        disparity = left.column_at(v) - right.column_at(v)
-        ray = np.column_stack([np.ones(2), -(v - rig.cy) / rig.fy])
-        plane = solve_linear(ray, disparity, "numbers of the plane that a line determines")
-        if isinstance(plane, NotFitted) or plane[1] >= 0.0:
-            continue
-        p0, p2 = plane
-        road_pose = pose_from_plane(DisparityPlane(np.array([p0, 0.0, p2]), PlaneCamera.MIDDLE), rig)
-        inside = box.height_min_m <= road_pose.height_m <= box.height_max_m
-        if inside and abs(road_pose.pitch_rad) <= box.pitch_max_rad:
-            yield road_pose
-
-
-def find_road(
-    images: tuple[Image, Image],
-    known_pose: Extrinsics | None,
-    matches: list[Match],
-    rig: StereoRig,
-    config: CalibratorConfig,
-) -> TextureFit | None:
-    """Align the texture of the road surface, without knowing its lines; None where it is too weak.
-
-    Args:
-        images: Left and right image.
-        known_pose: Pose over the road, if it is known.
-        matches: Lines that both cameras see; without a known pose, those with most votes give the starts.
-        rig: Intrinsics and baseline.
-        config: Settings; starts outside of the search box are left out.
-    """
-    starts = [known_pose] if known_pose else islice(roads_of_single_lines(matches, rig, config), _MOST_STARTS)
-    for start in starts:
-        fit = align_texture(images, rig, start)
-        if not isinstance(fit, NotFitted) and fit.enough_texture and fit.comparable:
-            return fit
-    return None
+    plane = plane_from_pose(road_pose, rig, PlaneCamera.LEFT)
+    rays = pixel_rays(rig, points.columns, points.rows)
+    disparity = plane.disparities(rays)
+    # At a disparity d, a metre is d / baseline pixels wide.
+    half_px = disparity * (_HALF_WIDTH_M / rig.baseline_m)
+    on_road = (disparity > LEAST_DISPARITY_PX) & (np.abs(rays[:, 1]) * rig.fx < half_px)
+    return detect_by_hough(points.chosen(on_road), image, chained=False)
 
 
 def lines_on_road(
     road_pose: Extrinsics,
-    candidates: list[Candidates],
     points: Points,
     images: tuple[Image, Image],
     rig: StereoRig,
     config: CalibratorConfig,
-) -> list[LanePattern]:
-    """Return pairs of lines, one on either side, that lie in a road and meet at its horizon.
+) -> LaneHypotheses:
+    """Return the lines that lie on a road, and the pairs of them that meet at its horizon.
 
     Args:
         road_pose: Pose over the road surface.
-        candidates: Lines of the left camera, from each search.
         points: Stripe points of both images.
         images: Left and right image.
         rig: Intrinsics and baseline.
         config: Settings of the extraction.
     """
     plane = plane_from_pose(road_pose, rig)
+    candidates = candidates_on_road(road_pose, points[0], images[0], rig)
     sides: Matches = ([], [])
-    for found in candidates:
-        for side, lines in zip(sides, found, strict=True):
-            for candidate in lines:
-                match = _seen_by_both(candidate, plane, points, images, rig, config)
-                if match is not None and not any(
-                    match.left.line.is_same_stripe(other.left.line) for other in side
-                ):
-                    side.append(match)
+    for side, lines in zip(sides, candidates, strict=True):
+        for candidate in lines:
+            match = _seen_by_both(candidate, plane, points, images, rig, config)
+            if match is not None and not any(
+                match.left.line.is_same_stripe(other.left.line) for other in side
+            ):
+                side.append(match)
     pairs = [MatchedLines.of_matches(first, second) for first, second in product(*sides)]
     reach_px = MAX_GAP_RAD * rig.fy
     pairs = [
@@ -139,7 +105,13 @@ def lines_on_road(
         if abs(_horizon_gap_px(pair, plane, rig)) <= reach_px and is_sampled(pair, rig, config)
     ]
     pairs.sort(key=lambda pair: -pair.score)
-    return [sample_pattern(pair, rig, config) for pair in pairs[:_MOST_PATTERNS]]
+    patterns = [sample_pattern(pair, rig, config) for pair in pairs[:_MOST_PATTERNS]]
+    in_right = [match.right for match in sides[0]], [match.right for match in sides[1]]
+    return LaneHypotheses(
+        (candidates, in_right),
+        sides,
+        patterns or NoPattern(frame_checks.no_pair_on_road(len(sides[0]), len(sides[1]))),
+    )
 
 
 def _horizon_gap_px(pair: MatchedLines, plane: DisparityPlane, rig: StereoRig) -> float:
@@ -204,39 +176,19 @@ def _in_right_camera(line: ImageLine, plane: DisparityPlane, rig: StereoRig) -> 
     return replace(line, u_mid=line.u_mid - intercept - slope * line.v_mid, slope=line.slope - slope)
 
 
-def line_on_road(
-    road_pose: Extrinsics,
-    matches: list[Match],
-    points: Points,
-    images: tuple[Image, Image],
-    rig: StereoRig,
-    config: CalibratorConfig,
-) -> tuple[Match, float] | None:
-    """Return a line that both cameras see and that lies in a road, and the camera's yaw against it [rad].
-
-    Of several lines, it is the one with most votes.
+def yaw_of_line(matches: Matches, road_pose: Extrinsics, rig: StereoRig) -> float | None:
+    """Return the yaw of the camera against the clearest line on a road [rad]; None without one.
 
     Args:
+        matches: Lines that both cameras see on the road.
         road_pose: Pose over the road surface.
-        matches: Lines that both cameras see.
-        points: Stripe points of both images.
-        images: Left and right image.
         rig: Intrinsics and baseline.
-        config: Settings of the extraction.
     """
     plane = plane_from_pose(road_pose, rig)
-    for match in sorted(matches, key=lambda m: -m.votes):
-        on_road = _seen_by_both(match.left, plane, points, images, rig, config)
-        if on_road is None:
-            continue
-        right = match.right.line
-        v = np.array([right.rows.mean(), right.rows.max()])
-        # The line must be the one that was found in the right image without the plane, and not one nearby.
-        if np.any(np.abs(right.column_at(v) - on_road.right.line.column_at(v)) > right.width_px):
-            continue
-        yaw = _yaw(on_road.left.line, plane, rig)
+    for match in sorted((each for side in matches for each in side), key=lambda m: -m.votes):
+        yaw = _yaw(match.left.line, plane, rig)
         if abs(yaw) <= MAX_YAW_RAD:
-            return on_road, yaw
+            return yaw
     return None
 
 
