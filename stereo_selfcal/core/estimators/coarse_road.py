@@ -150,7 +150,7 @@ def _small_disparities(
 
 def _full(small: Indices, scale: int) -> Array:
     """Return the column or row in the images for one of the small images."""
-    full: Array = (small + 0.5) * scale - 0.5
+    full: Array = (small.astype(np.float64) + 0.5) * scale - 0.5
     return full
 
 
@@ -207,7 +207,7 @@ def _fit(
     rays: Array, measured: Array, start: Array, rig: StereoRig, scale: int
 ) -> DisparityPlane | NotFitted:
     """Fit a plane to the road ahead, from one that is good to a pixel of the small images."""
-    plane = start
+    plane: Array = start
     for _ in range(_ROUNDS):
         predicted = rays @ plane
         ahead = np.nonzero(_is_ahead(predicted, rays[:, 1], rig, scale))[0]

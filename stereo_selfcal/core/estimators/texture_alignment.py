@@ -26,8 +26,9 @@ from ..numerics.robust import TUKEY_SIGMAS, tukey_weights
 from ..rejection import Bound, NotFitted
 from ..road.cell_grid import FAR_M, HALF_WIDTH_M, SampleGrid, lay_out_samples, strip_of
 from ..road.extent import OUTLIER_WEIGHT
+from ..road.priors import HALF_LANE_WIDTH_M
 from ..road.surface import (
-    HALF_WIDTHS_M,
+    OTHER_HALF_WIDTHS_M,
     STRETCHES_M,
     CellHeights,
     LanePoints,
@@ -245,7 +246,7 @@ def _lane_points(plane: DisparityPlane, rig: StereoRig, layout: _Layout) -> Lane
     pose = pose_from_plane(plane, rig)
     begin_m, end_m = STRETCHES_M[0][0], STRETCHES_M[-1][1]
     ahead = np.linspace(begin_m, end_m, 1 + round((end_m - begin_m) / _LANE_STEP_M))
-    half_m = np.array([*HALF_WIDTHS_M, 0.0])
+    half_m = np.array([*OTHER_HALF_WIDTHS_M, HALF_LANE_WIDTH_M, 0.0])
     lateral = np.unique(np.clip(np.concatenate([half_m, -half_m]), right_m, left_m))
     x, aside = (each.ravel() for each in np.meshgrid(ahead, lateral))
     xy = np.column_stack([x, aside - np.tan(yaw) * x])

@@ -110,12 +110,14 @@ def cross_check_surface(
         estimate = estimate.with_terms(*road_shape_terms(pattern, rig, estimate.pose, fit.unevenness))
         evidence = replace(evidence, lane_heights=lane_heights)
     common = fit is not None and fit.common_texture
+    if not common and frame.surface is not None and frame.surface.located is not None:
+        fit, common = frame.surface.located, True  # too weak an estimate of its own, it may contradict
     if fit is not None and common:
         of_surface = response_of_surface(rig, fit.extrinsics)
         spread = difference_covariance(estimate, fit, lines.line_response, of_surface)
         evidence = replace(evidence, texture=fit, difference_std=np.sqrt(np.diag(spread)))
     lines = replace(lines, estimate=estimate, evidence=evidence)
-    if fit is not None and sufficiency >= 1.0:
+    if fit is not None and common and sufficiency >= 1.0:
         return _cross_check_on_surface(lines, pattern, fit, frame, rig)
     if config.texture.required:
         evidence = replace(evidence, texture_sufficiency=sufficiency)

@@ -10,7 +10,6 @@ unevenness is in the covariance, as far as the roughness of the road allows (`co
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from ..numerics.linear import invert, is_covariance, rank_of, solve_linear
 from ..rejection import Bound, NotFitted
 from ..types import Array, Indices, Mask
 from .extent import Extent, find_extent
+from .priors import HALF_LANE_WIDTH_M
 from .unevenness import (
     TYPICAL_MISMATCH_PX,
     TYPICAL_ROUGHNESS,
@@ -28,13 +28,14 @@ from .unevenness import (
 
 _WORST_STD_M = 0.3  # most standard deviation of a usable cell: the height of two kerbs
 _DETERMINED = "numbers of the plane that the cells determine"
+_LEAST_COLUMNS = 2  # of the points of a lane: with one, its roll is open
 _LEAST_CELLS = 6  # twice the number of a plane's parameters
 # The pose describes the own lane. A plane over an uneven road depends on the part that counts, and there is
-# no one right part: a plane is wanted from the bonnet on or from the first row of a camera behind the
-# windscreen on (KITTI's lidar planes: 5.5 to 20 m), for the tracks of the wheels or for the whole lane. The
-# pose is the mean of the planes of these parts; how they differ is an uncertainty.
+# no one right part. It may begin behind the bonnet or at the first row of a camera behind the windscreen
+# (KITTI's lidar planes: 5.5 to 20 m): the pose is the mean of both. It may be that of the tracks of the
+# wheels, or of the lane with its shoulders: how their planes differ from that of the lane is an uncertainty.
 STRETCHES_M = ((3.0, 15.0), (5.0, 20.0))
-HALF_WIDTHS_M = (1.0, 2.5)
+OTHER_HALF_WIDTHS_M = (1.0, 2.5)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,24 +75,23 @@ class LanePoints:
     strip: Indices
     middle: int
 
-    def planes(self, strips: tuple[int, int]) -> list[Array]:
-        """Return the matrices (3, T) that give the plane of each part from the heights of all points.
+    def planes(self, strips: tuple[int, int], half_width_m: float) -> Array:
+        """Return the matrices (2, 3, T) that give the plane of each stretch from the heights of all points.
 
         Args:
             strips: First and last strip of the road; points beyond them do not count.
+            half_width_m: How far from the camera's path points count. A narrow road may leave no more than a
+                side of the lane: then that counts, as wide as it is.
         """
         on_road = (self.strip >= strips[0]) & (self.strip <= strips[1])
+        within = on_road & (np.abs(self.aside_m) <= half_width_m)
+        if len(np.unique(self.aside_m[within])) < _LEAST_COLUMNS:
+            within = on_road
         ahead = self.xy[:, 0]
-        matrices = []
-        for (begin_m, end_m), half_m in product(STRETCHES_M, HALF_WIDTHS_M):
-            # A narrow road may leave no more than a side of the lane: then that counts, as wide as it is.
-            inside = on_road & (ahead >= begin_m) & (ahead <= end_m)
-            within = inside & (np.abs(self.aside_m) <= half_m)
-            if len(np.unique(self.aside_m[within].round(6))) > 1:
-                inside = within
-            matrix = np.zeros((self.design.shape[1], len(ahead)))
+        matrices = np.zeros((len(STRETCHES_M), self.design.shape[1], len(ahead)))
+        for matrix, (begin_m, end_m) in zip(matrices, STRETCHES_M, strict=True):
+            inside = within & (ahead >= begin_m) & (ahead <= end_m)
             matrix[:, inside] = np.linalg.pinv(self.design[inside])
-            matrices.append(matrix)
         return matrices
 
 
@@ -137,14 +137,11 @@ def fit_surface(
         The plane, or the reason why the measured cells do not determine one.
     """
     seen = np.isfinite(cells.heights) & (cells.variances < _WORST_STD_M**2)  # false for NaN as well
-    n_seen = int(np.count_nonzero(seen))
-    if n_seen < _LEAST_CELLS:
-        return NotFitted("cells whose height is known", n_seen, Bound.LEAST, _LEAST_CELLS)
+    lacking = _too_few(design[seen])
+    if lacking is not None:
+        return lacking
     y, x, noise, metres = cells.heights[seen], design[seen], cells.variances[seen], cells.metres[seen]
-    greatest = np.abs(x).max(axis=0)  # a column is zero where all cells are straight ahead of the camera
-    rank = 0 if np.any(greatest == 0.0) else rank_of(x / greatest)
-    if rank < x.shape[1]:
-        return NotFitted(_DETERMINED, rank, Bound.LEAST, x.shape[1])
+    n_seen = len(y)
     kernel, profile = unit_covariances(np.concatenate([cells.xy[seen], lane.xy]))
     of_cells = slice(n_seen), slice(n_seen)
     usual = TYPICAL_ROUGHNESS * kernel[of_cells] + profile[of_cells]
@@ -165,10 +162,8 @@ def fit_surface(
     solved = _solve_lane(road, variances, x, lane, extent)
     if isinstance(solved, NotFitted):
         return solved
-    parts, errors = solved
-    solve = parts.mean(axis=0)
-    apart = (parts - solve) @ y
-    error = errors.mean(axis=0)
+    solve, error, others = solved
+    apart = (others - solve) @ y
     terms = {
         "noise": (solve * noise) @ solve.T,
         "mismatch": (solve * (variances - noise)) @ solve.T,
@@ -195,9 +190,19 @@ def fit_surface(
     )
 
 
+def _too_few(design: Array) -> NotFitted | None:
+    """Return what the seen cells (S, 3) lack to determine a plane; None where they do."""
+    n_seen, n_numbers = design.shape
+    if n_seen < _LEAST_CELLS:
+        return NotFitted("cells whose height is known", n_seen, Bound.LEAST, _LEAST_CELLS)
+    greatest = np.abs(design).max(axis=0)  # a column is zero where all cells are straight ahead of the camera
+    rank = 0 if np.any(greatest == 0.0) else rank_of(design / greatest)
+    return NotFitted(_DETERMINED, rank, Bound.LEAST, n_numbers) if rank < n_numbers else None
+
+
 def _solve_lane(
     road: Array, noise: Array, x: Array, lane: LanePoints, extent: Extent
-) -> tuple[Array, Array] | NotFitted:
+) -> tuple[Array, Array, Array] | NotFitted:
     """Return the matrices that give the planes of the parts of the lane from the heights of the cells.
 
     Args:
@@ -208,8 +213,8 @@ def _solve_lane(
         extent: The cells that are road.
 
     Returns:
-        Heights of the cells to the plane of each part (4, 3, S); deviations of the road at cells and points
-        to the errors of these planes (4, 3, S + T).
+        Heights of the cells to the plane of the lane (3, S); deviations of the road at cells and points to
+        the error of that plane (3, S + T); and heights of the cells to the planes of other parts (6, 3, S).
     """
     n = len(x)
     what = "heights of the cells that are independent"
@@ -223,6 +228,8 @@ def _solve_lane(
     to_plane = covariance @ weighted.T
     # Heights of the lane over that plane, predicted from what remains of the cells' heights.
     to_lane = predicted - (predicted @ x) @ to_plane
-    planes = np.stack(lane.planes(extent.strips))
-    parts: Array = to_plane + planes @ to_lane
-    return parts, np.concatenate([parts, -planes], axis=2)
+    of_lane = lane.planes(extent.strips, HALF_LANE_WIDTH_M)
+    others = np.concatenate([of_lane, *(lane.planes(extent.strips, half) for half in OTHER_HALF_WIDTHS_M)])
+    plane = of_lane.mean(axis=0)
+    solve: Array = to_plane + plane @ to_lane
+    return solve, np.concatenate([solve, -plane], axis=1), to_plane + others @ to_lane
