@@ -110,10 +110,11 @@ def _peer(of_source: dict[str, list[RoadVerdict]]) -> Table:
         "roads_peer",
         "Against thirty lines of OpenCV: SGBM, RANSAC plane, least squares",
         ["set", "method", "answers", "gross", "median of |error|", "90 %", "median CPU ms"],
-        "The peer: 96 disparities, block 5, the settings of OpenCV's sample; a plane by RANSAC in the lower "
-        "half of the image, then least squares within 1 px, 4 to 25 m ahead and 4 m to either side. It never "
-        f"refuses what has a plane. Errors: {', '.join(UNITS)}; gross as above. In common: pairs that both "
-        "answer. Ratio: ours by the peer's. The errors of the sequence hold the motion of the car.",
+        "The peer: 96 disparities, block 5, the settings of OpenCV's sample; a plane by RANSAC, then "
+        "least squares, within half a pixel, of what is 4 to 25 m ahead and 4 m to either side in the lower "
+        f"half of the image. It never refuses what has a plane. Errors: {', '.join(UNITS)}; gross as above. "
+        "In common: pairs that both answer. Ratio: ours by the peer's. The errors of the sequence hold the "
+        "motion of the car.",
     )
     for source, verdicts in of_source.items():
         groups: list[tuple[str, Verdicts]] = [(source, verdicts)]
