@@ -1,7 +1,7 @@
 """Thirty lines that a user would write instead: OpenCV's block matching and a plane.
 
-The matcher has the settings of OpenCV's own sample, and the region is what a road usually takes. Of eight ways
-to look for the plane (where, and within how many pixels) it has the one that was best on the frames with lidar:
+The matcher has the settings of OpenCV's own sample, and the region is what a road usually takes. Where the
+plane is looked for, and within how many pixels, is the best of eight ways tried on the frames with lidar:
 that flatters it.
 """
 
@@ -32,8 +32,8 @@ NEAR_M, FAR_M, HALF_WIDTH_M = 4.0, 25.0, 4.0
 def peer_pose(left: Image, right: Image, rig: StereoRig) -> Array | None:
     """Return height [mm], pitch and roll [deg] of the road plane, None where there is no plane.
 
-    The plane is found by RANSAC in a region ahead of the cameras that is in the lower half of the image. It is
-    then fitted by least squares to what lies near it there.
+    The plane is found by RANSAC in a region ahead of the cameras, in the lower half of the image. It is then
+    fitted by least squares to what lies near it there.
     """
     matcher = cv2.StereoSGBM_create(
         minDisparity=0, numDisparities=N_DISPARITIES, blockSize=BLOCK_PX, **SETTINGS

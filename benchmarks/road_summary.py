@@ -86,7 +86,9 @@ def _against_peer(verdicts: Verdicts) -> Iterator[Row]:
     yield "gross, the peer's", "-", str(sum(map(is_gross, theirs))), True
     for name, quantile in (("median", 0.5), ("90 %", 0.9)):
         mine, other = (np.nanquantile(np.abs(errors), quantile, axis=0) for errors in (ours, theirs))
-        measured = f"{numbers(mine)} by {numbers(other)}: {numbers(mine / other, 2)}"
+        measured = (
+            f"{numbers(mine)} by {numbers(other)}: {numbers(mine / np.where(other > 0, other, np.nan), 2)}"
+        )
         yield f"{name} of |error| by the peer's", "below 1", measured, bool(np.all(mine < other))
 
 
