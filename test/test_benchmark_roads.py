@@ -1,4 +1,4 @@
-"""How real and rendered roads of others are judged; the pairs themselves where they lie beside the project."""
+"""How real and rendered roads of others are judged; the pairs where they lie beside the project."""
 
 from dataclasses import replace
 from importlib import import_module
