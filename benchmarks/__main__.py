@@ -9,65 +9,48 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from .bias import bias_table
-from .drives import drive_table
-from .false_alarms import false_alarm_table
-from .fleet import fleet_table
-from .fleet_state import state_table
-from .idle import answer_table, idle_table
-from .kills import kill_table
-from .limit import limit_table
-from .many_lines import many_lines_table
-from .mutated_files import mutated_files_table
-from .mutations import mutations_table
-from .offline import offline_tables
-from .options import QUICK, RESULTS, Options
-from .paper import noise_table, seed_table
-from .peer_table import peer_table
-from .recorded import recorded_table
-from .search import search_table
-from .soak import soak_table
-from .speed import cost_tables, ratio_table, size_table
-from .structured_noise import structured_noise_table
-from .table import Table
-from .thresholds import threshold_table
-from .variants import variant_tables
-from .watch import watch_tables
-from .worlds import world_tables
+from .options import QUICK, Options
+from .road_pairs import SOURCES
+from .table import NothingToMeasureError, Table
 
-SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
-    "ratio": ratio_table,
-    "seeds": seed_table,
-    "noise": noise_table,
-    "limit": limit_table,
-    "many_lines": many_lines_table,
-    "bias": bias_table,
-    "peers": peer_table,
-    "search": search_table,
-    "sizes": size_table,
-    "cost": cost_tables,
-    "false_alarms": false_alarm_table,
-    "structured_noise": structured_noise_table,
-    "recorded": recorded_table,
-    "variants": variant_tables,
-    "thresholds": threshold_table,
-    "worlds": world_tables,
-    "kills": kill_table,
-    "mutated_files": mutated_files_table,
-    "mutations": mutations_table,
-    "idle": idle_table,
-    "answers": answer_table,
-    "watch": watch_tables,
-    "soak": soak_table,
-    "fleet": fleet_table,
-    "fleet_state": state_table,
-    "drives": drive_table,
-    "offline": offline_tables,
+# The function that yields the tables of each section. A module is imported when its section is measured: the
+# others may need what is not installed.
+SECTIONS = {
+    "ratio": "speed.ratio_table",
+    "seeds": "paper.seed_table",
+    "noise": "paper.noise_table",
+    "limit": "limit.limit_table",
+    "many_lines": "many_lines.many_lines_table",
+    "bias": "bias.bias_table",
+    "peers": "peer_table.peer_table",
+    "search": "search.search_table",
+    "sizes": "speed.size_table",
+    "cost": "speed.cost_tables",
+    "false_alarms": "false_alarms.false_alarm_table",
+    "structured_noise": "structured_noise.structured_noise_table",
+    "roads": "roads.road_tables",
+    "strips": "road_strips.strip_table",
+    "road_times": "road_times.time_tables",
+    "steady": "steady.steady_tables",
+    "thresholds": "thresholds.threshold_table",
+    "worlds": "worlds.world_tables",
+    "kills": "kills.kill_table",
+    "mutated_files": "mutated_files.mutated_files_table",
+    "mutations": "mutations.mutations_table",
+    "idle": "idle.idle_table",
+    "answers": "idle.answer_table",
+    "watch": "watch.watch_tables",
+    "soak": "soak.soak_table",
+    "fleet": "fleet.fleet_table",
+    "fleet_state": "fleet_state.state_table",
+    "drives": "drives.drive_table",
+    "offline": "offline.offline_tables",
 }
 # Drawn by a section, shown below its tables.
 PLOTS = {"limit": "limit.png", "peers": "peers.png", "search": "search.png", "sizes": "sizes.png"}
@@ -87,18 +70,38 @@ def main(arguments: list[str]) -> int:
         "--watch-hours", type=int, help="hours the watch is driven without a change, for each ride"
     )
     parser.add_argument("--bumps", type=int, help="drives the watch is driven with each bump, for each ride")
+    parser.add_argument(
+        "--source",
+        action="append",
+        dest="sources",
+        choices=SOURCES,
+        help="one of the sets of stereo pairs (may be repeated); all of them by default",
+    )
+    parser.add_argument("--road-step", type=int, help="one pair out of so many of each set")
+    parser.add_argument("--processes", type=int, help="processes that judge stereo pairs")
+    parser.add_argument("--folder", type=Path, help="where tables and plots go")
     chosen = parser.parse_args(arguments)
     unknown = [name for name in chosen.sections if name not in SECTIONS]
     if unknown:
         parser.error(f"there is no section {unknown[0]!r}: they are {', '.join(SECTIONS)}")
-    names = ("poses", "draws", "seeds", "worlds", "drives", "watch_hours", "bumps")
-    sizes = {name: getattr(chosen, name) for name in names if getattr(chosen, name)}
+    # Every argument but the sections and --quick is one of the options.
+    sizes = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in vars(chosen).items()
+        if value and name not in ("sections", "quick")
+    }
+    if chosen.sources or chosen.road_step:
+        # A part of the pairs does not replace what was measured on all of them.
+        sizes.setdefault("folder", QUICK.folder)
     options = replace(QUICK if chosen.quick else Options(), **sizes)
     cv2.setNumThreads(1)
     options.folder.mkdir(parents=True, exist_ok=True)
     for name in chosen.sections or SECTIONS:
         start = time.perf_counter()
-        text = _measure(name, options)
+        try:
+            text = _measure(name, options)
+        except NothingToMeasureError as reason:
+            text = f"{name}: skipped, {reason}"
         sys.stdout.write(f"\n{text}\n({time.perf_counter() - start:.0f} s)\n")
         sys.stdout.flush()
     _collect(options.folder)
@@ -106,18 +109,29 @@ def main(arguments: list[str]) -> int:
 
 
 def _measure(name: str, options: Options) -> str:
-    """Measure one section, write its files, return its Markdown."""
-    tables = list(SECTIONS[name](options))
-    text = "\n".join(table.markdown() for table in tables)
+    """Measure one section, write its files, return its Markdown.
+
+    Raises:
+        NothingToMeasureError: What it measures is not there; what was measured before is kept.
+    """
+    tables = list(_section(name)(options))
+    text = "\n".join(table.markdown() for table in tables if table.shown)
     if name in PLOTS:
         text += f"\n![{name}]({PLOTS[name]})\n"
     if tables:
-        thin = " with --quick: too few runs to be quoted" if options.folder != RESULTS else ""
+        thin = " on a part: too few runs to be quoted" if options.folder == QUICK.folder else ""
         text = f"*Measured at {_commit()}{thin}.*\n\n{text}"
     for table in tables:
         (options.folder / f"{table.name}.csv").write_text(table.csv(), encoding="utf-8")
     (options.folder / f"{name}.md").write_text(text, encoding="utf-8")
     return text
+
+
+def _section(name: str) -> Callable[[Options], Iterator[Table]]:
+    """Return the function that yields the tables of a section."""
+    module, function = SECTIONS[name].split(".")
+    tables: Callable[[Options], Iterator[Table]] = getattr(import_module(f".{module}", __package__), function)
+    return tables
 
 
 def _collect(folder: Path) -> None:

@@ -31,6 +31,9 @@ class Options:
         drives: Simulated drives of each kind.
         drive_frames: Frames of the rendered drive.
         all_sizes: Whether to go through all image sizes, or the smallest two only.
+        sources: Sets of stereo pairs of roads; none for all of them.
+        road_step: One pair out of so many of each set.
+        processes: Processes that judge pairs.
         folder: Where tables and plots go.
     """
 
@@ -52,6 +55,9 @@ class Options:
     drives: int = 200
     drive_frames: int = 450
     all_sizes: bool = True
+    sources: tuple[str, ...] = ()
+    road_step: int = 1
+    processes: int = 2
     folder: Path = RESULTS
 
 
@@ -75,5 +81,6 @@ QUICK = Options(
     drives=5,
     drive_frames=60,
     all_sizes=False,
+    road_step=6,
     folder=RESULTS / "quick",
 )

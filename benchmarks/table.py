@@ -8,6 +8,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 
+class NothingToMeasureError(Exception):
+    """What a section measures is not there."""
+
+
 @dataclass
 class Table:
     """Rows of text under a title.
@@ -18,6 +22,7 @@ class Table:
         header: Names of the columns.
         note: What a reader must know to read it: conditions, settings, what is missing.
         rows: The cells.
+        shown: Whether it is on the page of its section; its CSV file is written in any case.
     """
 
     name: str
@@ -25,6 +30,7 @@ class Table:
     header: list[str]
     note: str = ""
     rows: list[tuple[str, ...]] = field(default_factory=list)
+    shown: bool = True
 
     def add(self, *cells: str) -> None:
         """Append a row; it has as many cells as the header."""

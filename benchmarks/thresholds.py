@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import multiprocessing
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import cv2
 import numpy as np
 
-from stereo_selfcal import Calibrator, CalibratorConfig, StereoRig
-from stereo_selfcal.bags import StereoBag
+from stereo_selfcal import Calibrator, CalibratorConfig
 from stereo_selfcal.core import tolerances
 from stereo_selfcal.core.estimators import texture_alignment
 from stereo_selfcal.core.evidence import cross_checks, kerb_face, measurements, profile
@@ -23,10 +19,11 @@ from stereo_selfcal.core.lanes import line_geometry, matching
 from stereo_selfcal.core.search import solve, texture_guided_lines
 
 from .options import Options
-from .recorded import BAG, FRAMES
+from .road_pairs import pairs_of
 from .table import Table
 
 SCALES = (0.8, 1.2)
+SOURCES = ("kitti_odometry02", "kitti_frames")
 PROCESSES = 2
 _ALLOWED = 2  # verdicts that one threshold may change
 
@@ -90,9 +87,12 @@ THRESHOLDS = (
 
 
 def threshold_table(_: Options) -> Iterator[Table]:
-    """Count changed verdicts, threshold by threshold; nothing where the recordings are not there."""
-    if not (BAG.is_dir() and FRAMES.is_dir()):
-        return
+    """Count changed verdicts, threshold by threshold.
+
+    Raises:
+        NothingToMeasureError: The recordings are not there.
+    """
+    next(pairs_of(SOURCES))
     context = multiprocessing.get_context("spawn")
     jobs = [(None, 1.0), *((i, scale) for i in range(len(THRESHOLDS)) for scale in SCALES)]
     with context.Pool(PROCESSES, initializer=cv2.setNumThreads, initargs=(1,)) as pool:
@@ -141,13 +141,5 @@ def verdicts(job: tuple[int | None, float]) -> list[bool]:
 
 
 def _accepted(config: CalibratorConfig) -> list[bool]:
-    recording = StereoBag(BAG)
-    rig = recording.read_rig()
-    frames = [(rig, frame.left, frame.right) for frame in recording.frames()]
-    rig = StereoRig(**json.loads((FRAMES / "rig.json").read_text()))
-    read = partial(cv2.imread, flags=cv2.IMREAD_GRAYSCALE)
-    with (FRAMES / "truth.csv").open(newline="") as lines:
-        for row in csv.DictReader(lines):
-            left, right = (read(str(FRAMES / side / f"{row['id']}.png")) for side in ("left", "right"))
-            frames.append((rig, left, right))
-    return [Calibrator(rig, config).add(left, right).accepted for rig, left, right in frames]
+    pairs = pairs_of(SOURCES)
+    return [Calibrator(pair.rig, config).add(pair.left, pair.right).accepted for pair in pairs]

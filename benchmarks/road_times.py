@@ -1,0 +1,120 @@
+"""Time of one real frame, accepted or refused, against one block matching of the same pair."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from stereo_selfcal import Calibrator
+
+from .options import Options
+from .road_pairs import RoadPair, pairs_of
+from .table import Table
+
+N_DISPARITIES, BLOCK_PX = 96, 5
+ROUNDS = 3
+MOST_RATIO = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class FrameTime:
+    """Processor times of one pair.
+
+    Attributes:
+        source: The set it belongs to.
+        name: Of the pair.
+        reason: Why it is refused; empty where it is accepted.
+        ours_ms: Median time of a calibration [ms].
+        matching_ms: Median time of a block matching [ms].
+    """
+
+    source: str
+    name: str
+    reason: str
+    ours_ms: float
+    matching_ms: float
+
+    @property
+    def ratio(self) -> float:
+        """Time of a calibration in block matchings."""
+        return self.ours_ms / self.matching_ms
+
+
+def time_tables(options: Options) -> Iterator[Table]:
+    """Time every pair, calibration and block matching by turns."""
+    table = Table(
+        "road_times",
+        "One calibration of a real frame against one cv2.StereoSGBM of the same pair",
+        [
+            "set",
+            "frames",
+            "n",
+            "ours, median ms",
+            "SGBM, median ms",
+            "median ratio",
+            "90 %",
+            "worst ratio",
+            "of",
+        ],
+        f"CPU time of one thread each, {ROUNDS} times by turns, the median of each frame; {N_DISPARITIES} "
+        f"disparities, block {BLOCK_PX}. Asked: a ratio of at most {MOST_RATIO:g}.",
+    )
+    every = Table(
+        "road_times_every",
+        "Every frame",
+        ["set", "pair", "reason", "ours_ms", "sgbm_ms", "ratio"],
+        shown=False,
+    )
+    times = [clocked(pair) for pair in pairs_of(options.sources or ("kitti_frames",), options.road_step)]
+    for source in dict.fromkeys(each.source for each in times):
+        of_source = [each for each in times if each.source == source]
+        groups = {
+            "accepted": [each for each in of_source if not each.reason],
+            "refused": [each for each in of_source if each.reason],
+            "all": of_source,
+        }
+        for name, group in groups.items():
+            if group:
+                table.add(source, name, str(len(group)), *_cells(group))
+    for each in times:
+        numbers = (f"{value:.2f}" for value in (each.ours_ms, each.matching_ms, each.ratio))
+        every.add(each.source, each.name, each.reason, *numbers)
+    yield table
+    yield every
+
+
+def clocked(pair: RoadPair) -> FrameTime:
+    """Time one pair."""
+    calibrator = Calibrator(pair.rig)
+    matcher = cv2.StereoSGBM_create(minDisparity=0, numDisparities=N_DISPARITIES, blockSize=BLOCK_PX)
+    result = calibrator.add(pair.left, pair.right)  # not timed: the first call fills the caches
+    ours, theirs = [], []
+    for _ in range(ROUNDS):
+        theirs.append(_ms(lambda: matcher.compute(pair.left, pair.right)))
+        ours.append(_ms(lambda: calibrator.add(pair.left, pair.right)))
+    median_ms = (float(np.median(each)) for each in (ours, theirs))
+    return FrameTime(pair.source, pair.name, str(result.reason or ""), *median_ms)
+
+
+def _cells(group: list[FrameTime]) -> list[str]:
+    ratios = [each.ratio for each in group]
+    worst = max(group, key=lambda each: each.ratio)
+    return [
+        f"{np.median([each.ours_ms for each in group]):.0f}",
+        f"{np.median([each.matching_ms for each in group]):.0f}",
+        f"{np.median(ratios):.2f}",
+        f"{np.quantile(ratios, 0.9):.2f}",
+        f"{worst.ratio:.2f}",
+        worst.name,
+    ]
+
+
+def _ms(call: Callable[[], object]) -> float:
+    # CPU time: other programs of this machine must not count.
+    start = time.thread_time()
+    call()
+    return (time.thread_time() - start) * 1e3
