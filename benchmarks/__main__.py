@@ -31,6 +31,7 @@ from .paper import noise_table, seed_table
 from .peer_table import peer_table
 from .recorded import recorded_table
 from .search import search_table
+from .second import second_tables
 from .soak import soak_table
 from .speed import cost_tables, ratio_table, size_table
 from .structured_noise import structured_noise_table
@@ -57,6 +58,7 @@ SECTIONS: dict[str, Callable[[Options], Iterator[Table]]] = {
     "variants": variant_tables,
     "thresholds": threshold_table,
     "worlds": world_tables,
+    "second": second_tables,
     "kills": kill_table,
     "mutated_files": mutated_files_table,
     "mutations": mutations_table,
@@ -87,12 +89,18 @@ def main(arguments: list[str]) -> int:
         "--watch-hours", type=int, help="hours the watch is driven without a change, for each ride"
     )
     parser.add_argument("--bumps", type=int, help="drives the watch is driven with each bump, for each ride")
+    parser.add_argument("--seed", type=int, help="seed of the worlds of the second generator")
+    parser.add_argument("--processes", type=int, help="processes that judge them")
+    parser.add_argument("--only", type=int, metavar="INDEX", help="write this one of them as a case")
+    parser.add_argument("--turned", action="store_true", help="draw turned right cameras among them, too")
     chosen = parser.parse_args(arguments)
     unknown = [name for name in chosen.sections if name not in SECTIONS]
     if unknown:
         parser.error(f"there is no section {unknown[0]!r}: they are {', '.join(SECTIONS)}")
     names = ("poses", "draws", "seeds", "worlds", "drives", "watch_hours", "bumps")
     sizes = {name: getattr(chosen, name) for name in names if getattr(chosen, name)}
+    of_second = ("seed", "processes", "only", "turned")
+    sizes |= {name: getattr(chosen, name) for name in of_second if getattr(chosen, name) is not None}
     options = replace(QUICK if chosen.quick else Options(), **sizes)
     cv2.setNumThreads(1)
     options.folder.mkdir(parents=True, exist_ok=True)
@@ -108,6 +116,8 @@ def main(arguments: list[str]) -> int:
 def _measure(name: str, options: Options) -> str:
     """Measure one section, write its files, return its Markdown."""
     tables = list(SECTIONS[name](options))
+    if options.only is not None:  # a case was written, nothing was measured
+        return ""
     text = "\n".join(table.markdown() for table in tables)
     if name in PLOTS:
         text += f"\n![{name}]({PLOTS[name]})\n"

@@ -31,6 +31,10 @@ class Options:
         drives: Simulated drives of each kind.
         drive_frames: Frames of the rendered drive.
         all_sizes: Whether to go through all image sizes, or the smallest two only.
+        seed: Seed of the worlds of the second generator.
+        processes: Processes that judge them.
+        only: The one of them that is written as a case, and not judged.
+        turned: Whether worlds with a turned right camera are among them.
         folder: Where tables and plots go.
     """
 
@@ -52,6 +56,10 @@ class Options:
     drives: int = 200
     drive_frames: int = 450
     all_sizes: bool = True
+    seed: int = 1
+    processes: int = 1
+    only: int | None = None
+    turned: bool = False
     folder: Path = RESULTS
 
 
