@@ -38,6 +38,7 @@ SECTIONS = {
     "strips": "road_strips.strip_table",
     "road_times": "road_times.time_tables",
     "steady": "steady.steady_tables",
+    "second": "second.second_tables",
     "thresholds": "thresholds.threshold_table",
     "worlds": "worlds.world_tables",
     "kills": "kills.kill_table",
@@ -80,6 +81,9 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--road-step", type=int, help="one pair out of so many of each set")
     parser.add_argument("--processes", type=int, help="processes that judge stereo pairs")
     parser.add_argument("--folder", type=Path, help="where tables and plots go")
+    parser.add_argument("--seed", type=int, help="seed of the worlds of the second generator")
+    parser.add_argument("--only", type=int, metavar="INDEX", help="write this one of them as a case")
+    parser.add_argument("--turned", action="store_true", help="draw turned right cameras among them, too")
     chosen = parser.parse_args(arguments)
     unknown = [name for name in chosen.sections if name not in SECTIONS]
     if unknown:
@@ -88,7 +92,7 @@ def main(arguments: list[str]) -> int:
     sizes = {
         name: tuple(value) if isinstance(value, list) else value
         for name, value in vars(chosen).items()
-        if value and name not in ("sections", "quick")
+        if value not in (None, False, []) and name not in ("sections", "quick")
     }
     if chosen.sources or chosen.road_step:
         # A part of the pairs does not replace what was measured on all of them.
@@ -115,6 +119,8 @@ def _measure(name: str, options: Options) -> str:
         NothingToMeasureError: What it measures is not there; what was measured before is kept.
     """
     tables = list(_section(name)(options))
+    if options.only is not None:  # a case was written, nothing was measured
+        return ""
     text = "\n".join(table.markdown() for table in tables if table.shown)
     if name in PLOTS:
         text += f"\n![{name}]({PLOTS[name]})\n"

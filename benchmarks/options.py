@@ -34,6 +34,9 @@ class Options:
         sources: Sets of stereo pairs of roads; none for all of them.
         road_step: One pair out of so many of each set.
         processes: Processes that judge pairs.
+        seed: Seed of the worlds of the second generator.
+        only: The one of them that is written as a case, and not judged.
+        turned: Whether worlds with a turned right camera are among them.
         folder: Where tables and plots go.
     """
 
@@ -58,6 +61,9 @@ class Options:
     sources: tuple[str, ...] = ()
     road_step: int = 1
     processes: int = 2
+    seed: int = 1
+    only: int | None = None
+    turned: bool = False
     folder: Path = RESULTS
 
 
