@@ -110,6 +110,8 @@ class TextureFit:
         cells_height_m: (C,) heights over the plane [m]; NaN without texture.
         cells_weight: (C,) robust weights, 0 ... 1.
         cells_variance: (C,) variances of the heights caused by the noise of the images [m^2].
+        halves: Differences (3,) of the poses by near and far, and by left and right half of the road, with
+            their standard deviations (3,) [m, rad, rad].
     """
 
     extrinsics: Extrinsics
@@ -120,6 +122,7 @@ class TextureFit:
     cells_height_m: Array
     cells_weight: Array
     cells_variance: Array
+    halves: tuple[tuple[Array, Array], ...] = ()
 
     @property
     def covariance(self) -> Array:
@@ -431,4 +434,11 @@ def _report(
         cells_height_m=surface.residuals,
         cells_weight=surface.weights,
         cells_variance=surface.noise_variance,
+        halves=tuple(
+            (
+                jac_pose_plane @ half.plane,
+                np.sqrt(np.diag(jac_pose_plane @ half.covariance @ jac_pose_plane.T)),
+            )
+            for half in surface.halves
+        ),
     )

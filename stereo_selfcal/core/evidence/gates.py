@@ -223,6 +223,13 @@ GATES: tuple[Gate, ...] = (
         measurements.read_height_over_lane,
     ),
     Gate(
+        "halves_agree",
+        "halves of the road agree",
+        RejectReason.ROAD_NOT_FLAT,
+        "drive on, to where the road ahead and beside the car is one plane",
+        measurements.read_halves_difference,
+    ),
+    Gate(
         "strip_agrees",
         "strip under the car agrees",
         RejectReason.TEXTURE_DISAGREES,

@@ -264,6 +264,18 @@ def read_coarse_difference(evidence: Evidence) -> Reading | None:
     return _difference(what, difference, np.maximum(MAX_DIFFERENCE, EXCLUDED_SIGMAS * std))
 
 
+def read_halves_difference(evidence: Evidence) -> Reading | None:
+    """Read how near and far, or left and right half of the road surface differ, for one without lines."""
+    if evidence.own_strip is None or evidence.texture is None or not evidence.texture.halves:
+        return None
+    what = "two halves of the road surface differ in {axis} by {value}"
+    readings = [
+        _difference(what, difference, np.maximum(MAX_DIFFERENCE, EXCLUDED_SIGMAS * std))
+        for difference, std in evidence.texture.halves
+    ]
+    return max(readings, key=lambda each: each.value / each.threshold)
+
+
 def read_strip_difference(evidence: Evidence) -> Reading | None:
     """Read how the strip of the road under the car differs from all of its surface."""
     if evidence.texture is None or evidence.own_strip is None:

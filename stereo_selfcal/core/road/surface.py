@@ -16,7 +16,7 @@ import numpy as np
 from ..numerics.linear import invert, is_covariance, rank_of, solve_linear
 from ..rejection import Bound, NotFitted
 from ..types import Array, Indices, Mask
-from .extent import Extent, find_extent
+from .extent import OUTLIER_WEIGHT, Extent, find_extent
 from .priors import HALF_LANE_WIDTH_M
 from .unevenness import (
     TYPICAL_MISMATCH_PX,
@@ -96,6 +96,19 @@ class LanePoints:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class HalvesDifference:
+    """How the planes by two halves of the cells differ, each fitted to one half alone.
+
+    Attributes:
+        plane: (3,) difference of the coefficients.
+        covariance: (3, 3) of it, by noise and unevenness.
+    """
+
+    plane: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Surface:
     """Plane through the heights of cells.
 
@@ -109,6 +122,8 @@ class Surface:
         residuals: (C,) heights over the plane [m]; NaN where a cell was not measured.
         on_road: (C,) whether a cell lies between the steps at the sides of the road.
         noise_variance: (C,) variances of these heights, caused by the noise and the mismatch [m^2].
+        halves: Differences of the planes by the near and the far, and by the left and the right half of the
+            cells; empty before the last pass, and without those halves that determine no plane.
     """
 
     plane: Array
@@ -120,6 +135,7 @@ class Surface:
     residuals: Array
     on_road: Mask
     noise_variance: Array
+    halves: tuple[HalvesDifference, ...] = ()
 
 
 def fit_surface(
@@ -159,6 +175,7 @@ def fit_surface(
         return NotFitted("covariances of the cells that can be inverted", 0, Bound.LEAST, 1)
     variances = extent.variances + (unevenness.mismatch_px * metres) ** 2
     road = unevenness.roughness * kernel + unevenness.camber**2 * profile
+    heights = road[of_cells] + np.diag(variances)  # their covariance
     solved = _solve_lane(road, variances, x, lane, extent)
     if isinstance(solved, NotFitted):
         return solved
@@ -187,7 +204,49 @@ def fit_surface(
         residuals=cells.heights - design @ plane,
         on_road=(cells.strip >= extent.strips[0]) & (cells.strip <= extent.strips[1]),
         noise_variance=cells.variances + (unevenness.mismatch_px * cells.metres) ** 2,
+        halves=_compare_halves(y, x, road[of_cells] + np.diag(variances), cells, seen, extent)
+        if final
+        else (),
     )
+
+
+def _compare_halves(
+    y: Array, x: Array, covariance: Array, cells: CellHeights, seen: Mask, extent: Extent
+) -> tuple[HalvesDifference, ...]:
+    """Return how the planes by the near and far, and by the left and right half of the road's cells differ.
+
+    Args:
+        y: (S,) heights of the seen cells [m].
+        x: (S, 3) derivative of the heights by the parameters of the plane.
+        covariance: (S, S) of the heights.
+        cells: All cells.
+        seen: (C,) which of them were measured.
+        extent: The cells that are road.
+    """
+    ahead_m, strip = cells.xy[seen, 0], cells.strip[seen]
+    counted = extent.weights > OUTLIER_WEIGHT
+    differences = []
+    for first in (ahead_m <= np.median(ahead_m[counted]), 2 * strip < sum(extent.strips)):
+        gains = [_plane_gain(x, covariance, half) for half in (first & counted, ~first & counted)]
+        if gains[0] is not None and gains[1] is not None:
+            apart = gains[0] - gains[1]
+            differences.append(HalvesDifference(apart @ y, apart @ covariance @ apart.T))
+    return tuple(differences)
+
+
+def _plane_gain(x: Array, covariance: Array, which: Mask) -> Array | None:
+    """Return the matrix (3, S) that gives a plane from the heights of some cells; None where they do not."""
+    if not which.any() or _too_few(x[which]) is not None:
+        return None
+    weighted = solve_linear(covariance[np.ix_(which, which)], x[which], _DETERMINED)
+    if isinstance(weighted, NotFitted):
+        return None
+    own = invert(weighted.T @ x[which], _DETERMINED)
+    if isinstance(own, NotFitted):
+        return None
+    gain = np.zeros((x.shape[1], len(x)))
+    gain[:, which] = own @ weighted.T
+    return gain
 
 
 def _too_few(design: Array) -> NotFitted | None:
