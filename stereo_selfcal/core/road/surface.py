@@ -204,9 +204,7 @@ def fit_surface(
         residuals=cells.heights - design @ plane,
         on_road=(cells.strip >= extent.strips[0]) & (cells.strip <= extent.strips[1]),
         noise_variance=cells.variances + (unevenness.mismatch_px * cells.metres) ** 2,
-        halves=_compare_halves(y, x, road[of_cells] + np.diag(variances), cells, seen, extent)
-        if final
-        else (),
+        halves=_compare_halves(y, x, heights, cells, seen, extent) if final else (),
     )
 
 
