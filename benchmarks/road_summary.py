@@ -10,8 +10,9 @@ from stereo_selfcal.core.rejection import RejectReason
 
 from .frames import Array
 from .road_pairs import SEQUENCE_MEAN, STRAIGHT
-from .road_verdicts import RoadVerdict, is_gross, rms_of, robust_std_of
+from .road_verdicts import RoadVerdict, rms_of, robust_std_of
 from .table import Table, numbers
+from .worlds import GROSS
 
 # Asked of the frames with lidar: the share accepted, error over standard deviation, and the median errors of
 # the straight ones in mm, deg, deg.
@@ -50,7 +51,7 @@ def summary_table(of_source: dict[str, list[RoadVerdict]]) -> Table:
     }
     for source, verdicts in of_source.items():
         for what, limit, measured, met in asked[source](verdicts):
-            table.add(source, what, limit, measured, "yes" if met else "**no**")
+            table.add(source, what, limit, measured, "-" if limit == "-" else "yes" if met else "**no**")
     return table
 
 
@@ -83,7 +84,7 @@ def _against_peer(verdicts: Verdicts) -> Iterator[Row]:
     yield "answers by the peer's", least, f"{len(ours)} by {len(theirs)}: {share:.0%}", share >= LEAST_OF_PEER
     if not (ours and theirs):
         return
-    yield "gross, the peer's", "-", str(sum(map(is_gross, theirs))), True
+    yield "gross, the peer's", "-", str(sum(each.peer_gross for each in verdicts)), True
     for name, quantile in (("median", 0.5), ("90 %", 0.9)):
         mine, other = (np.nanquantile(np.abs(errors), quantile, axis=0) for errors in (ours, theirs))
         measured = (
@@ -101,7 +102,6 @@ def _sequence(verdicts: Verdicts) -> Iterator[Row]:
     accepted = [each for each in verdicts if each.accepted]
     least = f"at least {LEAST_ACCEPTED_SEQUENCE:.0%}"
     yield _share("accepted", least, accepted, verdicts, LEAST_ACCEPTED_SEQUENCE)
-    yield _none("gross against the mean of the mount", [each for each in verdicts if each.gross])
     if not accepted:
         return
     poses, std = np.array([each.pose for each in accepted]), np.array([each.std for each in accepted])
@@ -109,7 +109,16 @@ def _sequence(verdicts: Verdicts) -> Iterator[Row]:
     met = bool(np.all(np.abs(mean - SEQUENCE_MEAN)[:2] <= MEAN_OFF))
     limit = f"{numbers(SEQUENCE_MEAN[:2])} to within {numbers(MEAN_OFF)}"
     yield "mean height, pitch", limit, numbers(mean[:2], 4), met
+    yield "median height, pitch, roll", "-", numbers(np.median(poses, axis=0), 4), True
     yield "mean roll (dense disparity: 0.31)", "-", numbers(mean[2:]), True
+    seen = [each for each in accepted if len(each.peer)]
+    if seen:
+        other = np.mean([each.peer for each in seen], axis=0)
+        yield "mean height, pitch, roll: the peer's, of the same frames", "-", numbers(other, 4), True
+        # The car moves, and the peer sees it move: where both are far from the mount, the road is.
+        apart = [each for each in seen if np.any(np.abs(each.pose - each.peer) > GROSS)]
+        limit = f"ours and the peer's differ by more than {numbers(GROSS)}"
+        yield limit, "-", _named(apart), True
     if len(accepted) > 1:
         typical = rms_of(std)
         yield "scatter / std, the motion of the car in it", "-", numbers(poses.std(axis=0) / typical), True
@@ -137,7 +146,7 @@ def _roads(verdicts: Verdicts) -> Iterator[Row]:
     yield _none("wrong or gross", [each for each in verdicts if each.wrong or each.gross])
     yield _none("off", [each for each in verdicts if each.word == "off"])
     refusals = [each for each in verdicts if each.expected == "refused" and each.accepted]
-    yield _none("accepted, where a refusal is expected", refusals)
+    yield "accepted, where lines alone have to refuse (no reference)", "-", _named(refusals), True
 
 
 def _worlds(verdicts: Verdicts) -> Iterator[Row]:

@@ -100,7 +100,12 @@ class RoadVerdict:
     @property
     def gross(self) -> bool:
         """Whether it was accepted and is grossly wrong, whatever it said of itself."""
-        return self.accepted and is_gross(self.error)
+        return self.accepted and is_gross(self.error, self.reference_std)
+
+    @property
+    def peer_gross(self) -> bool:
+        """The same of the peer."""
+        return bool(len(self.peer)) and is_gross(self.peer_error, self.reference_std)
 
     @property
     def at_fault(self) -> bool:
@@ -130,9 +135,9 @@ def outside(pose: Array, low: Array, high: Array) -> Array:
     return away
 
 
-def is_gross(error: Array) -> bool:
-    """Return whether an error is so large that no standard deviation excuses it."""
-    return bool(np.any(np.abs(error) > GROSS))
+def is_gross(error: Array, reference_std: Array) -> bool:
+    """Return whether an error is so large that no standard deviation of the estimate excuses it."""
+    return bool(np.any((np.abs(error) > GROSS) & np.isfinite(reference_std)))
 
 
 def judge(pair: RoadPair, with_peer: bool = True) -> RoadVerdict:

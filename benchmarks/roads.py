@@ -14,7 +14,6 @@ from .road_verdicts import (
     RIGHT_SIGMAS,
     RoadVerdict,
     in_processes,
-    is_gross,
     judge,
     rms_of,
     robust_std_of,
@@ -114,7 +113,7 @@ def _peer(of_source: dict[str, list[RoadVerdict]]) -> Table:
         "least squares, within half a pixel, of what is 4 to 25 m ahead and 4 m to either side in the lower "
         f"half of the image. It never refuses what has a plane. Errors: {', '.join(UNITS)}; gross as above. "
         "In common: pairs that both answer. Ratio: ours by the peer's. The errors of the sequence hold the "
-        "motion of the car.",
+        "motion of the car, so that none of them is called gross.",
     )
     for source, verdicts in of_source.items():
         groups: list[tuple[str, Verdicts]] = [(source, verdicts)]
@@ -125,11 +124,10 @@ def _peer(of_source: dict[str, list[RoadVerdict]]) -> Table:
         for name, group in groups:
             ours = [each.error for each in group if each.accepted]
             theirs = [each.peer_error for each in group if len(each.peer)]
-            for method, errors, seconds in (
-                ("ours", ours, [each.cpu_s for each in group]),
-                ("peer", theirs, [each.peer_cpu_s for each in group]),
+            for method, errors, gross, seconds in (
+                ("ours", ours, sum(each.gross for each in group), [each.cpu_s for each in group]),
+                ("peer", theirs, sum(each.peer_gross for each in group), [each.peer_cpu_s for each in group]),
             ):
-                gross = sum(map(is_gross, errors))
                 cells = [name, method, f"{len(errors)} of {len(group)}", str(gross)]
                 milliseconds = f"{np.median(seconds) * 1e3:.0f}" if seconds else "-"
                 table.add(*cells, *map(_cell, quantiles(errors)), milliseconds)
