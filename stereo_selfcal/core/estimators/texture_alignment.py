@@ -250,7 +250,7 @@ def _lane_points(plane: DisparityPlane, rig: StereoRig, layout: _Layout) -> Lane
     begin_m, end_m = STRETCHES_M[0][0], STRETCHES_M[-1][1]
     ahead = np.linspace(begin_m, end_m, 1 + round((end_m - begin_m) / _LANE_STEP_M))
     half_m = np.array([*OTHER_HALF_WIDTHS_M, HALF_LANE_WIDTH_M, 0.0])
-    lateral = np.unique(np.clip(np.concatenate([half_m, -half_m]), right_m, left_m))
+    lateral = np.unique(np.concatenate([half_m, -half_m]))
     x, aside = (each.ravel() for each in np.meshgrid(ahead, lateral))
     xy = np.column_stack([x, aside - np.tan(yaw) * x])
     on_road = np.column_stack([xy, np.full(len(x), -pose.height_m)])
