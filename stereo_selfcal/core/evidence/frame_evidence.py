@@ -10,6 +10,7 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
 from ..estimators.coarse_road import CoarseRoad
+from ..estimators.lane_sweep import LaneSweep
 from ..estimators.line_covariance import Bends, LineFit
 from ..estimators.stripe_fit import StripeFit
 from ..estimators.texture_alignment import TextureFit
@@ -126,6 +127,7 @@ class Evidence:
         difference_std: (3,) standard deviations of the difference between the poses by lines and by texture.
         own_strip: The alignment of the strip under the car alone, for an estimate without lines.
         coarse: Plane of the dense disparities, for an estimate that rests on the lines alone.
+        sweep: Planes under which the faintest texture between the lines agrees, for such an estimate.
     """
 
     config: CalibratorConfig
@@ -151,6 +153,7 @@ class Evidence:
     difference_std: Array | None = None
     own_strip: TextureFit | None = None
     coarse: CoarseRoad | None = None
+    sweep: LaneSweep | None = None
 
     @property
     def line_pose(self) -> Extrinsics | None:

@@ -244,6 +244,13 @@ GATES: tuple[Gate, ...] = (
         measurements.read_coarse_difference,
     ),
     Gate(
+        "faint_texture_agrees",
+        "faintest texture agrees",
+        RejectReason.TEXTURE_DISAGREES,
+        _KERB,
+        measurements.read_sweep,
+    ),
+    Gate(
         "surface_agrees",
         "road surface agrees",
         RejectReason.TEXTURE_DISAGREES,
