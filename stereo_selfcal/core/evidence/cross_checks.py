@@ -35,7 +35,6 @@ from .nuisances import (
     crown_covariance,
     kerb_covariance,
     road_shape_terms,
-    slope_ahead_unknown,
     unseen_slope_covariance,
 )
 from .rig_unknowns import response_of_surface, rig_terms
@@ -188,7 +187,7 @@ def _cross_check_lines_only(
         UncertaintyTerm("crown", crown_covariance(evidence.refined)), *rig_terms(lines.line_response)
     )
     if evidence.refined is not None and evidence.profile is not None:
-        if slope_ahead_unknown(evidence.profile):  # also where it is bent
+        if not evidence.profile.sees_ahead:  # also where it is bent
             estimate = estimate.with_reservation(ReservationKind.SLOPE_AHEAD_UNKNOWN)
         borders = measure_borders(frame.images, pattern, evidence.refined, rig)
         evidence = replace(evidence, borders=borders)
