@@ -166,7 +166,7 @@ def _jac_angle_pose(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics
     return central_difference(point_by_point(angle), extrinsics.as_array(), _ANGLE_STEPS)
 
 
-def seen_slope_covariance(*profiles: Profile | None) -> Array:
+def seen_slope_covariance(profile: Profile | None) -> Array:
     """Return the covariance (3, 3) that a measured change of slope adds to an estimate.
 
     Where the near and far parts of the road lie in different planes, the estimate is as uncertain as these
@@ -174,36 +174,33 @@ def seen_slope_covariance(*profiles: Profile | None) -> Array:
     is not seen.
 
     Args:
-        profiles: Profiles of the road, from the stripes or the texture; the first that is surely bent counts.
+        profile: Profile of the road along the stripes; None where it was not measured.
 
     Returns:
-        The covariance; zeros where no profile is surely bent.
+        The covariance; zeros where the road is not surely bent.
     """
-    for profile in profiles:
-        if profile is not None and profile.bent:
-            return _slope_covariance(profile)
-    return np.zeros((3, 3))
+    if profile is None or not profile.bent:
+        return np.zeros((3, 3))
+    return _slope_covariance(profile)
 
 
-def unseen_slope_covariance(*profiles: Profile | None) -> Array:
+def unseen_slope_covariance(profile: Profile | None) -> Array:
     """Return the covariance (3, 3) that a possible change of slope ahead adds to an estimate.
 
-    It is zero where one of the profiles excludes such a change, or none was measured. Where one is surely
-    bent, :func:`seen_slope_covariance` returns the covariance instead.
+    It is zero where the profile excludes such a change, or was not measured. Where the road is surely bent,
+    :func:`seen_slope_covariance` returns the covariance instead.
 
     Args:
-        profiles: Profiles of the road, from the stripes or the texture.
+        profile: Profile of the road along the stripes; None where it was not measured.
     """
-    known = [profile for profile in profiles if profile is not None]
-    if not slope_ahead_unknown(*known) or any(profile.bent for profile in known):
+    if profile is None or profile.bent or not slope_ahead_unknown(profile):
         return np.zeros((3, 3))
-    return _slope_covariance(min(known, key=lambda profile: float(profile.std[1])))
+    return _slope_covariance(profile)
 
 
-def slope_ahead_unknown(*profiles: Profile | None) -> bool:
-    """Whether profiles were measured, and none of them excludes another slope of the road ahead."""
-    known = [profile for profile in profiles if profile is not None]
-    return bool(known) and not any(profile.sees_ahead for profile in known)
+def slope_ahead_unknown(profile: Profile | None) -> bool:
+    """Whether a profile was measured, and does not exclude another slope of the road ahead."""
+    return profile is not None and not profile.sees_ahead
 
 
 def _slope_covariance(profile: Profile) -> Array:
