@@ -43,6 +43,7 @@ ASPHALT = TextureFit(
     NOTHING,
     NOTHING,
     NOTHING,
+    halves=((np.zeros(3), np.full(3, 1e-4)), (np.array([0.01, 0.0, 0.0]), np.full(3, 1e-4))),
 )
 
 
@@ -146,6 +147,7 @@ BAD = {
     "level_stripes": {"borders": (StripeBorder(0.0, 0.002, edge_step=EdgeStep(0.1, 0.001)),)},
     "certain": {"std": np.array([0.2, 1e-4, 1e-3])},
     "lines_on_lane_surface": {"lane_heights": over(0.1, 0.0, std_m=0.005)},
+    "halves_agree": {"texture": replace(ASPHALT, halves=((np.array([0.1, 0.0, 0.0]), np.full(3, 1e-4)),))},
     "strip_agrees": {"own_strip": replace(ASPHALT, extrinsics=replace(POSE, height_m=1.54))},
     "dense_agrees": {"coarse": replace(DENSE, extrinsics=replace(POSE, height_m=1.6))},
     "surface_agrees": {
@@ -200,7 +202,12 @@ def test_asphalt_alone_is_plausible_rectified_and_not_turned():
     names = ["plausible", "rectified", "not_turned"]
     assert [reading.name for reading in evaluate_gates(alone)[0]] == names
     alone = replace(alone, own_strip=ASPHALT, std=GOOD.std)
-    assert [reading.name for reading in evaluate_gates(alone)[0]] == [*names, "strip_agrees", "certain"]
+    assert [reading.name for reading in evaluate_gates(alone)[0]] == [
+        *names,
+        "halves_agree",
+        "strip_agrees",
+        "certain",
+    ]
     outside = replace(ASPHALT, extrinsics=moved(0, 2.5))
     assert evaluate_gates(replace(alone, texture=outside))[1].reason is RejectReason.SEARCH_SPACE_EDGE
 
@@ -428,6 +435,26 @@ def test_dense_disparities_exclude_what_is_wrong(axis, limit, scale, sign):
     assert_refuses(rejection, RejectReason.TEXTURE_DISAGREES, *limits, *words)
     assert off(1.2 * of_both * limit, 0.2 * limit) is None
     assert refusal(coarse=None) is None
+
+
+@pytest.mark.parametrize(("axis", "limit", "scale"), WRONG)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("place", [0, 1])
+def test_halves_of_the_surface_agree(axis, limit, scale, sign, place):
+    """Either of near against far and left against right counts, where the surface is all that is known."""
+
+    def off(by, std=1e-4, **changes):
+        halves = [(np.zeros(3), np.full(3, 1e-4)), (np.zeros(3), np.full(3, 1e-4))]
+        halves[place] = (only(axis, sign * by, 0.0), only(axis, std, 1e-4))
+        return refusal(texture=replace(ASPHALT, halves=tuple(halves)), **changes)
+
+    assert off(0.99 * limit) is None
+    limits = 1.01 * limit * scale, limit * scale
+    words = "two halves of the road surface differ", "one plane"
+    assert_refuses(off(1.01 * limit), RejectReason.ROAD_NOT_FLAT, *limits, *words)
+    assert off(1.24 * limit, 0.25 * limit) is None
+    assert off(1.26 * limit, 0.25 * limit) is not None
+    assert off(1.26 * limit, own_strip=None) is None  # with lines, the profile along them tells
 
 
 @pytest.mark.parametrize(
