@@ -140,11 +140,6 @@ class TextureFit:
         return self.common_texture and bool(np.all(np.array(self.quality.noise_std) <= MAX_NOISE_STD))
 
     @property
-    def comparable(self) -> bool:
-        """Whether the road is plane enough for a comparison of this estimate with another one."""
-        return bool(np.all(np.diag(self.covariance) <= AGREEMENT**2))
-
-    @property
     def sufficiency(self) -> float:
         """The least of texture, area and precision, each over its limit: below 1 it is no cross-check."""
         of_texture, of_area = self.quality.sigmas / MIN_SIGMAS, self.quality.cell_share / MIN_CELL_SHARE

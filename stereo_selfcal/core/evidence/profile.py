@@ -15,7 +15,6 @@ import numpy as np
 
 from ..camera.rig import StereoRig
 from ..estimators.row_blocks import EdgeResiduals
-from ..estimators.texture_alignment import TextureFit
 from ..geometry.homography import horizon_row
 from ..geometry.pose import Extrinsics
 from ..numerics.robust import Reweighting, fit_reweighted, scale_by_median
@@ -198,14 +197,6 @@ def _usable_range_m(x: Array, clear: Mask, within: Mask) -> float:
         if np.count_nonzero(here & within) < _LEAST_SHARE * np.count_nonzero(here & clear):
             return float(_NODES_M[i - 1])
     return float(_NODES_M[-1])
-
-
-def profile_from_texture(texture: TextureFit) -> Profile:
-    """Measure the profile of a road from the heights of the cells of its surface over its plane."""
-    at_m = texture.cells_xy_m[:, 0]
-    seen = np.isfinite(texture.cells_height_m) & (at_m < _NODES_M[-1])
-    at_m, heights_m, variances = at_m[seen], texture.cells_height_m[seen], texture.cells_variance[seen]
-    return _fit(_node_weights(at_m), np.zeros(len(at_m)), heights_m, variances)
 
 
 def _node_weights(at_m: Array) -> Array:

@@ -36,14 +36,6 @@ class RoadSurface:
             return None
         return self.texture
 
-    @property
-    def lacking(self) -> str:
-        """Why the surface does not locate the road; "" where it does."""
-        for found in (self.coarse, self.texture):
-            if isinstance(found, NotFitted):
-                return found.reason
-        return "" if self.located is not None else "too little texture"
-
 
 def find_road_surface(images: tuple[Image, Image], rig: StereoRig, config: CalibratorConfig) -> RoadSurface:
     """Find the road surface, without any prior pose.

@@ -177,7 +177,7 @@ def fit_surface(
     variances = extent.variances + (unevenness.mismatch_px * metres) ** 2
     road = unevenness.roughness * kernel + unevenness.camber**2 * profile
     heights = road[of_cells] + np.diag(variances)  # their covariance
-    solved = _solve_lane(road, variances, x, lane, extent)
+    solved = _solve_lane(road, variances, x, lane, _lane_strips(extent, cells.strip[seen], lane))
     if isinstance(solved, NotFitted):
         return solved
     solve, error, others = solved
@@ -262,8 +262,23 @@ def _too_few(design: Array) -> NotFitted | None:
     return NotFitted(_DETERMINED, rank, Bound.LEAST, n_numbers) if rank < n_numbers else None
 
 
+def _lane_strips(extent: Extent, seen: Indices, lane: LanePoints) -> tuple[int, int]:
+    """Return the first and last strip of the road; where no step ends it, those that are not seen count too.
+
+    Args:
+        extent: The cells that are road.
+        seen: (S,) strips of the seen cells.
+        lane: The points of the lane.
+    """
+    first, last = extent.strips
+    return (
+        first if first > seen.min() else int(lane.strip.min()),
+        last if last < seen.max() else int(lane.strip.max()),
+    )
+
+
 def _solve_lane(
-    road: Array, noise: Array, x: Array, lane: LanePoints, extent: Extent
+    road: Array, noise: Array, x: Array, lane: LanePoints, strips: tuple[int, int]
 ) -> tuple[Array, Array, Array] | NotFitted:
     """Return the matrices that give the planes of the parts of the lane from the heights of the cells.
 
@@ -272,7 +287,7 @@ def _solve_lane(
         noise: (S,) variances of the cells' heights besides that.
         x: (S, 3) derivative of the cells' heights by the parameters of the plane.
         lane: The points of the lane.
-        extent: The cells that are road.
+        strips: First and last strip of the road.
 
     Returns:
         Heights of the cells to the plane of the lane (3, S); deviations of the road at cells and points to
@@ -291,9 +306,9 @@ def _solve_lane(
     to_plane = covariance @ weighted.T
     # Heights of the lane over that plane, predicted from what remains of the cells' heights.
     to_lane = predicted - (predicted @ x) @ to_plane
-    of_lane = lane.planes(extent.strips, HALF_LANE_WIDTH_M)
+    of_lane = lane.planes(strips, HALF_LANE_WIDTH_M)
     plane = of_lane.mean(axis=0)
-    of_others = [lane.planes(extent.strips, half_m) for half_m in OTHER_HALF_WIDTHS_M]
+    of_others = [lane.planes(strips, half_m) for half_m in OTHER_HALF_WIDTHS_M]
     apart = np.concatenate([of_lane, *of_others]) - plane
     solve: Array = to_plane + plane @ to_lane
     return (
