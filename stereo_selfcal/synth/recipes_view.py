@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from .ingredients import Glare, Shadow, WorldScene
-from .recipes_road import Rng, side_of_choice, strip
+from .recipe_tools import Rng, side_of_choice, strip
 
 # --- light ---
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from . import recipes_beside as beside
 from . import recipes_road as road
 from . import recipes_view as view
-from .recipes_road import Change
+from .recipe_tools import Change
 
 Expected = Literal["accept", "either", "refuse"]
 
@@ -54,11 +55,11 @@ GOOD: tuple[Ingredient, ...] = (
         road.worn_paint,
         road.arrows,
         road.crown,
-        road.grass,
-        road.kerb,
-        road.guard_rail,
-        road.foliage,
-        road.car_ahead,
+        beside.grass,
+        beside.kerb,
+        beside.guard_rail,
+        beside.foliage,
+        beside.car_ahead,
         view.shadows_across,
         view.shadow_along,
         view.dappled,
@@ -73,10 +74,10 @@ UNSURE: tuple[Ingredient, ...] = (
     *_all(
         "either",
         road.ruined_paint,
-        road.bright_verge,
+        beside.bright_verge,
         road.tram_rails,
         road.crown_in_lane,
-        road.parked_cars,
+        beside.parked_cars,
         view.glare,
     ),
     Ingredient("bend", "either", road.bend_of((80.0, 1000.0)), 2.0, "course"),
@@ -89,7 +90,7 @@ BAD: tuple[Ingredient, ...] = (
         road.missing_line,
         road.no_paint,
         road.shadow_for_line,
-        road.kerb_for_line,
+        beside.kerb_for_line,
         road.opposite_lane_only,
         view.over_exposed,
         view.under_exposed,
