@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -102,4 +103,54 @@ BAD: tuple[Ingredient, ...] = (
     Ingredient("near_grade", "refuse", road.grade_ahead((6.0, 15.0), (0.01, 0.03)), part="grade"),
 )
 
-INGREDIENTS: dict[str, Ingredient] = {item.name: item for item in (*GOOD, *UNSURE, *BAD)}
+# Added since the first worlds.
+NEWER_GOOD: tuple[Ingredient, ...] = ()
+
+NEWER_UNSURE: tuple[Ingredient, ...] = ()
+
+NEWER_BAD: tuple[Ingredient, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Catalogue:
+    """What random worlds are drawn from.
+
+    Attributes:
+        rigs: Name of a rig -> how often it is drawn; they sum to one.
+        good: Ingredients a calibration is expected with.
+        unsure: Those with which one is welcome if it is right.
+        bad: Those with which none is expected.
+    """
+
+    rigs: Mapping[str, float]
+    good: tuple[Ingredient, ...]
+    unsure: tuple[Ingredient, ...]
+    bad: tuple[Ingredient, ...]
+
+    @property
+    def ingredients(self) -> tuple[Ingredient, ...]:
+        """All of them."""
+        return (*self.good, *self.unsure, *self.bad)
+
+
+# The worlds of old faults were drawn from these: what is added to them draws other worlds.
+FIRST = Catalogue({"paper": 0.6, "kitti": 0.25, "hd": 0.15}, GOOD, UNSURE, BAD)
+
+# Those, and all that was added since.
+ALL = Catalogue(
+    {
+        "paper": 0.28,
+        "kitti": 0.22,
+        "hd": 0.08,
+        "short": 0.08,
+        "compact": 0.08,
+        "robot": 0.14,
+        "truck": 0.08,
+        "full_hd": 0.04,
+    },
+    (*FIRST.good, *NEWER_GOOD),
+    (*FIRST.unsure, *NEWER_UNSURE),
+    (*FIRST.bad, *NEWER_BAD),
+)
+
+INGREDIENTS: dict[str, Ingredient] = {item.name: item for item in ALL.ingredients}
