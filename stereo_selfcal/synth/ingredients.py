@@ -13,7 +13,7 @@ from stereo_selfcal.core.errors import ConfigError
 
 from ..core.camera.rig import StereoRig
 from ..core.geometry.pose import Extrinsics
-from .ingredients_beside import Car, GuardRail, Kerb, Wall
+from .ingredients_beside import Barrier, Car, GuardRail, Kerb, Posts, Strand, Wall
 from .ingredients_road import Arrow, Band, Paint, Shadow
 from .ingredients_view import Camera, Glare
 from .road_shape import RoadShape, near_plane, pose_over_plane
@@ -22,13 +22,16 @@ from .world import ASPHALT_GREY, SKY_GREY, Side
 __all__ = [
     "Arrow",
     "Band",
+    "Barrier",
     "Camera",
     "Car",
     "Glare",
     "GuardRail",
     "Kerb",
     "Paint",
+    "Posts",
     "Shadow",
+    "Strand",
     "Wall",
     "WorldScene",
 ]
@@ -45,13 +48,14 @@ class WorldScene:
         lane_m: Lateral positions of the right and the left border of the own lane [m].
         lane_yaw_rad: Heading against the reference line [rad], > 0: it points left.
         lateral_offset_m: Position of the rig beside the reference line, left positive [m].
-        shape: MountHistory and height of the road.
+        shape: Course and height of the road.
         paints: Painted lines (tram rails too); where they overlap, the later lies on top.
         arrows: Painted arrows.
         bands: Strips of other surfaces, below the paint; the later lies on top.
         shadows: Shadows on the ground; their light multiplies.
         kerbs: At most one on either side of the rig.
-        rails: Guard rails.
+        rails: Guard rails without posts.
+        barriers: Guard rails with posts, wire barriers, cables; along a straight road only.
         cars: Cars.
         walls: Foliage.
         asphalt_grey: Mean grey level of the road surface.
@@ -63,7 +67,8 @@ class WorldScene:
         swapped: Whether the pictures of the cameras are exchanged.
 
     Raises:
-        ConfigError: The rig would touch the road, or a guard rail is above it.
+        ConfigError: The rig would touch the road, a guard rail without posts is above it, or something
+            that stands along a straight road only is in a bend.
     """
 
     rig: StereoRig
@@ -78,6 +83,7 @@ class WorldScene:
     shadows: tuple[Shadow, ...] = ()
     kerbs: tuple[Kerb, ...] = ()
     rails: tuple[GuardRail, ...] = ()
+    barriers: tuple[Barrier, ...] = ()
     cars: tuple[Car, ...] = ()
     walls: tuple[Wall, ...] = ()
     asphalt_grey: float = ASPHALT_GREY
@@ -94,6 +100,8 @@ class WorldScene:
         lowest_m = self.pose.height_m - abs(self.pose.roll_rad) * self.rig.baseline_m / 2
         if not lowest_m > top_m:
             raise ConfigError(f"world.pose.height_m is {self.pose.height_m}, it must be above {top_m} m")
+        if self.barriers and self.shape.curvature_per_m != 0:
+            raise ConfigError("a barrier stands along a straight road, but shape.curvature_per_m is not zero")
 
     def camera(self, side: Side) -> Camera:
         """Return one camera."""
@@ -103,7 +111,7 @@ class WorldScene:
         """Return the pose a calibration should find.
 
         That is the pose of the (fault-free) rig over the plane which the surface of the own lane has
-        near it: the least-squares plane of the heights between the lane's borders, 5 to 20 m ahead.
+        near it: the least-squares plane of the heights between the lane's borders, 3 to 15 m ahead.
         """
         plane = near_plane(self.shape, self.lane_m)
         return pose_over_plane(self.pose, self.lane_yaw_rad, self.lateral_offset_m, plane)

@@ -34,7 +34,7 @@ class Kerb:
 
 @dataclass(frozen=True, slots=True)
 class GuardRail:
-    """A steel rail along the road on posts that are not drawn.
+    """A steel rail along the road on posts that are not drawn, for cameras above it; see Barrier.
 
     Attributes:
         d_m: Lateral position [m].
@@ -91,3 +91,60 @@ class Wall:
     ragged_m: float = 1.5
     grey: float = 80.0
     texture_amplitude: float = 25.0
+
+
+@dataclass(frozen=True, slots=True)
+class Strand:
+    """What runs along the road at one height: a strip of a rail, a rope, a wire.
+
+    Attributes:
+        bottom_m: Height of its lower edge over the road [m].
+        top_m: Height of its upper edge [m].
+        grey: Grey level.
+        sag_m: How far it hangs lower in the middle of a span [m].
+        span_m: Length of a span along the road [m].
+        hung_m: Where along the road a span begins [m].
+    """
+
+    bottom_m: float
+    top_m: float
+    grey: float
+    sag_m: float = 0.0
+    span_m: float = 35.0
+    hung_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Posts:
+    """Square posts in a row along the road.
+
+    Attributes:
+        d_m: Lateral position of their middles [m].
+        height_m: Height [m].
+        every_m: Distance from one to the next [m].
+        first_m: Where along the road one of them stands [m].
+        width_m: Their width [m].
+        grey: Grey level.
+    """
+
+    d_m: float
+    height_m: float
+    every_m: float = 4.0
+    first_m: float = 1.0
+    width_m: float = 0.12
+    grey: float = 120.0
+
+
+@dataclass(frozen=True, slots=True)
+class Barrier:
+    """Strands above one another along a straight road: a guard rail, a wire barrier, cables overhead.
+
+    Attributes:
+        d_m: Lateral position [m].
+        strands: From the lowest to the highest.
+        posts: What carries them; None for nothing.
+    """
+
+    d_m: float
+    strands: tuple[Strand, ...]
+    posts: Posts | None = None

@@ -25,10 +25,15 @@ def side_of_choice(rng: Rng) -> int:
     return 1 if rng.random() < 0.5 else -1
 
 
+def border(scene: WorldScene, side: int) -> float:
+    """Return where the own lane ends on one side (1 left, -1 right) [m]."""
+    return scene.lane_m[1] if side > 0 else scene.lane_m[0]
+
+
 def own_line(scene: WorldScene, side: int) -> int:
     """Return the index of the own lane's line on one side (1 left, -1 right)."""
-    border = scene.lane_m[1] if side > 0 else scene.lane_m[0]
-    return min(range(len(scene.paints)), key=lambda i: abs(scene.paints[i].line.offset_m - border))
+    at = border(scene, side)
+    return min(range(len(scene.paints)), key=lambda i: abs(scene.paints[i].line.offset_m - at))
 
 
 def outermost(scene: WorldScene, side: int) -> float:

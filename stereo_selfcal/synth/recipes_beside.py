@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from .ingredients import Band, Car, GuardRail, Kerb, Wall, WorldScene
-from .recipe_tools import Rng, outermost, side_of_choice, straight_without_kerb, strip, without_paint
+import numpy as np
+
+from .ingredients import Band, Barrier, Car, GuardRail, Kerb, Posts, Strand, Wall, WorldScene
+from .recipe_tools import Rng, border, outermost, side_of_choice, straight_without_kerb, strip, without_paint
+
+RAIL_BAND_M = 0.31  # height of the band of a W-beam rail
+ROPE_M = 0.019  # thickness of a rope of a wire barrier
 
 
 def grass(scene: WorldScene, rng: Rng) -> WorldScene:
@@ -38,8 +43,7 @@ def kerb_for_line(scene: WorldScene, rng: Rng) -> WorldScene | None:
     side = side_of_choice(rng)
     if not straight_without_kerb(scene, side):
         return None
-    border = scene.lane_m[1] if side > 0 else scene.lane_m[0]
-    return replace(without_paint(scene, side), kerbs=(*scene.kerbs, _kerb(border, rng)))
+    return replace(without_paint(scene, side), kerbs=(*scene.kerbs, _kerb(border(scene, side), rng)))
 
 
 def _kerb(face_m: float, rng: Rng) -> Kerb:
@@ -62,6 +66,91 @@ def guard_rail(scene: WorldScene, rng: Rng) -> WorldScene | None:
     return replace(scene, rails=(*scene.rails, GuardRail(at, grey=float(rng.uniform(140, 190)))))
 
 
+def _rail(d_m: float, side: int, rng: Rng) -> Barrier:
+    """Return a guard rail: a band of steel with a bright upper and lower third, on posts behind it."""
+    top, wide = float(rng.uniform(0.65, 0.80)), RAIL_BAND_M
+    grey, relief = float(rng.uniform(130, 200)), float(rng.uniform(10, 50))
+    strands = tuple(
+        Strand(top - wide * (3 - i) / 3, top - wide * (2 - i) / 3, grey + lift * relief)
+        for i, lift in enumerate((0.5, -0.5, 0.5))
+    )
+    every = float(rng.choice([2.0, 4.0]))
+    at = d_m + side * 0.10
+    return Barrier(d_m, strands, Posts(at, top - 0.05, every, float(rng.uniform(0, every)), grey=0.8 * grey))
+
+
+def _wires(d_m: float, rng: Rng) -> Barrier:
+    """Return a barrier of three or four steel ropes on thin posts between them."""
+    top, ropes = float(rng.uniform(0.65, 0.85)), int(rng.integers(3, 5))
+    grey = float(rng.uniform(140, 210))
+    strands = [Strand(z, z + ROPE_M, grey) for z in np.linspace(top - 0.35, top - 0.03, ropes)]
+    posts = Posts(d_m, top, 3.0, float(rng.uniform(0, 3)), 0.08, 0.7 * grey)
+    return Barrier(d_m, tuple(strands), posts)
+
+
+def rail_with_posts(scene: WorldScene, rng: Rng) -> WorldScene | None:
+    """A guard rail on posts beyond the outermost line of one side."""
+    side = side_of_choice(rng)
+    if not straight_without_kerb(scene, side):
+        return None
+    at = outermost(scene, side) + side * float(rng.uniform(0.5, 1.5))
+    return replace(scene, barriers=(*scene.barriers, _rail(at, side, rng)))
+
+
+def wire_barrier(scene: WorldScene, rng: Rng) -> WorldScene | None:
+    """Steel ropes on thin posts beyond the outermost line of one side."""
+    side = side_of_choice(rng)
+    if not straight_without_kerb(scene, side):
+        return None
+    at = outermost(scene, side) + side * float(rng.uniform(0.4, 1.2))
+    return replace(scene, barriers=(*scene.barriers, _wires(at, rng)))
+
+
+def overhead_cables(scene: WorldScene, rng: Rng) -> WorldScene | None:
+    """Wires along the road above it, as of a tramway or of lamps, on poles beside it."""
+    if scene.shape.curvature_per_m != 0:
+        return None
+    side = side_of_choice(rng)
+    pole = outermost(scene, side) + side * float(rng.uniform(0.8, 2.5))
+    every, height = float(rng.uniform(25, 45)), float(rng.uniform(6.0, 8.0))
+    posts = Posts(pole, height, every, float(rng.uniform(5, every)), 0.22, float(rng.uniform(50, 130)))
+    at, grey = float(rng.uniform(-2.5, 1.0)), float(rng.uniform(25, 70))
+    barriers = []
+    for i in range(int(rng.integers(1, 4))):
+        bottom, thick = float(rng.uniform(4.8, height - 0.3)), float(rng.uniform(0.012, 0.04))
+        sag = float(rng.uniform(0, 0.5))
+        strand = Strand(bottom, bottom + thick, grey, sag, every, posts.first_m)
+        # They hang on brackets that are not drawn.
+        barriers.append(Barrier(at, (strand,), None if i else posts))
+        at += float(rng.uniform(0.8, 1.6))
+    return replace(scene, barriers=(*scene.barriers, *barriers))
+
+
+def rail_for_line(scene: WorldScene, rng: Rng) -> WorldScene | None:
+    """A guard rail on posts, and no paint on its side: it converges with the other line as a line would."""
+    side = side_of_choice(rng)
+    if not straight_without_kerb(scene, side):
+        return None
+    at = border(scene, side) + side * float(rng.uniform(0.0, 0.8))
+    bare = without_paint(scene, side)
+    return replace(bare, barriers=(*scene.barriers, _rail(at, side, rng)))
+
+
+def wires_for_line(scene: WorldScene, rng: Rng) -> WorldScene | None:
+    """Single ropes on one side or on both, low above the road, and no paint there."""
+    if scene.shape.curvature_per_m != 0 or scene.kerbs:
+        return None
+    sides = (-1, 1) if rng.random() < 0.5 else (side_of_choice(rng),)
+    height = float(rng.uniform(0.3, 0.9))
+    barriers = list(scene.barriers)
+    for side in sides:
+        scene = without_paint(scene, side)
+        at = border(scene, side) + side * float(rng.uniform(-0.2, 0.5))
+        thick = float(rng.uniform(0.03, 0.12))
+        barriers.append(Barrier(at, (Strand(height, height + thick, float(rng.uniform(170, 220))),)))
+    return replace(scene, barriers=tuple(barriers))
+
+
 def foliage(scene: WorldScene, rng: Rng) -> WorldScene:
     """Trees ahead, and along a straight road a hedge on one side: clutter above the horizon."""
     walls = [Wall(float(rng.uniform(130, 250)), False, float(rng.uniform(4, 10)))]
@@ -82,10 +171,10 @@ def car_ahead(scene: WorldScene, rng: Rng) -> WorldScene:
 def parked_cars(scene: WorldScene, rng: Rng) -> WorldScene:
     """A row of cars parked on the own lane's line of one side, which hides much of it."""
     side = side_of_choice(rng)
-    border = scene.lane_m[1] if side > 0 else scene.lane_m[0]
+    line = border(scene, side)
     first = float(rng.uniform(9, 16))
     cars = tuple(
-        Car(first + 6.5 * i, border + side * float(rng.uniform(0.3, 0.7)), grey=_car_grey(rng))
+        Car(first + 6.5 * i, line + side * float(rng.uniform(0.3, 0.7)), grey=_car_grey(rng))
         for i in range(int(rng.integers(1, 5)))
     )
     return replace(scene, cars=(*scene.cars, *cars))

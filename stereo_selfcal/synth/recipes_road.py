@@ -8,6 +8,7 @@ from .ingredients import Arrow, Band, Paint, Shadow, WorldScene
 from .recipe_tools import (
     Change,
     Rng,
+    border,
     outermost,
     own_line,
     side_of_choice,
@@ -79,8 +80,7 @@ def no_paint(scene: WorldScene, rng: Rng) -> WorldScene:
 def shadow_for_line(scene: WorldScene, rng: Rng) -> WorldScene:
     """No paint on one side: there, sun between two hard shadows looks like a stripe, not quite parallel."""
     side = side_of_choice(rng)
-    border = scene.lane_m[1] if side > 0 else scene.lane_m[0]
-    edge = border + float(rng.uniform(-0.3, 0.3))
+    edge = border(scene, side) + float(rng.uniform(-0.3, 0.3))
     sun_m, light = float(rng.uniform(0.1, 0.3)), float(rng.uniform(0.35, 0.6))
     strips = (strip(edge + side * sun_m / 2, side, 1.5), strip(edge - side * sun_m / 2, -side, 1.5))
     shadows = tuple(Shadow("along", *strip, light, 0.03) for strip in strips)

@@ -7,11 +7,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from .ingredients import Car, GuardRail, Wall, WorldScene
+from .ingredients import Barrier, Car, GuardRail, Wall, WorldScene
 from .renderer import Array, Picture
 from .world_rays import Layer, WorldRays, pixel_mean
 from .world_surface import WALL_SEED, noise_pattern
+from .world_upright import Upright
 
+POSTS_TO_M = 80.0  # farther posts are narrower than a pixel
 SUB_SAMPLES = 3  # of a pixel of a car, along either axis
 WALL_CELLS_M = (0.15, 0.35, 0.8, 2.0)
 
@@ -35,6 +37,32 @@ def draw_rail(part: Picture, rays: WorldRays, first: int, layer: Layer, rail: Gu
         shares.append(pixel_mean(passed * seen.meets))
     for (low, high), sign in zip(pairwise(shares), (-1, 1), strict=True):
         part += np.maximum(low - high, 0) * (np.float32(rail.grey + sign * rail.relief / 2) - part)
+
+
+def draw_barrier(picture: Picture, scene: WorldScene, rays: WorldRays, barrier: Barrier) -> None:
+    """Draw the posts of a barrier, from far to near, and its strands over them."""
+    posts = barrier.posts
+    if posts is not None:
+        half = np.array([posts.width_m, posts.width_m, posts.height_m]) / 2
+        first = posts.first_m % posts.every_m
+        for s in np.arange(first, POSTS_TO_M, posts.every_m)[::-1]:
+            ground_m = float(scene.shape.height(s, posts.d_m)[0])
+            centre = np.array([s, posts.d_m, ground_m + posts.height_m / 2])
+            _draw_box(picture, scene, rays, centre, half, 0.0, posts.grey, False)
+    low = min(strand.bottom_m - strand.sag_m for strand in barrier.strands)
+    seen = Upright.seen(rays, barrier.d_m, low, max(strand.top_m for strand in barrier.strands))
+    if seen is None:
+        return
+    part = picture[slice(*seen.rows), slice(*seen.columns)]
+    for strand in barrier.strands:
+        over = seen.over
+        if strand.sag_m:
+            # A wire hangs as a parabola, as far as anybody sees.
+            place = ((seen.along.value - strand.hung_m) / strand.span_m) % 1.0
+            sag, slope = 4 * place * (1 - place), 4 * (1 - 2 * place) / strand.span_m
+            over = seen.over_curve(-strand.sag_m * sag, -strand.sag_m * slope)
+        share = over.between(strand.bottom_m, strand.top_m) * seen.meets
+        part += (share * (strand.grey - part)).astype(np.float32)
 
 
 def draw_wall(picture: Picture, scene: WorldScene, rays: WorldRays, wall: Wall) -> None:

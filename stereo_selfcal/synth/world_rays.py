@@ -61,6 +61,11 @@ class WorldRays:
         x, y, z = (self._at_origin[i] + u * self._per_u[i] + v * self._per_v[i] for i in range(3))
         return x, y, z
 
+    @property
+    def per_pixel(self) -> tuple[Array, Array]:
+        """Change of a ray's direction from column to column, and from row to row, (x, y, z) each."""
+        return self._per_u, self._per_v
+
     def project(self, points_m: npt.ArrayLike) -> Array:
         """Return the pixels (n, 2) of points (n, 3) of the lane frame; NaN behind the camera."""
         body = (np.asarray(points_m, np.float64) - self.centre_m) @ self.lane_from_camera

@@ -104,11 +104,24 @@ BAD: tuple[Ingredient, ...] = (
 )
 
 # Added since the first worlds.
-NEWER_GOOD: tuple[Ingredient, ...] = ()
+NEWER_GOOD: tuple[Ingredient, ...] = (
+    *_all(
+        "accept",
+        beside.rail_with_posts,
+        beside.wire_barrier,
+        beside.overhead_cables,
+    ),
+)
 
 NEWER_UNSURE: tuple[Ingredient, ...] = ()
 
-NEWER_BAD: tuple[Ingredient, ...] = ()
+NEWER_BAD: tuple[Ingredient, ...] = (
+    *_all(
+        "refuse",
+        beside.rail_for_line,
+        beside.wires_for_line,
+    ),
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from .ingredients import Glare, Kerb, WorldScene
 from .renderer import Frame, Picture, blur, quantise, vignette
 from .world import Side
-from .world_objects import draw_car, draw_rail, draw_wall
+from .world_objects import draw_barrier, draw_car, draw_rail, draw_wall
 from .world_rays import Layer, Single, WorldRays, pixel_mean
 from .world_surface import ground, light, noise_pattern
 
@@ -83,6 +83,9 @@ def _world(scene: WorldScene, rays: WorldRays) -> Picture:
     for wall in scene.walls:
         if wall.along:
             draw_wall(picture, scene, rays, wall)
+    # What stands farther to the side is behind.
+    for barrier in sorted(scene.barriers, key=lambda barrier: -abs(barrier.d_m - rays.centre_m[1])):
+        draw_barrier(picture, scene, rays, barrier)
     for car in sorted(scene.cars, key=lambda car: -car.s_m):
         draw_car(picture, scene, rays, car)
     return picture
