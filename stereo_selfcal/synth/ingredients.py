@@ -13,7 +13,19 @@ from stereo_selfcal.core.errors import ConfigError
 
 from ..core.camera.rig import StereoRig
 from ..core.geometry.pose import Extrinsics
-from .ingredients_beside import Barrier, Car, GuardRail, Kerb, Posts, Strand, Wall
+from .ingredients_beside import (
+    Barrier,
+    Car,
+    Facade,
+    GuardRail,
+    House,
+    Kerb,
+    Posts,
+    Ridge,
+    Step,
+    Strand,
+    Wall,
+)
 from .ingredients_road import Arrow, Band, Paint, Shadow
 from .ingredients_view import Camera, Glare
 from .road_shape import RoadShape, near_plane, pose_over_plane
@@ -25,12 +37,16 @@ __all__ = [
     "Barrier",
     "Camera",
     "Car",
+    "Facade",
     "Glare",
     "GuardRail",
+    "House",
     "Kerb",
     "Paint",
     "Posts",
+    "Ridge",
     "Shadow",
+    "Step",
     "Strand",
     "Wall",
     "WorldScene",
@@ -49,13 +65,17 @@ class WorldScene:
         lane_yaw_rad: Heading against the reference line [rad], > 0: it points left.
         lateral_offset_m: Position of the rig beside the reference line, left positive [m].
         shape: Course and height of the road.
-        paints: Painted lines (tram rails too); where they overlap, the later lies on top.
+        paints: Painted lines (tram rails and sleepers too); where they overlap, the later lies on top.
         arrows: Painted arrows.
         bands: Strips of other surfaces, below the paint; the later lies on top.
         shadows: Shadows on the ground; their light multiplies.
         kerbs: At most one on either side of the rig.
         rails: Guard rails without posts.
-        barriers: Guard rails with posts, wire barriers, cables; along a straight road only.
+        barriers: Guard rails with posts, wire barriers, cables; as ridges, steps and facades, along a
+            straight road only.
+        ridges: Rails of a railway.
+        steps: Edges of another level of the road; at most one on either side of the rig.
+        facades: Houses.
         cars: Cars.
         walls: Foliage.
         asphalt_grey: Mean grey level of the road surface.
@@ -84,6 +104,9 @@ class WorldScene:
     kerbs: tuple[Kerb, ...] = ()
     rails: tuple[GuardRail, ...] = ()
     barriers: tuple[Barrier, ...] = ()
+    ridges: tuple[Ridge, ...] = ()
+    steps: tuple[Step, ...] = ()
+    facades: tuple[Facade, ...] = ()
     cars: tuple[Car, ...] = ()
     walls: tuple[Wall, ...] = ()
     asphalt_grey: float = ASPHALT_GREY
@@ -95,13 +118,16 @@ class WorldScene:
     swapped: bool = False
 
     def __post_init__(self) -> None:
-        top_m = max([0.2, *(rail.top_m for rail in self.rails), *(kerb.height_m for kerb in self.kerbs)])
+        levels_m = [kerb.height_m for kerb in self.kerbs] + [ridge.height_m for ridge in self.ridges]
+        levels_m += [step.height_m for step in self.steps]
+        top_m = max([0.2, *(rail.top_m for rail in self.rails), *levels_m])
         # Each camera may be lower than the rig's middle by half the baseline when the rig is rolled.
         lowest_m = self.pose.height_m - abs(self.pose.roll_rad) * self.rig.baseline_m / 2
         if not lowest_m > top_m:
             raise ConfigError(f"world.pose.height_m is {self.pose.height_m}, it must be above {top_m} m")
-        if self.barriers and self.shape.curvature_per_m != 0:
-            raise ConfigError("a barrier stands along a straight road, but shape.curvature_per_m is not zero")
+        for name in ("barriers", "ridges", "steps", "facades"):
+            if getattr(self, name) and self.shape.curvature_per_m != 0:
+                raise ConfigError(f"{name} are along a straight road, but shape.curvature_per_m is not zero")
 
     def camera(self, side: Side) -> Camera:
         """Return one camera."""

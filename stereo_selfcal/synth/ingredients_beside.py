@@ -148,3 +148,79 @@ class Barrier:
     d_m: float
     strands: tuple[Strand, ...]
     posts: Posts | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Ridge:
+    """A bar on the road along it, such as a rail of a railway.
+
+    Attributes:
+        d_m: Lateral position of its middle [m].
+        height_m: Height of its top over the road [m].
+        width_m: Width [m].
+        top_grey: Grey level of its top.
+        face_grey: Grey level of its faces.
+    """
+
+    d_m: float
+    height_m: float = 0.17
+    width_m: float = 0.07
+    top_grey: float = 190.0
+    face_grey: float = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """An edge along the road beyond which its surface, with the paint on it, is higher or lower.
+
+    Attributes:
+        edge_m: Lateral position of the edge [m].
+        height_m: Height of the surface beyond it over that of the lane [m]; below zero where it is lower.
+        grey: Mean grey level of the surface beyond it.
+        texture_amplitude: Standard deviation of its texture seen from near [grey levels].
+        face_grey: Grey level of the face, seen where the surface beyond is higher.
+    """
+
+    edge_m: float
+    height_m: float
+    grey: float = 100.0
+    texture_amplitude: float = 4.0
+    face_grey: float = 55.0
+
+
+@dataclass(frozen=True, slots=True)
+class House:
+    """The front of a house along the road.
+
+    Attributes:
+        begin_m: Where it begins along the road [m].
+        end_m: Where it ends [m].
+        height_m: Height [m].
+        grey: Mean grey level.
+        window_grey: Grey level of its windows.
+        floor_m: Height of a floor [m].
+        window_every_m: Distance from a window to the next, about [m].
+        texture_amplitude: Standard deviation of the texture of its wall [grey levels].
+    """
+
+    begin_m: float
+    end_m: float
+    height_m: float
+    grey: float = 130.0
+    window_grey: float = 50.0
+    floor_m: float = 3.0
+    window_every_m: float = 2.5
+    texture_amplitude: float = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Facade:
+    """Houses side by side along a straight road.
+
+    Attributes:
+        d_m: Lateral position of their fronts [m].
+        houses: The houses, from near to far.
+    """
+
+    d_m: float
+    houses: tuple[House, ...]

@@ -61,5 +61,6 @@ def without_paint(scene: WorldScene, side: int) -> WorldScene:
 
 
 def straight_without_kerb(scene: WorldScene, side: int) -> bool:
-    """Return whether a kerb fits on one side: the road is straight and there is none yet."""
-    return scene.shape.curvature_per_m == 0 and not any(kerb.face_m * side > 0 for kerb in scene.kerbs)
+    """Return whether a kerb fits on one side: the road is straight and there is no step yet."""
+    at = [*(kerb.face_m for kerb in scene.kerbs), *(step.edge_m for step in scene.steps)]
+    return scene.shape.curvature_per_m == 0 and not any(d_m * side > 0 for d_m in at)

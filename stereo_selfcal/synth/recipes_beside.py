@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from .ingredients import Band, Barrier, Car, GuardRail, Kerb, Posts, Strand, Wall, WorldScene
+from .ingredients import Band, Barrier, Car, Facade, GuardRail, House, Kerb, Posts, Strand, Wall, WorldScene
 from .recipe_tools import Rng, border, outermost, side_of_choice, straight_without_kerb, strip, without_paint
 
 RAIL_BAND_M = 0.31  # height of the band of a W-beam rail
+HOUSES_TO_M = 120.0  # farther houses are a texture
 ROPE_M = 0.019  # thickness of a rope of a wire barrier
 
 
@@ -149,6 +150,27 @@ def wires_for_line(scene: WorldScene, rng: Rng) -> WorldScene | None:
         thick = float(rng.uniform(0.03, 0.12))
         barriers.append(Barrier(at, (Strand(height, height + thick, float(rng.uniform(170, 220))),)))
     return replace(scene, barriers=tuple(barriers))
+
+
+def facades(scene: WorldScene, rng: Rng) -> WorldScene | None:
+    """Houses side by side along one side of the road or both: upright and level edges, more than lines."""
+    if scene.shape.curvature_per_m != 0:
+        return None
+    sides = (-1, 1) if rng.random() < 0.6 else (side_of_choice(rng),)
+    rows = []
+    for side in sides:
+        at = outermost(scene, side) + side * float(rng.uniform(1.5, 5.0))
+        sun, houses, begin = float(rng.uniform(0.6, 1.3)), [], float(rng.uniform(-5, 8))
+        while begin < HOUSES_TO_M:
+            end, floor = begin + float(rng.uniform(7, 18)), float(rng.uniform(2.7, 3.6))
+            height = floor * int(rng.integers(2, 5)) + float(rng.uniform(0.5, 1.5))
+            grey = min(sun * float(rng.uniform(80, 180)), 230.0)
+            window = float(rng.uniform(25, 80)) if rng.random() < 0.8 else min(1.4 * grey, 240.0)
+            every, texture = float(rng.uniform(1.8, 3.5)), float(rng.uniform(1, 10))
+            houses.append(House(begin, end, height, grey, window, floor, every, texture))
+            begin = end + (float(rng.uniform(2, 6)) if rng.random() < 0.2 else 0.0)
+        rows.append(Facade(at, tuple(houses)))
+    return replace(scene, facades=(*scene.facades, *rows))
 
 
 def foliage(scene: WorldScene, rng: Rng) -> WorldScene:

@@ -7,14 +7,16 @@ from itertools import pairwise
 
 import numpy as np
 
-from .ingredients import Barrier, Car, GuardRail, Wall, WorldScene
+from .ingredients import Barrier, Car, Facade, GuardRail, Wall, WorldScene
 from .renderer import Array, Picture
 from .world_rays import Layer, WorldRays, pixel_mean
-from .world_surface import WALL_SEED, noise_pattern
+from .world_surface import FACADE_SEED, WALL_SEED, noise_pattern
 from .world_upright import Upright
 
 POSTS_TO_M = 80.0  # farther posts are narrower than a pixel
 SUB_SAMPLES = 3  # of a pixel of a car, along either axis
+# Parts of the front of a house [m].
+PLINTH_M, CORNICE_M, FRAME_M = 0.6, 0.3, 0.1
 WALL_CELLS_M = (0.15, 0.35, 0.8, 2.0)
 
 # Of a car's height: where the cabin begins, and what the box clears the ground by.
@@ -91,6 +93,36 @@ def draw_wall(picture: Picture, scene: WorldScene, rays: WorldRays, wall: Wall) 
         wall.grey + 15 * np.tanh((up - wall.height_m / 2) / wall.height_m) + wall.texture_amplitude * texture
     )
     picture += (share * (np.maximum(grey, 5.0) - picture)).astype(np.float32)
+
+
+def draw_facade(picture: Picture, scene: WorldScene, rays: WorldRays, facade: Facade) -> None:
+    """Draw the fronts of houses over what is behind them."""
+    seen = Upright.seen(rays, facade.d_m, 0.0, max(house.height_m for house in facade.houses))
+    if seen is None:
+        return
+    part = picture[slice(*seen.rows), slice(*seen.columns)]
+    along, over = (each.value.astype(np.float32) for each in (seen.along, seen.over))
+    size = np.maximum(seen.along.span, seen.over.span).astype(np.float32)
+    plaster = noise_pattern(scene.texture_seed + FACADE_SEED, WALL_CELLS_M, along, over, size)
+    for house in facade.houses:
+        share = seen.along.between(house.begin_m, house.end_m) * seen.over.between(0.0, house.height_m)
+        share *= seen.meets
+        if not share.any():
+            continue
+        grey = house.grey + house.texture_amplitude * plaster.astype(np.float64)
+        grey += seen.over.between(0.0, PLINTH_M) * (0.7 * house.grey - grey)
+        grey += seen.over.above(house.height_m - CORNICE_M) * (1.2 * house.grey - grey)
+        # As many windows as fit in, with frames around them; none cut by the end of the house.
+        room_m = house.end_m - house.begin_m
+        every = room_m / max(round(room_m / house.window_every_m), 1)
+        wide, high = 0.45 * every, 0.55 * house.floor_m
+        first, sill = house.begin_m + (every - wide) / 2, 0.3 * house.floor_m
+        in_rows = seen.over.between(PLINTH_M, house.height_m - CORNICE_M)
+        for border_m, pane in ((FRAME_M, 1.3 * house.grey), (0.0, house.window_grey)):
+            window = seen.along.periodic(first - border_m, wide + 2 * border_m, every)
+            window *= seen.over.periodic(sill - border_m, high + 2 * border_m, house.floor_m)
+            grey += window * in_rows * (pane - grey)
+        part += (share * (grey - part)).astype(np.float32)
 
 
 def draw_car(picture: Picture, scene: WorldScene, rays: WorldRays, car: Car) -> None:

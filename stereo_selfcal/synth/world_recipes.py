@@ -8,6 +8,7 @@ from typing import Literal
 
 from . import recipes_beside as beside
 from . import recipes_road as road
+from . import recipes_steps as steps
 from . import recipes_view as view
 from .recipe_tools import Change
 
@@ -110,6 +111,10 @@ NEWER_GOOD: tuple[Ingredient, ...] = (
         beside.rail_with_posts,
         beside.wire_barrier,
         beside.overhead_cables,
+        beside.facades,
+        steps.high_kerb,
+        steps.kerbs_both,
+        steps.low_shoulder,
     ),
 )
 
@@ -120,6 +125,10 @@ NEWER_BAD: tuple[Ingredient, ...] = (
         "refuse",
         beside.rail_for_line,
         beside.wires_for_line,
+        steps.high_kerb_for_line,
+        steps.kerbs_for_lines,
+        steps.edge_drop,
+        steps.train_rails,
     ),
 )
 

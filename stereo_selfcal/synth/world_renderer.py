@@ -8,18 +8,20 @@ boxes. No code of the estimator is used.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import numpy.typing as npt
 
-from .ingredients import Glare, Kerb, WorldScene
+from .ingredients import Glare, WorldScene
 from .renderer import Frame, Picture, blur, quantise, vignette
 from .world import Side
-from .world_objects import draw_barrier, draw_car, draw_rail, draw_wall
-from .world_rays import Layer, Single, WorldRays, pixel_mean
-from .world_surface import ground, light, noise_pattern
+from .world_objects import draw_barrier, draw_car, draw_facade, draw_rail, draw_wall
+from .world_rays import Layer, WorldRays, pixel_mean
+from .world_steps import with_kerb, with_ridge, with_step
+from .world_surface import ground
 
 SKY_GRADIENT = 40.0  # as in plane scenes: grey levels per unit of slope
-PAVEMENT_CELLS_M = (0.1, 0.3, 1.0)
 
 
 def render_scene(scene: WorldScene, rng: np.random.Generator) -> tuple[Frame, Frame]:
@@ -70,8 +72,13 @@ def _world(scene: WorldScene, rays: WorldRays) -> Picture:
     first = int(below[0])
     layer = Layer.seen(rays, first)
     surface = ground(scene, layer)
+    for step in scene.steps:
+        surface = with_step(surface, scene, rays, first, layer, step)
     for kerb in scene.kerbs:
-        surface = _with_kerb(surface, scene, rays, first, layer, kerb)
+        surface = with_kerb(surface, scene, rays, first, layer, kerb)
+    # What stands farther to the side is behind.
+    for ridge in sorted(scene.ridges, key=lambda ridge: -abs(ridge.d_m - rays.centre_m[1])):
+        surface = with_ridge(surface, scene, rays, first, layer, ridge)
     part = picture[first:]
     _, _, fine_slope = rays.directions(columns, np.arange(first, rig.height)[:, None])
     share = pixel_mean(layer.meets.astype(np.float32))
@@ -80,38 +87,15 @@ def _world(scene: WorldScene, rays: WorldRays) -> Picture:
     part += share * (surface - part)
     for rail in scene.rails:
         draw_rail(part, rays, first, layer, rail)
-    for wall in scene.walls:
-        if wall.along:
-            draw_wall(picture, scene, rays, wall)
-    # What stands farther to the side is behind.
+    beside = [(wall.at_m, partial(draw_wall, wall=wall)) for wall in scene.walls if wall.along]
+    beside += [(facade.d_m, partial(draw_facade, facade=facade)) for facade in scene.facades]
+    for _, draw in sorted(beside, key=lambda item: -abs(item[0] - rays.centre_m[1])):
+        draw(picture, scene, rays)
     for barrier in sorted(scene.barriers, key=lambda barrier: -abs(barrier.d_m - rays.centre_m[1])):
         draw_barrier(picture, scene, rays, barrier)
     for car in sorted(scene.cars, key=lambda car: -car.s_m):
         draw_car(picture, scene, rays, car)
     return picture
-
-
-def _with_kerb(
-    surface: Single, scene: WorldScene, rays: WorldRays, first: int, layer: Layer, kerb: Kerb
-) -> Single:
-    """Return the ground with a kerb and the pavement behind it in front of it."""
-    side = 1 if kerb.face_m > scene.lateral_offset_m else -1
-    top = Layer.seen(rays, first, kerb.height_m)
-
-    def behind(seen: Layer, d_m: float) -> Single:
-        return seen.left_of(d_m) if side > 0 else 1 - seen.left_of(d_m)
-
-    on_top = behind(top, kerb.face_m) * top.meets
-    # Ground behind the face is hidden by the face, unless the ray came over its upper edge.
-    hidden = np.maximum(behind(layer, kerb.face_m) * layer.meets, on_top)
-    pavement = behind(top, kerb.face_m + side * kerb.top_width_m) * top.meets
-    s, d, size = top.pixels()
-    texture = noise_pattern(scene.texture_seed + 1, PAVEMENT_CELLS_M, d, s, size)
-    hidden, on_top, pavement = (pixel_mean(share) for share in (hidden, on_top, pavement))
-    stone = np.float32(kerb.face_grey) * (hidden - on_top) + np.float32(kerb.top_grey) * (on_top - pavement)
-    stone += (kerb.behind_grey + np.float32(kerb.behind_texture) * texture) * pavement
-    result: Single = surface * (1 - hidden) + stone * light(scene, top)
-    return result
 
 
 def _glare(glare: Glare, shape: tuple[int, ...]) -> Picture:

@@ -22,7 +22,7 @@ DAPPLE_SOFT = 0.8
 DAPPLED_SHARE = 0.5  # as much shade as sun
 
 # The seeds of the patterns differ from those of the road surface.
-WEAR_SEED, DAPPLE_SEED, WALL_SEED = 1_000_003, 2_000_003, 3_000_017
+WEAR_SEED, DAPPLE_SEED, WALL_SEED, FACADE_SEED = 1_000_003, 2_000_003, 3_000_017, 4_000_037
 
 
 def noise_pattern(
