@@ -27,7 +27,7 @@ from .ingredients_beside import (
     Wall,
 )
 from .ingredients_road import Arrow, Band, Paint, Shadow
-from .ingredients_view import Camera, Glare
+from .ingredients_view import Camera, Glare, Sensor, Shake
 from .road_shape import RoadShape, near_plane, pose_over_plane
 from .world import ASPHALT_GREY, SKY_GREY, Side
 
@@ -45,7 +45,9 @@ __all__ = [
     "Paint",
     "Posts",
     "Ridge",
+    "Sensor",
     "Shadow",
+    "Shake",
     "Step",
     "Strand",
     "Wall",
@@ -84,6 +86,7 @@ class WorldScene:
         sky_grey: Grey level of the sky at the horizon.
         left: Left camera.
         right: Right camera.
+        shake: Vibration of the rig under a rolling shutter, None for none.
         swapped: Whether the pictures of the cameras are exchanged.
 
     Raises:
@@ -115,6 +118,7 @@ class WorldScene:
     sky_grey: float = SKY_GREY
     left: Camera = field(default_factory=Camera)
     right: Camera = field(default_factory=Camera)
+    shake: Shake | None = None
     swapped: bool = False
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""How a world is seen: the cameras and their faults."""
+"""How a world is seen: its light, the cameras and their faults."""
 
 from __future__ import annotations
 
@@ -27,6 +27,46 @@ class Glare:
 
 
 @dataclass(frozen=True, slots=True)
+class Sensor:
+    """What is done to a picture behind the lens.
+
+    Attributes:
+        mosaic: Whether a pixel sees one colour only (Bayer, RGGB), and the others come from its neighbours.
+        red: Signal of a red pixel, as a share of a green one's.
+        blue: That of a blue pixel.
+        white_balance_error: How much too bright red is made, and blue too dark (1: twice as bright).
+        jpeg_quality: Quality of a JPEG compression (1 ... 100), None for none.
+    """
+
+    mosaic: bool = False
+    red: float = 0.6
+    blue: float = 0.5
+    white_balance_error: float = 0.0
+    jpeg_quality: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Shake:
+    """Vibration of the rig while the rows are read one after another, at one time in both cameras.
+
+    The mean over the rows below the principal point is no part of it: there the pose is the scene's.
+
+    Attributes:
+        pitch_rad: Amplitude of the pitch [rad].
+        yaw_rad: Amplitude of the yaw [rad], a quarter of a period later.
+        hz: Frequency [Hz].
+        phase_rad: Phase at the first row [rad].
+        readout_s: Time from the first row to the last [s].
+    """
+
+    pitch_rad: float
+    yaw_rad: float = 0.0
+    hz: float = 30.0
+    phase_rad: float = 0.0
+    readout_s: float = 0.02
+
+
+@dataclass(frozen=True, slots=True)
 class Camera:
     """One camera of the pair, with its faults.
 
@@ -35,9 +75,11 @@ class Camera:
         lower_px: By how many rows its picture lies too low [px].
         turned_rad: Its rotation about its own axis against the rig [rad], > 0: right side down.
         glare: A bright patch, None for none.
+        sensor: What is done to its picture behind the lens.
     """
 
     photometry: Photometry = field(default_factory=Photometry)
     lower_px: float = 0.0
     turned_rad: float = 0.0
     glare: Glare | None = None
+    sensor: Sensor = field(default_factory=Sensor)

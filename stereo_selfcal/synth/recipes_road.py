@@ -45,6 +45,31 @@ def ruined_paint(scene: WorldScene, rng: Rng) -> WorldScene:
     return with_own_line(scene, side, Paint(replace(line, grey=grey), float(rng.uniform(0.6, 0.85))))
 
 
+def yellow_paint(scene: WorldScene, rng: Rng) -> WorldScene:
+    """Yellow paint, as for American centre lines and European road works: in grey 35 to 75 above the road."""
+    grey = scene.asphalt_grey + float(rng.uniform(35, 75))
+    lines = (
+        replace(paint, line=replace(paint.line, grey=grey)) if paint.line.grey > grey else paint
+        for paint in scene.paints
+    )
+    return replace(scene, paints=tuple(lines))
+
+
+def no_line_textured(scene: WorldScene, rng: Rng) -> WorldScene:
+    """No line at all, but asphalt of a coarse texture, mostly between grass verges."""
+    scene = replace(scene, paints=(), arrows=(), texture_amplitude=float(rng.uniform(6, 14)))
+    if rng.random() < 0.3:
+        return scene
+    verges = tuple(Band(*strip(border(scene, side) + side * 0.3, side)) for side in (-1, 1))
+    return replace(scene, bands=(*scene.bands, *verges))
+
+
+def one_line_textured(scene: WorldScene, rng: Rng) -> WorldScene:
+    """Lines on one side only, on asphalt of a coarse texture."""
+    bare = without_paint(scene, side_of_choice(rng))
+    return replace(bare, texture_amplitude=float(rng.uniform(6, 14)))
+
+
 def arrows(scene: WorldScene, rng: Rng) -> WorldScene:
     """Arrows in the middle of the own lane."""
     middle = sum(scene.lane_m) / 2 + float(rng.uniform(-0.2, 0.2))

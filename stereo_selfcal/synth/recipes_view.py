@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
-from .ingredients import Glare, Shadow, WorldScene
+from .ingredients import Glare, Shadow, Shake, WorldScene
 from .recipe_tools import Rng, side_of_choice, strip
 
 # --- light ---
@@ -114,3 +115,30 @@ def swapped(scene: WorldScene, rng: Rng) -> WorldScene:
     """The pictures of the cameras exchanged."""
     del rng
     return replace(scene, swapped=True)
+
+
+def _sensor(scene: WorldScene, **changes: Any) -> WorldScene:
+    """Return the scene with changed sensors in both cameras."""
+    left, right = (
+        replace(camera, sensor=replace(camera.sensor, **changes)) for camera in (scene.left, scene.right)
+    )
+    return replace(scene, left=left, right=right)
+
+
+def bayer(scene: WorldScene, rng: Rng) -> WorldScene:
+    """Colour cameras: two of three colours of every pixel are interpolated, with noise and its gains."""
+    red, blue = (float(rng.uniform(*range_)) for range_ in ((0.45, 0.8), (0.4, 0.75)))
+    error = float(rng.uniform(-0.08, 0.08))
+    return _sensor(scene, mosaic=True, red=red, blue=blue, white_balance_error=error)
+
+
+def jpeg(scene: WorldScene, rng: Rng) -> WorldScene:
+    """Pictures compressed as JPEG, of a quality from 60 to 95."""
+    return _sensor(scene, jpeg_quality=int(rng.integers(60, 96)))
+
+
+def rolling_shutter(scene: WorldScene, rng: Rng) -> WorldScene:
+    """A vibrating rig whose rows are read one after another: edges are waves of up to a pixel."""
+    pitch, yaw = (math.radians(float(rng.uniform(0.01, 0.08))) for _ in range(2))
+    hz, phase = float(rng.uniform(15, 90)), float(rng.uniform(0, 2 * math.pi))
+    return replace(scene, shake=Shake(pitch, yaw, hz, phase, float(rng.uniform(0.01, 0.03))))

@@ -108,6 +108,9 @@ BAD: tuple[Ingredient, ...] = (
 NEWER_GOOD: tuple[Ingredient, ...] = (
     *_all(
         "accept",
+        road.yellow_paint,
+        view.bayer,
+        view.jpeg,
         beside.rail_with_posts,
         beside.wire_barrier,
         beside.overhead_cables,
@@ -118,7 +121,14 @@ NEWER_GOOD: tuple[Ingredient, ...] = (
     ),
 )
 
-NEWER_UNSURE: tuple[Ingredient, ...] = ()
+NEWER_UNSURE: tuple[Ingredient, ...] = (
+    *_all(
+        "either",
+        road.no_line_textured,
+        road.one_line_textured,
+        view.rolling_shutter,
+    ),
+)
 
 NEWER_BAD: tuple[Ingredient, ...] = (
     *_all(

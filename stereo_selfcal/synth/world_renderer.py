@@ -14,10 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from .ingredients import Glare, WorldScene
-from .renderer import Frame, Picture, blur, quantise, vignette
+from .renderer import Frame, Picture, blur, vignette
 from .world import Side
 from .world_objects import draw_barrier, draw_car, draw_facade, draw_rail, draw_wall
 from .world_rays import Layer, WorldRays, pixel_mean
+from .world_sensor import capture
 from .world_steps import with_kerb, with_ridge, with_step
 from .world_surface import ground
 
@@ -34,8 +35,8 @@ def render_scene(scene: WorldScene, rng: np.random.Generator) -> tuple[Frame, Fr
     Returns:
         Left and right image, (H, W) uint8 each; exchanged where the scene says so.
     """
-    left = quantise(render_side(scene, "left"), scene.left.photometry, rng)
-    right = quantise(render_side(scene, "right"), scene.right.photometry, rng)
+    left = capture(render_side(scene, "left"), scene.left, rng)
+    right = capture(render_side(scene, "right"), scene.right, rng)
     return (right, left) if scene.swapped else (left, right)
 
 
