@@ -27,7 +27,7 @@ from .ingredients_beside import (
     Wall,
 )
 from .ingredients_road import Arrow, Band, Paint, Shadow
-from .ingredients_view import Camera, Glare, Sensor, Shake
+from .ingredients_view import Camera, Glare, Headlights, Lamp, Rain, Sensor, Shake, Wet
 from .road_shape import RoadShape, near_plane, pose_over_plane
 from .world import ASPHALT_GREY, SKY_GREY, Side
 
@@ -40,10 +40,13 @@ __all__ = [
     "Facade",
     "Glare",
     "GuardRail",
+    "Headlights",
     "House",
     "Kerb",
+    "Lamp",
     "Paint",
     "Posts",
+    "Rain",
     "Ridge",
     "Sensor",
     "Shadow",
@@ -51,6 +54,7 @@ __all__ = [
     "Step",
     "Strand",
     "Wall",
+    "Wet",
     "WorldScene",
 ]
 
@@ -86,6 +90,9 @@ class WorldScene:
         sky_grey: Grey level of the sky at the horizon.
         left: Left camera.
         right: Right camera.
+        headlights: The own car's at night, None by day.
+        lamps: Lights that are seen.
+        wet: Water on the road, None where it is dry; its mirror is the plane z = 0.
         shake: Vibration of the rig under a rolling shutter, None for none.
         swapped: Whether the pictures of the cameras are exchanged.
 
@@ -118,6 +125,9 @@ class WorldScene:
     sky_grey: float = SKY_GREY
     left: Camera = field(default_factory=Camera)
     right: Camera = field(default_factory=Camera)
+    headlights: Headlights | None = None
+    lamps: tuple[Lamp, ...] = ()
+    wet: Wet | None = None
     shake: Shake | None = None
     swapped: bool = False
 

@@ -27,6 +27,78 @@ class Glare:
 
 
 @dataclass(frozen=True, slots=True)
+class Headlights:
+    """The own car's lamps at night, in the middle of the rig, and what light there is besides.
+
+    Attributes:
+        ambient: Light everywhere, as a share of the day's.
+        near: Light of the lamps right ahead, as a share of the day's.
+        reach_m: Where half of it is left [m].
+        spread_rad: Standard deviation of the beam to either side [rad].
+    """
+
+    ambient: float = 0.03
+    near: float = 0.9
+    reach_m: float = 18.0
+    spread_rad: float = 0.4
+
+
+@dataclass(frozen=True, slots=True)
+class Lamp:
+    """A light that is seen: of a street, a car ahead, a car that comes.
+
+    Attributes:
+        s_m: Position along the road [m].
+        d_m: Lateral position [m].
+        z_m: Height over the plane z = 0 [m].
+        radius_m: Standard deviation of its disc [m].
+        grey: Grey level of its middle; far above white for a lamp that blinds.
+    """
+
+    s_m: float
+    d_m: float
+    z_m: float
+    radius_m: float = 0.06
+    grey: float = 600.0
+
+
+@dataclass(frozen=True, slots=True)
+class Wet:
+    """Water on the road: it is darker, and mirrors what is above it.
+
+    Attributes:
+        darker: Share of the light that the wet surface swallows.
+        mirror: Share of the reflection of smooth water (1) that is left.
+        patches: How unevenly the water lies (0 ... 1).
+        rough_rows: How far the mirrored picture is smeared along the columns, of the image's height.
+    """
+
+    darker: float = 0.3
+    mirror: float = 0.6
+    patches: float = 0.5
+    rough_rows: float = 0.03
+
+
+@dataclass(frozen=True, slots=True)
+class Rain:
+    """Drops that fall before one camera, each a bright streak that the other does not see.
+
+    Attributes:
+        streaks: Their number.
+        length_px: Their mean length [px].
+        grey: Their mean light [grey levels].
+        slant: How far they lean, in columns a row.
+        seed: Of their places.
+    """
+
+    streaks: int
+    length_px: float = 20.0
+    grey: float = 25.0
+    slant: float = 0.05
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
 class Sensor:
     """What is done to a picture behind the lens.
 
@@ -76,6 +148,7 @@ class Camera:
         turned_rad: Its rotation about its own axis against the rig [rad], > 0: right side down.
         glare: A bright patch, None for none.
         sensor: What is done to its picture behind the lens.
+        rain: Drops before the lens, None for none.
     """
 
     photometry: Photometry = field(default_factory=Photometry)
@@ -83,3 +156,4 @@ class Camera:
     turned_rad: float = 0.0
     glare: Glare | None = None
     sensor: Sensor = field(default_factory=Sensor)
+    rain: Rain | None = None

@@ -39,7 +39,8 @@ def own_line(scene: WorldScene, side: int) -> int:
 def outermost(scene: WorldScene, side: int) -> float:
     """Return the outer edge of the paint on one side [m]."""
     edges = [side * paint.line.offset_m + paint.line.width_m / 2 for paint in scene.paints]
-    return side * max(edges)
+    # Where there is no paint, the lane ends there.
+    return side * max(edges, default=side * border(scene, side))
 
 
 def strip(edge_m: float, side: int, width_m: float = ENDLESS_M) -> tuple[float, float]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from .ingredients import Barrier, Car, Facade, GuardRail, Wall, WorldScene
 from .renderer import Array, Picture
+from .world_light import lit
 from .world_rays import Layer, WorldRays, pixel_mean
 from .world_surface import FACADE_SEED, WALL_SEED, noise_pattern
 from .world_upright import Upright
@@ -28,7 +29,9 @@ CAR_CELLS_M = (0.2, 0.6)
 CAR_TEXTURE = 4.0
 
 
-def draw_rail(part: Picture, rays: WorldRays, first: int, layer: Layer, rail: GuardRail) -> None:
+def draw_rail(
+    part: Picture, scene: WorldScene, rays: WorldRays, first: int, layer: Layer, rail: GuardRail
+) -> None:
     """Draw a guard rail over the ground, between the surfaces of its edges."""
     left_side = rail.d_m > rays.centre_m[1]
     middle_m = (rail.bottom_m + rail.top_m) / 2
@@ -37,8 +40,9 @@ def draw_rail(part: Picture, rays: WorldRays, first: int, layer: Layer, rail: Gu
         seen = Layer.seen(rays, first, height_m)
         passed = seen.left_of(rail.d_m) if left_side else 1 - seen.left_of(rail.d_m)
         shares.append(pixel_mean(passed * seen.meets))
+    light = np.asarray(lit(scene, pixel_mean(layer.s), rail.d_m), np.float32)
     for (low, high), sign in zip(pairwise(shares), (-1, 1), strict=True):
-        part += np.maximum(low - high, 0) * (np.float32(rail.grey + sign * rail.relief / 2) - part)
+        part += np.maximum(low - high, 0) * (np.float32(rail.grey + sign * rail.relief / 2) * light - part)
 
 
 def draw_barrier(picture: Picture, scene: WorldScene, rays: WorldRays, barrier: Barrier) -> None:
@@ -50,7 +54,8 @@ def draw_barrier(picture: Picture, scene: WorldScene, rays: WorldRays, barrier: 
         for s in np.arange(first, POSTS_TO_M, posts.every_m)[::-1]:
             ground_m = float(scene.shape.height(s, posts.d_m)[0])
             centre = np.array([s, posts.d_m, ground_m + posts.height_m / 2])
-            _draw_box(picture, scene, rays, centre, half, 0.0, posts.grey, False)
+            shade = posts.grey * float(lit(scene, s, posts.d_m))
+            _draw_box(picture, scene, rays, centre, half, 0.0, shade, False)
     low = min(strand.bottom_m - strand.sag_m for strand in barrier.strands)
     seen = Upright.seen(rays, barrier.d_m, low, max(strand.top_m for strand in barrier.strands))
     if seen is None:
@@ -64,7 +69,8 @@ def draw_barrier(picture: Picture, scene: WorldScene, rays: WorldRays, barrier: 
             sag, slope = 4 * place * (1 - place), 4 * (1 - 2 * place) / strand.span_m
             over = seen.over_curve(-strand.sag_m * sag, -strand.sag_m * slope)
         share = over.between(strand.bottom_m, strand.top_m) * seen.meets
-        part += (share * (strand.grey - part)).astype(np.float32)
+        grey = strand.grey * lit(scene, seen.along.value, barrier.d_m)
+        part += (share * (grey - part)).astype(np.float32)
 
 
 def draw_wall(picture: Picture, scene: WorldScene, rays: WorldRays, wall: Wall) -> None:
@@ -92,7 +98,10 @@ def draw_wall(picture: Picture, scene: WorldScene, rays: WorldRays, wall: Wall) 
     grey = (
         wall.grey + 15 * np.tanh((up - wall.height_m / 2) / wall.height_m) + wall.texture_amplitude * texture
     )
-    picture += (share * (np.maximum(grey, 5.0) - picture)).astype(np.float32)
+    grey = np.maximum(grey, 5.0) * lit(
+        scene, *((position, wall.at_m) if wall.along else (wall.at_m, position))
+    )
+    picture += (share * (grey - picture)).astype(np.float32)
 
 
 def draw_facade(picture: Picture, scene: WorldScene, rays: WorldRays, facade: Facade) -> None:
@@ -122,6 +131,7 @@ def draw_facade(picture: Picture, scene: WorldScene, rays: WorldRays, facade: Fa
             window = seen.along.periodic(first - border_m, wide + 2 * border_m, every)
             window *= seen.over.periodic(sill - border_m, high + 2 * border_m, house.floor_m)
             grey += window * in_rows * (pane - grey)
+        grey *= lit(scene, seen.along.value, facade.d_m)
         part += (share * (grey - part)).astype(np.float32)
 
 
@@ -135,7 +145,8 @@ def draw_car(picture: Picture, scene: WorldScene, rays: WorldRays, car: Car) -> 
     cabin = np.array([0.6 * car.length_m, 0.85 * car.width_m, car.height_m - waist_m]) / 2
     for half, z, windows in ((body, CLEARANCE_M + body[2], False), (cabin, waist_m + cabin[2], True)):
         centre = np.array([float(x), float(y), ground_m + z])
-        _draw_box(picture, scene, rays, centre, half, yaw, car.grey, windows)
+        grey = car.grey * float(lit(scene, car.s_m, car.d_m))
+        _draw_box(picture, scene, rays, centre, half, yaw, grey, windows)
 
 
 def _draw_box(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,6 +58,15 @@ class WorldRays:
         forward, left, up = self.lane_from_camera.T
         self._per_u, self._per_v = -left / rig.fx, -up / rig.fy
         self._at_origin = forward - rig.cx * self._per_u - (rig.cy + camera.lower_px) * self._per_v
+
+    def mirrored(self) -> WorldRays:
+        """Return the rays of the camera's image in the mirror z = 0: what a wet road reflects."""
+        other = copy(self)
+        flip = np.array([1.0, 1.0, -1.0])
+        other.centre_m, other.lane_from_camera = flip * self.centre_m, flip[:, None] * self.lane_from_camera
+        other._per_u, other._per_v = flip * self._per_u, flip * self._per_v
+        other._at_origin = flip * self._at_origin
+        return other
 
     def directions(self, u: npt.ArrayLike, v: npt.ArrayLike) -> tuple[Array, Array, Array]:
         """Return (x, y, z) of rays scaled to unit depth, broadcast."""

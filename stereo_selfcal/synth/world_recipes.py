@@ -38,6 +38,8 @@ class Ingredient:
 # Properties that more than one recipe sets as a whole.
 _PARTS = {"crown": "crown", "crown_in_lane": "crown", "opposite_lane_only": "crown"}
 _EXPOSURE = ("exposures_differ", "over_exposed", "under_exposed")
+_PARTS |= {"no_line_textured": "texture", "one_line_textured": "texture"}
+_PARTS |= {"night": "weather", "wet": "weather", "rain": "weather", "night_rain": "weather"}
 _PARTS |= dict.fromkeys(_EXPOSURE, "exposure") | dict.fromkeys(("soft_focus", "blurred"), "focus")
 
 
@@ -111,6 +113,9 @@ NEWER_GOOD: tuple[Ingredient, ...] = (
         road.yellow_paint,
         view.bayer,
         view.jpeg,
+        view.night,
+        view.wet,
+        view.rain,
         beside.rail_with_posts,
         beside.wire_barrier,
         beside.overhead_cables,
@@ -127,6 +132,7 @@ NEWER_UNSURE: tuple[Ingredient, ...] = (
         road.no_line_textured,
         road.one_line_textured,
         view.rolling_shutter,
+        view.night_rain,
     ),
 )
 

@@ -21,6 +21,7 @@ from .world_rays import Layer, WorldRays, pixel_mean
 from .world_sensor import capture
 from .world_steps import with_kerb, with_ridge, with_step
 from .world_surface import ground
+from .world_weather import draw_lamps, rain_streaks, wetted
 
 SKY_GRADIENT = 40.0  # as in plane scenes: grey levels per unit of slope
 
@@ -47,6 +48,8 @@ def render_side(scene: WorldScene, side: Side) -> Picture:
     picture = _world(scene, WorldRays(scene, side))
     if camera.glare is not None:
         picture += _glare(camera.glare, picture.shape)
+    if camera.rain is not None:
+        picture += rain_streaks(camera.rain, picture.shape)
     if photometry.psf_sigma_px > 0:
         picture = blur(blur(picture, photometry.psf_sigma_px, axis=0), photometry.psf_sigma_px, axis=1)
     if photometry.vignetting > 0:
@@ -61,10 +64,7 @@ def _world(scene: WorldScene, rays: WorldRays) -> Picture:
     rig = scene.rig
     columns, rows = np.arange(rig.width), np.arange(rig.height)[:, None]
     _, _, slope = rays.directions(columns, rows)
-    picture = (scene.sky_grey + SKY_GRADIENT * np.maximum(slope, 0.0)).astype(np.float32)
-    for wall in scene.walls:
-        if not wall.along:
-            draw_wall(picture, scene, rays, wall)
+    picture = _backdrop(scene, rays)
     # A dip lifts the horizon: the road may rise above the level of the camera.
     steepest = max(scene.shape.grade_change, 0.0)
     below = np.flatnonzero((slope < steepest + 0.5 / rig.fy).any(axis=1))
@@ -80,6 +80,11 @@ def _world(scene: WorldScene, rays: WorldRays) -> Picture:
     # What stands farther to the side is behind.
     for ridge in sorted(scene.ridges, key=lambda ridge: -abs(ridge.d_m - rays.centre_m[1])):
         surface = with_ridge(surface, scene, rays, first, layer, ridge)
+    if scene.wet is not None:
+        mirror = rays.mirrored()
+        above = _backdrop(scene, mirror)
+        _draw_upright(above, scene, mirror)
+        surface = wetted(surface, above[first:], scene, rays, layer)
     part = picture[first:]
     _, _, fine_slope = rays.directions(columns, np.arange(first, rig.height)[:, None])
     share = pixel_mean(layer.meets.astype(np.float32))
@@ -87,7 +92,25 @@ def _world(scene: WorldScene, rays: WorldRays) -> Picture:
         share = np.clip(0.5 - fine_slope * rig.fy, 0.0, 1.0).astype(np.float32)
     part += share * (surface - part)
     for rail in scene.rails:
-        draw_rail(part, rays, first, layer, rail)
+        draw_rail(part, scene, rays, first, layer, rail)
+    _draw_upright(picture, scene, rays)
+    return picture
+
+
+def _backdrop(scene: WorldScene, rays: WorldRays) -> Picture:
+    """Return the sky, and what stands across the view."""
+    rig = scene.rig
+    _, _, slope = rays.directions(np.arange(rig.width), np.arange(rig.height)[:, None])
+    gradient = SKY_GRADIENT * (1.0 if scene.headlights is None else scene.headlights.ambient)
+    picture = (scene.sky_grey + gradient * np.maximum(slope, 0.0)).astype(np.float32)
+    for wall in scene.walls:
+        if not wall.along:
+            draw_wall(picture, scene, rays, wall)
+    return picture
+
+
+def _draw_upright(picture: Picture, scene: WorldScene, rays: WorldRays) -> None:
+    """Draw what stands beside and on the road, from the sides to the middle, and lamps."""
     beside = [(wall.at_m, partial(draw_wall, wall=wall)) for wall in scene.walls if wall.along]
     beside += [(facade.d_m, partial(draw_facade, facade=facade)) for facade in scene.facades]
     for _, draw in sorted(beside, key=lambda item: -abs(item[0] - rays.centre_m[1])):
@@ -96,7 +119,7 @@ def _world(scene: WorldScene, rays: WorldRays) -> Picture:
         draw_barrier(picture, scene, rays, barrier)
     for car in sorted(scene.cars, key=lambda car: -car.s_m):
         draw_car(picture, scene, rays, car)
-    return picture
+    draw_lamps(picture, scene, rays)
 
 
 def _glare(glare: Glare, shape: tuple[int, ...]) -> Picture:

@@ -10,6 +10,7 @@ import numpy as np
 from .ingredients import Arrow, Paint, Shadow, WorldScene
 from .renderer import TEXTURE_CELLS_M, TEXTURE_FADE_START, sample_tile, texture_tile
 from .world import LaneLine
+from .world_light import lit
 from .world_rays import Layer, Single, pixel_mean
 
 # Patches of missing paint, and patches of sun among leaves [m].
@@ -91,6 +92,9 @@ def light(scene: WorldScene, layer: Layer) -> Single:
     left = np.ones_like(pixel_mean(layer.span))
     for shadow in scene.shadows:
         left *= 1 - (1 - np.float32(shadow.light)) * _shade(scene, layer, shadow)
+    if scene.headlights is not None:
+        s, d, _ = layer.pixels()
+        left *= lit(scene, s, d)
     return left
 
 

@@ -20,6 +20,7 @@ from .ingredients import Camera, Paint, WorldScene
 from .regression_worlds import REGRESSION_WORLDS
 from .renderer import Frame
 from .world import LaneLine, Photometry, Side
+from .world_light import lit
 from .world_rays import WorldRays
 from .world_recipes import ALL, FIRST, INGREDIENTS, Catalogue, Expected, Ingredient
 from .world_renderer import render_scene
@@ -31,6 +32,7 @@ GOOD_SHARE, BAD_SHARE = 0.60, 0.25
 MIN_CONTRAST_TO_NOISE = 2.0
 # Nor where fewer rows than this share of the image show paint: one short dash is no line.
 MIN_ROWS = 0.1
+LIT_M = 10.0  # at night, the light that counts is that on the lines so far ahead
 SEEN_M, SEEN_SAMPLES = (1.0, 80.0), 1500  # where to look for paint, in steps well below a row
 MOST_INGREDIENTS = 4  # harmless ones in one world
 
@@ -191,9 +193,10 @@ def painted_rows(scene: WorldScene) -> float:
 
 
 def _contrast_to_noise(scene: WorldScene) -> float:
-    """Return the contrast of the palest paint in the deepest shadow, over the noise."""
+    """Return the contrast of the palest paint in the deepest shadow or the headlights, over the noise."""
     paint = min((p.line.grey for p in scene.paints if p.line.grey > scene.asphalt_grey), default=math.inf)
     light = math.prod(shadow.light for shadow in scene.shadows)
+    light *= min(float(lit(scene, LIT_M, border)) for border in scene.lane_m)
     cameras = [camera.photometry for camera in (scene.left, scene.right)]
     return min(
         (paint - scene.asphalt_grey) * light * camera.gain / max(255 * camera.noise_fraction, 0.3)
