@@ -86,6 +86,8 @@ class WorldScene:
         walls: Foliage.
         asphalt_grey: Mean grey level of the road surface.
         texture_amplitude: Standard deviation of its texture seen from near [grey levels].
+        fine_texture: Whether grains shorter than a pixel is long on the road are averaged within it, as a
+            camera does; otherwise they are left out.
         texture_seed: Seed of every texture.
         sky_grey: Grey level of the sky at the horizon.
         left: Left camera.
@@ -121,6 +123,7 @@ class WorldScene:
     walls: tuple[Wall, ...] = ()
     asphalt_grey: float = ASPHALT_GREY
     texture_amplitude: float = 3.0
+    fine_texture: bool = False
     texture_seed: int = 0
     sky_grey: float = SKY_GREY
     left: Camera = field(default_factory=Camera)

@@ -55,9 +55,14 @@ def yellow_paint(scene: WorldScene, rng: Rng) -> WorldScene:
     return replace(scene, paints=tuple(lines))
 
 
+def fine_texture(scene: WorldScene, rng: Rng) -> WorldScene:
+    """Asphalt whose grains are seen as far as a camera resolves them."""
+    return replace(scene, texture_amplitude=float(rng.uniform(2, 12)), fine_texture=True)
+
+
 def no_line_textured(scene: WorldScene, rng: Rng) -> WorldScene:
-    """No line at all, but asphalt of a coarse texture, mostly between grass verges."""
-    scene = replace(scene, paints=(), arrows=(), texture_amplitude=float(rng.uniform(6, 14)))
+    """No line at all, but asphalt with texture, mostly between grass verges."""
+    scene = fine_texture(replace(scene, paints=(), arrows=()), rng)
     if rng.random() < 0.3:
         return scene
     verges = tuple(Band(*strip(border(scene, side) + side * 0.3, side)) for side in (-1, 1))
@@ -65,9 +70,8 @@ def no_line_textured(scene: WorldScene, rng: Rng) -> WorldScene:
 
 
 def one_line_textured(scene: WorldScene, rng: Rng) -> WorldScene:
-    """Lines on one side only, on asphalt of a coarse texture."""
-    bare = without_paint(scene, side_of_choice(rng))
-    return replace(bare, texture_amplitude=float(rng.uniform(6, 14)))
+    """Lines on one side only, on asphalt with texture."""
+    return fine_texture(without_paint(scene, side_of_choice(rng)), rng)
 
 
 def arrows(scene: WorldScene, rng: Rng) -> WorldScene:

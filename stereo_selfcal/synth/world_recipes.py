@@ -38,7 +38,7 @@ class Ingredient:
 # Properties that more than one recipe sets as a whole.
 _PARTS = {"crown": "crown", "crown_in_lane": "crown", "opposite_lane_only": "crown"}
 _EXPOSURE = ("exposures_differ", "over_exposed", "under_exposed")
-_PARTS |= {"no_line_textured": "texture", "one_line_textured": "texture"}
+_PARTS |= dict.fromkeys(("fine_texture", "no_line_textured", "one_line_textured"), "texture")
 _PARTS |= {"night": "weather", "wet": "weather", "rain": "weather", "night_rain": "weather"}
 _PARTS |= dict.fromkeys(_EXPOSURE, "exposure") | dict.fromkeys(("soft_focus", "blurred"), "focus")
 
@@ -124,6 +124,7 @@ NEWER_GOOD: tuple[Ingredient, ...] = (
         steps.kerbs_both,
         steps.low_shoulder,
     ),
+    Ingredient("fine_texture", "accept", road.fine_texture, 4.0, "texture"),
 )
 
 NEWER_UNSURE: tuple[Ingredient, ...] = (

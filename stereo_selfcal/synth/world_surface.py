@@ -76,7 +76,12 @@ def ground(scene: WorldScene, layer: Layer) -> Single:
         grey += _arrow(layer, arrow) * (np.float32(arrow.grey) - grey)
     picture = pixel_mean(grey)
     if np.any(amplitude):
-        picture += amplitude * noise_pattern(scene.texture_seed, TEXTURE_CELLS_M, d, s, size)
+        if scene.fine_texture:
+            grain = np.maximum(layer.span, layer.length)
+            samples = noise_pattern(scene.texture_seed, TEXTURE_CELLS_M, layer.d, layer.s, grain)
+            picture += amplitude * pixel_mean(samples)
+        else:
+            picture += amplitude * noise_pattern(scene.texture_seed, TEXTURE_CELLS_M, d, s, size)
     picture *= light(scene, layer)
     for car in scene.cars:
         # The sun never reaches the road below a car.

@@ -145,5 +145,6 @@ def test_yellow_paint_is_darker_than_white_and_without_line_there_is_texture():
     assert all(paint.line.grey < 170 for paint in named_world("yellow_paint").scene.paints)
     scene = named_world("no_line_textured").scene
     assert scene.paints == ()
-    assert scene.texture_amplitude >= 6.0
+    assert scene.fine_texture
+    assert scene.texture_amplitude >= 2.0
     assert len(named_world("one_line_textured").scene.paints) == 1
