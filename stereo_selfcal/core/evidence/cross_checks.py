@@ -113,7 +113,7 @@ def cross_check_surface(
     if not common and frame.surface is not None and frame.surface.located is not None:
         fit, common = frame.surface.located, True  # too weak an estimate of its own, it may contradict
     if fit is not None and common:
-        of_surface = response_of_surface(rig, fit.extrinsics)
+        of_surface = response_of_surface(rig, fit.extrinsics, frame.vergence_std_rad)
         spread = difference_covariance(estimate, fit, lines.line_response, of_surface)
         evidence = replace(evidence, texture=fit, difference_std=np.sqrt(np.diag(spread)))
     lines = replace(lines, estimate=estimate, evidence=evidence)
@@ -166,7 +166,8 @@ def _cross_check_on_surface(
     checked = replace(lines, poses=poses, evidence=evidence).judged()
     if checked.rejection is not None:
         return checked
-    combined = combine(lines.estimate, fit, lines.line_response, response_of_surface(rig, fit.extrinsics))
+    of_surface = response_of_surface(rig, fit.extrinsics, frame.vergence_std_rad)
+    combined = combine(lines.estimate, fit, lines.line_response, of_surface)
     if isinstance(combined, NotFitted):
         return replace(checked, rejection=undetermined(combined))
     evidence = replace(evidence, std=np.sqrt(np.diag(combined.covariance)))
