@@ -23,6 +23,8 @@ from ..types import Array
 # Term of the uncertainty of each unknown: the disparity is wrong by a constant, by a part that grows with the
 # column, by one that grows with the row; and the rows of one image are lower than those of the other.
 _TERMS = ("vergence", "rectification", "rectification", "row_offset")
+# The names of these terms: their causes are the same in all frames of a rig, and do not average out.
+RIG_TERMS = frozenset(_TERMS)
 
 
 def response_of_surface(
