@@ -27,7 +27,7 @@ from ..road.cell_grid import CELL_WIDTH_M
 from ..types import Array
 from .cue_fusion import combine, difference_covariance
 from .estimate import Estimate, StagePoses
-from .frame_evidence import Evidence, FrameObservations, Hypothesis
+from .frame_evidence import Contradictor, Evidence, FrameObservations, Hypothesis
 from .gates import evaluate_gates, undetermined
 from .horizon import horizon_offset
 from .lane_heights import heights_over_surface, surely_no_kerb
@@ -110,12 +110,16 @@ def cross_check_surface(
         estimate = estimate.with_terms(*road_shape_terms(pattern, rig, estimate.pose, fit.unevenness))
         evidence = replace(evidence, lane_heights=lane_heights)
     common = fit is not None and fit.common_texture
-    if not common and frame.surface is not None and frame.surface.located is not None:
-        fit, common = frame.surface.located, True  # too weak an estimate of its own, it may contradict
-    if fit is not None and common:
-        of_surface = response_of_surface(rig, fit.extrinsics, frame.vergence_std_rad)
-        spread = difference_covariance(estimate, fit, lines.line_response, of_surface)
-        evidence = replace(evidence, texture=fit, difference_std=np.sqrt(np.diag(spread)))
+    # Whatever shows the road well enough may contradict, also where it is too weak for an estimate.
+    evidence = replace(
+        evidence,
+        texture=fit if common else None,
+        contradictors=tuple(
+            _contradictor(estimate, each, lines, frame, rig)
+            for each in (fit if common else None, None if frame.surface is None else frame.surface.located)
+            if each is not None
+        ),
+    )
     lines = replace(lines, estimate=estimate, evidence=evidence)
     if fit is not None and common and sufficiency >= 1.0:
         return _cross_check_on_surface(lines, pattern, fit, frame, rig)
@@ -125,6 +129,14 @@ def cross_check_surface(
     estimate = estimate.with_reservation(ReservationKind.NOT_CHECKED_BY_TEXTURE, lacking)
     lines = replace(lines, estimate=estimate, evidence=evidence)
     return _cross_check_lines_only(lines, hypothesis, pattern, frame, rig)
+
+
+def _contradictor(
+    estimate: Estimate, fit: TextureFit, lines: JudgedEstimate, frame: FrameObservations, rig: StereoRig
+) -> Contradictor:
+    """Return the pose over a surface, with the uncertainty of its difference from that of the lines."""
+    of_surface = response_of_surface(rig, fit.extrinsics, frame.vergence_std_rad)
+    return Contradictor(fit.extrinsics, difference_covariance(estimate, fit, lines.line_response, of_surface))
 
 
 def _align_between(

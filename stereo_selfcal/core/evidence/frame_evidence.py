@@ -109,6 +109,19 @@ class Hypothesis:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Contradictor:
+    """A pose over the road surface that excludes lines whose pose differs too much.
+
+    Attributes:
+        extrinsics: The pose.
+        covariance: (3, 3) of its difference from the pose by the lines.
+    """
+
+    extrinsics: Extrinsics
+    covariance: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
     """Results of the stages so far; None where a stage has not run, or has given up.
 
@@ -136,7 +149,7 @@ class Evidence:
             lines.
         inner_line_height: Height of a line between the boundaries over their plane.
         std: (3,) standard deviations of the estimate [m, rad, rad].
-        difference_std: (3,) standard deviations of the difference between the poses by lines and by texture.
+        contradictors: What else shows the road, and excludes lines that differ too much from it.
         own_strip: The alignment of the strip under the car alone, for an estimate without lines.
         coarse: Plane of the dense disparities, for an estimate that rests on the lines alone.
         sweep: Planes under which the faintest texture between the lines agrees, for such an estimate.
@@ -163,7 +176,7 @@ class Evidence:
     stripes_fitted: bool | None = None
     inner_line_height: HeightOverLane | None = None
     std: Array | None = None
-    difference_std: Array | None = None
+    contradictors: tuple[Contradictor, ...] = ()
     own_strip: TextureFit | None = None
     coarse: CoarseRoad | None = None
     sweep: LaneSweep | None = None

@@ -13,8 +13,9 @@ import numpy as np
 
 from ..estimators.stripe_fit import BLUR_MAX_PX
 from ..geometry.pose import POSE_COMPONENTS
-from ..rejection import Bound
-from ..tolerances import AGREEMENT, EXCLUDED_SIGMAS, MAX_DIFFERENCE, MAX_LINE_HEIGHT_M, WRONG
+from ..numerics.linear import solve_linear
+from ..rejection import Bound, NotFitted
+from ..tolerances import AGREEMENT, EXCLUDED_CHI2_3, EXCLUDED_SIGMAS, MAX_DIFFERENCE, MAX_LINE_HEIGHT_M, WRONG
 from ..types import Array
 from .frame_evidence import Evidence
 from .stripe_border import EDGE_REMAINDER
@@ -239,13 +240,20 @@ def read_clipped_part(evidence: Evidence) -> Reading | None:
 
 
 def read_surface_difference(evidence: Evidence) -> Reading | None:
-    """Read how the plane of the lines and that of the road surface differ."""
-    if evidence.texture is None or evidence.line_pose is None or evidence.difference_std is None:
+    """Read how the plane of the lines and that of the road surface differ: the one that differs most."""
+    if evidence.line_pose is None or not evidence.contradictors:
         return None
-    difference = evidence.line_pose.as_array() - evidence.texture.extrinsics.as_array()
     what = "the lane lines and the road surface between them differ in {axis} by {value}"
-    limits = np.maximum(MAX_DIFFERENCE, EXCLUDED_SIGMAS * evidence.difference_std)
-    return _difference(what, difference, limits)
+    line_pose = evidence.line_pose.as_array()
+    readings = []
+    for each in evidence.contradictors:
+        difference = line_pose - each.extrinsics.as_array()
+        weighted = solve_linear(each.covariance, difference, "numbers of the difference that are known")
+        # All three numbers together: the limit is where they would be as unlikely as EXCLUDED_SIGMAS.
+        chi2 = 0.0 if isinstance(weighted, NotFitted) else float(difference @ weighted)
+        unlikely = np.abs(difference) * math.sqrt(EXCLUDED_CHI2_3 / max(chi2, 1e-9))
+        readings.append(_difference(what, difference, np.maximum(MAX_DIFFERENCE, unlikely)))
+    return max(readings, key=lambda each: each.value / each.threshold)
 
 
 def read_coarse_difference(evidence: Evidence) -> Reading | None:
