@@ -227,10 +227,9 @@ def summary(judged: list[Judged], options: Options) -> Table:
         "Worlds of the second generator",
         ["worlds", "accepted", "wrong", "gross", "good", "good accepted", "good, low rig", "error / std"],
         f"{options.worlds} worlds, seed {options.seed}. Wrong: beyond {WRONG_STDS:g} reported standard "
-        f"deviations and {WRONG[0] * 1e3:g} mm, {WRONG[1]} or {WRONG[2]} deg; gross: beyond {GROSS[0] * 1e3:g}"
-        f" mm, {GROSS[1]} or {GROSS[2]} deg. Good: a fair road with paint of the own lane on 60 rows; the low "
-        "rigs have a column of their own. Error over standard deviation: root mean square of height, pitch "
-        "and roll of the good ones.",
+        f"deviations and {_triple(WRONG)}; gross: beyond {_triple(GROSS)}. Good: a fair road with paint of "
+        "the own lane on 60 rows; the low rigs have a column of their own. Error over standard deviation: "
+        "root mean square of height, pitch and roll of the good ones.",
     )
     good = [world for world in judged if world.good]
     low = [world for world in good if _LOW in world.tags.split()]
@@ -245,6 +244,10 @@ def summary(judged: list[Judged], options: Options) -> Table:
         " / ".join(number(value, 2) for value in _ratios(good)),
     )
     return table
+
+
+def _triple(limits: tuple[float, float, float]) -> str:
+    return f"{limits[0] * 1e3:g} mm, {limits[1]:g} deg of pitch or {limits[2]:g} deg of roll"
 
 
 def _share(worlds: list[Judged]) -> str:
