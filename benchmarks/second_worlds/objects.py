@@ -11,6 +11,7 @@ from .mesh import Look, Material, MeshBuilder
 from .roads import Alignment, Strip, add_strips
 
 _GAUGE_M = 1.435  # of railways: between the heads of the rails
+_DETAIL_M = 35.0  # cars further away have no wheels and lamps
 
 
 def solid(albedo: float, texture: float = 0.1, texel_m: float = 0.004, warmth: float = 0.0) -> Look:
@@ -126,6 +127,8 @@ def car(
         builder.box(foot + 0.28 * up, (length, width, 0.62), yaw, paint)
         _cabin(builder, foot + 0.9 * up, ahead, left, length, width, glass, paint)
         builder.box(foot + 0.12 * up, (length * 0.94, width * 0.9, 0.2), yaw, solid(0.03))
+    if s_m > _DETAIL_M:
+        return
     half = (3.9 if truck else length / 2) + 0.01
     for end in (-1, 1):
         for side in (-1, 1):
@@ -249,7 +252,7 @@ def snow_bank(
         t = foot_m + out * (share * width_m + (rng.normal(0, 0.05, len(s)) if share < 2 else 0.0))
         z = height_m * (high + (rng.normal(0, 0.12, len(s)) if high > 0 else 0.0))
         rows.append(road.world(s, t, z))
-    look = solid(float(rng.uniform(0.6, 0.9)), 0.08, 0.01, -0.2)
+    look = solid(float(rng.uniform(0.45, 0.75)), 0.1, 0.01, -0.2)
     for one, two in itertools.pairwise(rows):
         first = np.stack([one[:-1], one[1:], two[1:], two[1:]], axis=1)
         second = np.stack([one[:-1], two[1:], two[:-1], two[:-1]], axis=1)

@@ -150,11 +150,22 @@ def edge_drop(rng: np.random.Generator) -> Draft:
         out = sign(side)
         foot = [(out * edge, 0.0), (out * (edge + 0.01), step)]
         end = (out * draft.edges_m[side], step)
+        _old_asphalt(draft, out * edge, out * draft.edges_m[side])
         section = [*section[:-1], *foot, end] if side == "left" else [end, *foot[::-1], *section[1:]]
     draft.crown = section
     # The lane itself ends at the step: its plane is that of the asphalt between.
     draft.narrow_m = 2 * (gap + 0.2)
     return draft
+
+
+def _old_asphalt(draft: Draft, from_m: float, to_m: float) -> None:
+    """Give the asphalt between two places across the road another grey, and its border a dark edge."""
+    rng = draft.rng
+    grey = draft.surface.albedo
+    if rng.random() < 0.8:
+        other = grey * float(rng.choice([rng.uniform(0.7, 0.9), rng.uniform(1.1, 1.4)]))
+        draft.seams.append(Stripe((from_m + to_m) / 2, abs(to_m - from_m), other))
+    draft.seams.append(Stripe(from_m, 0.02, grey * float(rng.uniform(0.4, 0.9)), wobble_m=0.01))
 
 
 def pavement_edge(rng: np.random.Generator) -> Draft:

@@ -110,7 +110,7 @@ def snow(rng: np.random.Generator) -> Draft:
         foot = sign(side) * (draft.edges_m[side] - float(rng.uniform(-0.3, 0.1)))
         height, width = float(rng.uniform(0.15, 0.7)), float(rng.uniform(0.5, 1.2))
         objects.snow_bank(draft.builder, draft.beside(side), foot, height, width, rng)
-        white = ground(float(rng.uniform(0.6, 0.85)), 0.08, 0.01, -0.2)
+        white = ground(float(rng.uniform(0.45, 0.7)), 0.1, 0.01, -0.2)
         draft.sides[side] = [(3.0, -0.02, white), (120.0, 0.5, white)]
     return draft
 
