@@ -289,7 +289,7 @@ def test_about_half_of_the_worlds_are_good_and_none_is_turned() -> None:
 
 @pytest.mark.slow
 def test_a_world_is_judged_and_written(tmp_path: Path) -> None:
-    judged = judge_world(1, False, 0)
+    judged = judge_world(1, False, None, 0)
     world = draw(1, 0)
     assert (judged.kind, judged.good) == (world.kind, world.good)
     assert judged.accepted == (judged.error_mm is not None)

@@ -75,10 +75,10 @@ def slope_ahead(rng: np.random.Generator) -> Draft:
 
 
 def uneven(rng: np.random.Generator) -> Draft:
-    """Waves of some millimetres along the road."""
+    """Waves of a few millimetres along the road."""
     draft = ordinary(rng)
     places = np.arange(1.0, 60.0, float(rng.uniform(1.5, 4)))
-    heights = rng.normal(0, rng.uniform(0.001, 0.005), len(places))
+    heights = rng.normal(0, rng.uniform(0.0005, 0.003), len(places))
     heights[0] = heights[-1] = 0.0
     slopes = np.concatenate([[0.0], np.diff(heights) / np.diff(places), [0.0]])
     draft.kinks = [(float(s), float(k)) for s, k in zip(places, np.diff(slopes), strict=True)]

@@ -192,17 +192,17 @@ def snow_for_line(rng: np.random.Generator) -> Draft:
 
 
 TRAPS = (
-    Kind("kerb_for_line", 5, kerb_for_line),
-    Kind("kerb_both", 5, kerb_both),
-    Kind("kerb_shadow", 3, kerb_shadow),
-    Kind("kerb_curve", 2, kerb_curve),
-    Kind("rail_for_line", 4, rail_for_line),
-    Kind("rope_for_line", 3, rope_for_line),
-    Kind("wall_for_line", 3, wall_for_line),
-    Kind("train_rails", 4, train_rails),
-    Kind("edge_drop", 5, edge_drop),
-    Kind("pavement_edge", 3, pavement_edge),
-    Kind("snow_for_line", 2, snow_for_line),
+    Kind("kerb_for_line", 8, kerb_for_line),
+    Kind("kerb_both", 8, kerb_both),
+    Kind("kerb_shadow", 5, kerb_shadow),
+    Kind("kerb_curve", 3, kerb_curve),
+    Kind("rail_for_line", 7, rail_for_line),
+    Kind("rope_for_line", 5, rope_for_line),
+    Kind("wall_for_line", 5, wall_for_line),
+    Kind("train_rails", 6, train_rails),
+    Kind("edge_drop", 8, edge_drop),
+    Kind("pavement_edge", 5, pavement_edge),
+    Kind("snow_for_line", 3, snow_for_line),
 )
 
 
