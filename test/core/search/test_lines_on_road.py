@@ -112,3 +112,14 @@ def test_a_line_that_crosses_the_road_tells_no_yaw():
     scene = seen()[0]
     turned = replace(scene.rig, cx=scene.rig.cx + scene.rig.fx * math.tan(math.radians(12.0)))
     assert yaw_of_line(found_on().matches, scene.extrinsics, turned) is None
+
+
+def test_what_chance_makes_of_texture_tells_no_yaw():
+    """Without any line, texture of this seed has one of 64 rows and 4 votes, which leads 7 deg aside."""
+    scene = seen()[0]
+    bare = replace(scene, road=replace(scene.road, lines=()))
+    images = render(bare, np.random.default_rng(0))
+    points = tuple(find_stripe_points(image, CONFIG.extraction) for image in images)
+    matches = lines_on_road(scene.extrinsics, points, images, scene.rig, CONFIG).matches
+    assert any(matches)
+    assert yaw_of_line(matches, scene.extrinsics, scene.rig) is None
