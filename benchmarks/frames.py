@@ -45,12 +45,14 @@ class Measured:
         accepted: Whether it was.
         stages: Pose of every stage that ran, "final" among them when accepted.
         std: Reported standard deviations (height, pitch, roll), None when refused.
+        noise_std: Those by the noise of the pixels alone, None when refused.
     """
 
     scene: Scene
     accepted: bool
     stages: dict[str, Extrinsics]
     std: Array | None
+    noise_std: Array | None = None
 
     def error(self, stage: str) -> Array:
         """Return estimate minus truth of a stage [m, rad, rad]."""
@@ -154,7 +156,20 @@ def judge(result: CalibrationResult, scene: Scene) -> Measured:
     if result.extrinsics is not None:
         stages["final"] = result.extrinsics
     std = None if result.covariance is None else np.sqrt(np.diag(result.covariance))
-    return Measured(scene, result.accepted, stages, std)
+    return Measured(scene, result.accepted, stages, std, noise_std(result))
+
+
+def noise_std(result: CalibrationResult) -> Array | None:
+    """Return the standard deviations [m, rad, rad] by the noise of the pixels alone; None when refused.
+
+    A rendered road is a plane, its lines are parallel and its cameras are as their rig says: its errors are
+    those of the noise, and the other terms of the uncertainty are not in them.
+    """
+    for term in result.uncertainty:
+        if term.name == "noise":
+            std: Array = np.sqrt(np.diag(term.covariance))
+            return std
+    return None
 
 
 def stages_of(results: list[Measured]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Accuracy against the Cramér-Rao bound, and the reported standard deviation against the error."""
+"""Accuracy against the Cramér-Rao bound, and the standard deviation by noise against the error."""
 
 from __future__ import annotations
 
@@ -31,9 +31,11 @@ def limit_table(options: Options) -> Iterator[Table]:
             *(f"RMS {unit}" for unit in UNITS),
             "bound (mm, deg, deg)",
             "error / bound (h, p, r)",
-            "error / reported std (h, p, r)",
+            "error / std by noise (h, p, r)",
         ],
-        f"Asked of the final stage: error / bound at most {ASKED_OVER_BOUND}, error / std {ASKED_OVER_STD}. "
+        f"Asked of the final stage: error / bound at most {ASKED_OVER_BOUND}, error / std {ASKED_OVER_STD}: "
+        "the standard deviation by the term `noise` of the uncertainty, as nothing else is wrong with a "
+        "rendered road. "
         "The bound is that of the stripes under Gaussian noise, by derivatives of the renderer; it knows of "
         "no texture, no clipping, no rounding. Errors are of accepted frames, the bound is of all.",
     )
@@ -47,7 +49,8 @@ def limit_table(options: Options) -> Iterator[Table]:
                 error = rms(stage_errors(results, stage))
                 honesty = "-"
                 if stage == "final":
-                    honesty = numbers(rms([r.error(stage) / r.std for r in accepted if r.std is not None]))
+                    ratios = [r.error(stage) / r.noise_std for r in accepted if r.noise_std is not None]
+                    honesty = numbers(rms(ratios))
                 table.add(
                     surface,
                     f"{noise:.0%}",

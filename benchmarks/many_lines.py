@@ -12,7 +12,7 @@ from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import random_scene
 from stereo_selfcal.synth.world import Scene
 
-from .frames import FIRST_POSE_SEED, READABLE, UNITS, pose_error
+from .frames import FIRST_POSE_SEED, READABLE, UNITS, noise_std, pose_error
 from .options import Options
 from .table import Table
 
@@ -26,7 +26,7 @@ def many_lines_table(options: Options) -> Iterator[Table]:
     table = Table(
         "many_lines",
         "Two lines against four: RMS error, bare asphalt",
-        ["noise", "lines", "accepted", "lines used", *UNITS, "error / std: RMS"],
+        ["noise", "lines", "accepted", "lines used", *UNITS, "error / std by noise: RMS"],
         "The height of a further line over the plane of the boundaries is taken as unknown to 1 cm, and to "
         "2.5 % of the distance from them: it says where the road leads, less so how high it is.",
     )
@@ -44,11 +44,12 @@ def _row(poses: int, noise: float, beside_m: float | None) -> list[str]:
         if beside_m is not None:
             scene = _with_more_lines(scene, beside_m)
         result = calibrate(*render(scene, np.random.default_rng(seed)), scene.rig)
-        if result.extrinsics is None or result.std is None:
+        std = noise_std(result)
+        if result.extrinsics is None or std is None:
             continue
         error = pose_error(result.extrinsics, scene)
         errors.append(error * READABLE)
-        ratios.append(error / result.std.as_array())
+        ratios.append(error / std)
         used.append(0 if result.pattern is None else len(result.pattern.lines[0]))
     rms, ratio = (np.sqrt(np.mean(np.square(values), axis=0)) for values in (errors, ratios))
     shown = [f"{rms[0]:.2f}", f"{rms[1]:.4f}", f"{rms[2]:.3f}"]

@@ -25,6 +25,7 @@ import numpy as np
 
 from stereo_selfcal import Calibrator, StereoRig
 from stereo_selfcal.bags import StereoBag
+from stereo_selfcal.synth import world_recipes
 from stereo_selfcal.synth.worlds import random_world, render_world
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -68,7 +69,9 @@ def _frame(task: Task) -> tuple[StereoRig, Any, Any]:
         frame = next(frame for index, frame in enumerate(bag.frames()) if index == which)
         return rig, frame.left, frame.right
     if kind == "world":
-        drawn = random_world(np.random.default_rng([int(where), which]))
+        # Older commits know the first catalogue only, which is drawn alike ever since.
+        first = [world_recipes.FIRST] if hasattr(world_recipes, "FIRST") else []
+        drawn = random_world(np.random.default_rng([int(where), which]), *first)
         return drawn.scene.rig, *render_world(drawn, np.random.default_rng([int(where), which, 1]))
     left = Path(where)
     if left.stem == "left":

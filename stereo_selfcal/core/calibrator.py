@@ -117,18 +117,12 @@ class Calibrator:
         for hypothesis in search.hypotheses(attempts):
             attempts.append(solve(hypothesis, frame, self.rig, self.config))
         chosen = choose(attempts)
+        result = result_of(chosen, attempts, stamp_s)
         lines = search.lines
-        if chosen is not None:
-            result = result_of(chosen, attempts, stamp_s)
-        else:
-            # With a pair of lines, there is an attempt that was refused.
-            assert isinstance(lines.patterns, NoPattern)
-            result = rejected(
-                lines.patterns.rejection, stamp_s, pattern=lines.patterns.pattern, attempts=tuple(attempts)
-            )
-        if result.rejection is not None:
-            cause = diagnose(result.rejection, lines, result.pattern, frame, self.rig, self.config)
-            result = replace(result, rejection=cause, message=cause.message)
+        if chosen is None or not chosen.accepted:
+            refusal, pattern = search.refusal(attempts)
+            cause = diagnose(refusal, lines, pattern, frame, self.rig, self.config)
+            result = replace(result, rejection=cause, message=cause.message, pattern=pattern)
         return replace(result, unused_lines=unused_lines(lines, result.pattern))
 
     def extract(self, left: Image, right: Image) -> LanePattern | NoPattern:

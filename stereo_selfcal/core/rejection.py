@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TypeVar
 
@@ -31,6 +31,7 @@ class RejectReason(Enum):
     ESTIMATE_UNCERTAIN = "estimate_uncertain"
     TEXTURE_DISAGREES = "texture_disagrees"
     ROAD_WITHOUT_TEXTURE = "road_without_texture"
+    ROAD_NOT_SEEN = "road_not_seen"
     IMAGE_BLURRED = "image_blurred"
     IMAGE_EXPOSURE = "image_exposure"
     IMAGES_UPSIDE_DOWN = "images_upside_down"
@@ -108,6 +109,18 @@ class Rejection:
     def message(self) -> str:
         """One sentence: what, the measured value, the limit, the remedy."""
         return f"{self.finding}; {self.remedy}"
+
+    def followed_by(self, more: str, remedy: str) -> Rejection:
+        """Return the refusal with a further finding after its own.
+
+        Args:
+            more: What else was missing, with its value and its limit.
+            remedy: What the user can do about either.
+        """
+        what = self.what if _VALUE in self.what else f"{self.what}: {_VALUE}"
+        if _LIMIT not in what:
+            what = f"{what}, {self.bound} {_LIMIT} {_VERBS[self.bound]}"
+        return replace(self, what=f"{what}; and {more}", remedy=remedy)
 
 
 @dataclass(frozen=True, slots=True)

@@ -101,14 +101,16 @@ class CalibrationResult:
         return replace(self, pattern=None, unused_lines=(), genetic=None, attempts=())
 
 
-def result_of(chosen: Attempt, attempts: Sequence[Attempt], stamp_s: float) -> CalibrationResult:
+def result_of(chosen: Attempt | None, attempts: Sequence[Attempt], stamp_s: float) -> CalibrationResult:
     """Return the result of a frame.
 
     Args:
-        chosen: The attempt whose result is that of the frame.
+        chosen: The attempt whose result is that of the frame; None without one.
         attempts: All attempts.
         stamp_s: Time stamp of the frame [s].
     """
+    if chosen is None:
+        return CalibrationResult("", stamp_s=stamp_s, attempts=tuple(attempts))
     common = CalibrationResult(
         chosen.message,
         stages=chosen.stages,

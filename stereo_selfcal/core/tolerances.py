@@ -22,6 +22,8 @@ MAX_DIFFERENCE = np.array([0.060, np.radians(0.5), np.radians(1.2)])
 WRONG = MAX_DIFFERENCE.copy()
 # An estimate excludes another one that differs by this many standard deviations of both, and is wrong then.
 EXCLUDED_SIGMAS = 5.0
+# The chi-squared of three numbers that normal errors exceed as rarely.
+EXCLUDED_CHI2_3 = 31.8
 # The surface of the lane excludes the height of a line or a plane that differs by this many of its standard
 # deviations. It is a second check, after the whole surface has agreed with the lines.
 KERB_SIGMAS = 2.0

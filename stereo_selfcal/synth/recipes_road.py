@@ -1,64 +1,24 @@
-"""Ingredients of the road: paint, its shape, and what stands beside and on it.
-
-A recipe takes the scene so far and a generator, and returns the scene with its ingredient; None where
-the ingredient does not fit into it (no kerb in a bend, say).
-"""
+"""Ingredients of the road: paint, and its shape."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
-
-from .ingredients import Arrow, Band, Car, GuardRail, Kerb, Paint, Shadow, Wall, WorldScene
+from .ingredients import Arrow, Band, Paint, Shadow, WorldScene
+from .recipe_tools import (
+    Change,
+    Rng,
+    border,
+    outermost,
+    own_line,
+    side_of_choice,
+    strip,
+    with_own_line,
+    without_paint,
+)
 from .world import LaneLine
 
-Rng = np.random.Generator
-Change = Callable[[WorldScene, Rng], WorldScene | None]
-
-# A strip without end, as far as anybody sees.
-ENDLESS_M = 1e4
 RAIL_GAUGE_M = 1.435  # standard gauge of tramways
-
-
-def side_of_choice(rng: Rng) -> int:
-    """Return 1 (left) or -1 (right)."""
-    return 1 if rng.random() < 0.5 else -1
-
-
-def _own(scene: WorldScene, side: int) -> int:
-    """Return the index of the own lane's line on one side (1 left, -1 right)."""
-    border = scene.lane_m[1] if side > 0 else scene.lane_m[0]
-    return min(range(len(scene.paints)), key=lambda i: abs(scene.paints[i].line.offset_m - border))
-
-
-def _outermost(scene: WorldScene, side: int) -> float:
-    """Return the outer edge of the paint on one side [m]."""
-    edges = [side * paint.line.offset_m + paint.line.width_m / 2 for paint in scene.paints]
-    return side * max(edges)
-
-
-def strip(edge_m: float, side: int, width_m: float = ENDLESS_M) -> tuple[float, float]:
-    """Return the right and the left border of a strip that begins at an edge and goes to one side [m]."""
-    return (edge_m, edge_m + width_m) if side > 0 else (edge_m - width_m, edge_m)
-
-
-def _with_own(scene: WorldScene, side: int, paint: Paint | None) -> WorldScene:
-    index = _own(scene, side)
-    others = (*scene.paints[:index], *scene.paints[index + 1 :])
-    return replace(scene, paints=others if paint is None else (*others, paint))
-
-
-def _without(scene: WorldScene, side: int) -> WorldScene:
-    """Return the scene without the paint on one side of the rig, tram rails apart."""
-    kept = tuple(p for p in scene.paints if (p.line.offset_m - scene.lateral_offset_m) * side < 0)
-    return replace(scene, paints=kept)
-
-
-def _straight_without_kerb(scene: WorldScene, side: int) -> bool:
-    return scene.shape.curvature_per_m == 0 and not any(kerb.face_m * side > 0 for kerb in scene.kerbs)
-
 
 # --- paint ---
 
@@ -66,7 +26,7 @@ def _straight_without_kerb(scene: WorldScene, side: int) -> bool:
 def double_line(scene: WorldScene, rng: Rng) -> WorldScene | None:
     """A second line beside one of the own lane's, a line's width apart; the outer may be dashed."""
     side = side_of_choice(rng)
-    old = scene.paints[_own(scene, side)].line
+    old = scene.paints[own_line(scene, side)].line
     apart_m = old.width_m + float(rng.uniform(0.10, 0.18))
     return replace(scene, paints=(*scene.paints, Paint(LaneLine(old.offset_m + side * apart_m, old.width_m))))
 
@@ -80,9 +40,38 @@ def worn_paint(scene: WorldScene, rng: Rng) -> WorldScene:
 def ruined_paint(scene: WorldScene, rng: Rng) -> WorldScene:
     """60 to 85 % of a line of the own lane is missing; its remainder is little brighter than the road."""
     side = side_of_choice(rng)
-    line = scene.paints[_own(scene, side)].line
+    line = scene.paints[own_line(scene, side)].line
     grey = scene.asphalt_grey + float(rng.uniform(20, 45))
-    return _with_own(scene, side, Paint(replace(line, grey=grey), float(rng.uniform(0.6, 0.85))))
+    return with_own_line(scene, side, Paint(replace(line, grey=grey), float(rng.uniform(0.6, 0.85))))
+
+
+def yellow_paint(scene: WorldScene, rng: Rng) -> WorldScene:
+    """Yellow paint, as for American centre lines and European road works: in grey 35 to 75 above the road."""
+    grey = scene.asphalt_grey + float(rng.uniform(35, 75))
+    lines = (
+        replace(paint, line=replace(paint.line, grey=grey)) if paint.line.grey > grey else paint
+        for paint in scene.paints
+    )
+    return replace(scene, paints=tuple(lines))
+
+
+def fine_texture(scene: WorldScene, rng: Rng) -> WorldScene:
+    """Asphalt whose grains are seen as far as a camera resolves them."""
+    return replace(scene, texture_amplitude=float(rng.uniform(2, 12)), fine_texture=True)
+
+
+def no_line_textured(scene: WorldScene, rng: Rng) -> WorldScene:
+    """No line at all, but asphalt with texture, mostly between grass verges."""
+    scene = fine_texture(replace(scene, paints=(), arrows=()), rng)
+    if rng.random() < 0.3:
+        return scene
+    verges = tuple(Band(*strip(border(scene, side) + side * 0.3, side)) for side in (-1, 1))
+    return replace(scene, bands=(*scene.bands, *verges))
+
+
+def one_line_textured(scene: WorldScene, rng: Rng) -> WorldScene:
+    """Lines on one side only, on asphalt with texture."""
+    return fine_texture(without_paint(scene, side_of_choice(rng)), rng)
 
 
 def arrows(scene: WorldScene, rng: Rng) -> WorldScene:
@@ -106,7 +95,7 @@ def tram_rails(scene: WorldScene, rng: Rng) -> WorldScene:
 
 def missing_line(scene: WorldScene, rng: Rng) -> WorldScene:
     """All lines on one side of the rig are missing."""
-    return _without(scene, side_of_choice(rng))
+    return without_paint(scene, side_of_choice(rng))
 
 
 def no_paint(scene: WorldScene, rng: Rng) -> WorldScene:
@@ -120,12 +109,11 @@ def no_paint(scene: WorldScene, rng: Rng) -> WorldScene:
 def shadow_for_line(scene: WorldScene, rng: Rng) -> WorldScene:
     """No paint on one side: there, sun between two hard shadows looks like a stripe, not quite parallel."""
     side = side_of_choice(rng)
-    border = scene.lane_m[1] if side > 0 else scene.lane_m[0]
-    edge = border + float(rng.uniform(-0.3, 0.3))
+    edge = border(scene, side) + float(rng.uniform(-0.3, 0.3))
     sun_m, light = float(rng.uniform(0.1, 0.3)), float(rng.uniform(0.35, 0.6))
     strips = (strip(edge + side * sun_m / 2, side, 1.5), strip(edge - side * sun_m / 2, -side, 1.5))
     shadows = tuple(Shadow("along", *strip, light, 0.03) for strip in strips)
-    return replace(_without(scene, side), shadows=(*scene.shadows, *shadows))
+    return replace(without_paint(scene, side), shadows=(*scene.shadows, *shadows))
 
 
 # --- shape of the road ---
@@ -149,10 +137,10 @@ def crown_in_lane(scene: WorldScene, rng: Rng) -> WorldScene:
 
 def opposite_lane_only(scene: WorldScene, rng: Rng) -> WorldScene | None:
     """The own lane's right line missing, both lines of the opposite lane there, which falls the other way."""
-    bare = _without(scene, -1)
+    bare = without_paint(scene, -1)
     right, left = scene.lane_m
     far = Paint(LaneLine(left + (left - right), 0.12))
-    if _outermost(scene, 1) > far.line.offset_m - 0.3:
+    if outermost(scene, 1) > far.line.offset_m - 0.3:
         return None
     crowned = crown(bare, rng)
     return replace(crowned, paints=(*bare.paints, far))
@@ -183,93 +171,3 @@ def bend_of(radius_m: tuple[float, float]) -> Change:
         return replace(scene, shape=replace(scene.shape, curvature_per_m=curvature))
 
     return bend
-
-
-# --- beside the road ---
-
-
-def grass(scene: WorldScene, rng: Rng) -> WorldScene:
-    """Grass beyond the outermost line of one side."""
-    side = side_of_choice(rng)
-    edge = _outermost(scene, side) + side * float(rng.uniform(0.1, 1.0))
-    verge = Band(*strip(edge, side), float(rng.uniform(80, 125)), float(rng.uniform(8, 18)))
-    return replace(scene, bands=(*scene.bands, verge))
-
-
-def bright_verge(scene: WorldScene, rng: Rng) -> WorldScene:
-    """Concrete or dry gravel directly beside a line: only the inner edge of the line stands out."""
-    side = side_of_choice(rng)
-    edge = _outermost(scene, side) - side * 0.02
-    verge = Band(*strip(edge, side), float(rng.uniform(170, 205)), float(rng.uniform(2, 8)))
-    return replace(scene, bands=(*scene.bands, verge))
-
-
-def kerb(scene: WorldScene, rng: Rng) -> WorldScene | None:
-    """A bright kerb 8 cm high beyond the line of one side."""
-    side = side_of_choice(rng)
-    if not _straight_without_kerb(scene, side):
-        return None
-    face = _outermost(scene, side) + side * float(rng.uniform(0.15, 0.6))
-    return replace(scene, kerbs=(*scene.kerbs, _kerb(face, rng)))
-
-
-def kerb_for_line(scene: WorldScene, rng: Rng) -> WorldScene | None:
-    """A bright kerb where the line of one side should be."""
-    side = side_of_choice(rng)
-    if not _straight_without_kerb(scene, side):
-        return None
-    border = scene.lane_m[1] if side > 0 else scene.lane_m[0]
-    return replace(_without(scene, side), kerbs=(*scene.kerbs, _kerb(border, rng)))
-
-
-def _kerb(face_m: float, rng: Rng) -> Kerb:
-    return Kerb(
-        face_m,
-        0.08,
-        float(rng.uniform(0.12, 0.2)),
-        float(rng.uniform(110, 170)),
-        float(rng.uniform(180, 220)),
-        float(rng.uniform(95, 135)),
-    )
-
-
-def guard_rail(scene: WorldScene, rng: Rng) -> WorldScene | None:
-    """A guard rail beyond the outermost line."""
-    side = side_of_choice(rng)
-    if scene.pose.height_m < 0.9:
-        return None
-    at = _outermost(scene, side) + side * float(rng.uniform(0.5, 1.5))
-    return replace(scene, rails=(*scene.rails, GuardRail(at, grey=float(rng.uniform(140, 190)))))
-
-
-def foliage(scene: WorldScene, rng: Rng) -> WorldScene:
-    """Trees ahead, and along a straight road a hedge on one side: clutter above the horizon."""
-    walls = [Wall(float(rng.uniform(130, 250)), False, float(rng.uniform(4, 10)))]
-    if scene.shape.curvature_per_m == 0 and not scene.kerbs:
-        side = side_of_choice(rng)
-        at = side * float(rng.uniform(7, 12))
-        if side * at > side * _outermost(scene, side) + 1.5:
-            walls.append(Wall(at, True, float(rng.uniform(1.5, 8)), 0.6, float(rng.uniform(60, 100))))
-    return replace(scene, walls=(*scene.walls, *walls))
-
-
-def car_ahead(scene: WorldScene, rng: Rng) -> WorldScene:
-    """A car in the own lane, 15 to 35 m ahead."""
-    at = sum(scene.lane_m) / 2 + float(rng.uniform(-0.3, 0.3))
-    return replace(scene, cars=(*scene.cars, Car(float(rng.uniform(15, 35)), at, grey=_car_grey(rng))))
-
-
-def parked_cars(scene: WorldScene, rng: Rng) -> WorldScene:
-    """A row of cars parked on the own lane's line of one side, which hides much of it."""
-    side = side_of_choice(rng)
-    border = scene.lane_m[1] if side > 0 else scene.lane_m[0]
-    first = float(rng.uniform(9, 16))
-    cars = tuple(
-        Car(first + 6.5 * i, border + side * float(rng.uniform(0.3, 0.7)), grey=_car_grey(rng))
-        for i in range(int(rng.integers(1, 5)))
-    )
-    return replace(scene, cars=(*scene.cars, *cars))
-
-
-def _car_grey(rng: Rng) -> float:
-    return float(rng.choice([40.0, 90.0, 140.0, 200.0]))

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
-from .ingredients import Glare, Shadow, WorldScene
-from .recipes_road import Rng, side_of_choice, strip
+from .ingredients import Glare, Headlights, Lamp, Rain, Shadow, Shake, Wet, WorldScene
+from .recipe_tools import Rng, outermost, side_of_choice, strip
 
 # --- light ---
 
@@ -35,6 +36,79 @@ def shadow_along(scene: WorldScene, rng: Rng) -> WorldScene:
 def dappled(scene: WorldScene, rng: Rng) -> WorldScene:
     """Sun through leaves."""
     return replace(scene, shadows=(*scene.shadows, Shadow("dappled", light=float(rng.uniform(0.5, 0.75)))))
+
+
+def night(scene: WorldScene, rng: Rng) -> WorldScene:
+    """Night: the road is lit by the own headlights, and there may be lamps of the street and of cars."""
+    lights = Headlights(
+        float(rng.uniform(0.01, 0.06)),
+        float(rng.uniform(0.6, 1.2)),
+        float(rng.uniform(14, 28)),
+        float(rng.uniform(0.35, 0.6)),
+    )
+    # Cameras see more at night, noise included.
+    noise, gain = float(rng.uniform(0.005, 0.03)), float(rng.uniform(1.0, 2.0))
+    left, right = (
+        replace(
+            camera,
+            photometry=replace(camera.photometry, noise_fraction=noise, gain=gain * camera.photometry.gain),
+        )
+        for camera in (scene.left, scene.right)
+    )
+    lamps = [lamp for lamp in (_street, _ahead, _coming) if rng.random() < 0.5]
+    seen = tuple(lamp for lamps_of in lamps for lamp in lamps_of(scene, rng))
+    sky = float(rng.uniform(2, 14))
+    # There is no sun that could cast a shadow.
+    return replace(scene, headlights=lights, lamps=seen, sky_grey=sky, shadows=(), left=left, right=right)
+
+
+def _street(scene: WorldScene, rng: Rng) -> list[Lamp]:
+    """Return the lamps of a street, on one side of it."""
+    side, every, z = side_of_choice(rng), float(rng.uniform(25, 45)), float(rng.uniform(6, 9))
+    at = outermost(scene, side) + side * float(rng.uniform(0.5, 2.0))
+    first = float(rng.uniform(12, every))
+    return [Lamp(first + i * every, at, z, 0.12, 5000.0) for i in range(6)]
+
+
+def _ahead(scene: WorldScene, rng: Rng) -> list[Lamp]:
+    """Return the tail lamps of a car ahead, too far for itself to be seen."""
+    s, z = float(rng.uniform(35, 90)), float(rng.uniform(0.6, 0.9))
+    middle = sum(scene.lane_m) / 2
+    return [Lamp(s, middle + off, z, 0.06, 1500.0) for off in (-0.65, 0.65)]
+
+
+def _coming(scene: WorldScene, rng: Rng) -> list[Lamp]:
+    """Return the headlights of a car that comes in the lane to the left."""
+    s, z = float(rng.uniform(25, 120)), float(rng.uniform(0.55, 0.75))
+    middle = scene.lane_m[1] + (scene.lane_m[1] - scene.lane_m[0]) / 2
+    return [Lamp(s, middle + off, z, 0.07, 12000.0) for off in (-0.6, 0.6)]
+
+
+def wet(scene: WorldScene, rng: Rng) -> WorldScene:
+    """A wet road: darker, and it mirrors the sky and what stands beside it."""
+    darker, mirror = float(rng.uniform(0.15, 0.45)), float(rng.uniform(0.2, 0.7))
+    return replace(scene, wet=Wet(darker, mirror, float(rng.uniform(0, 0.9)), float(rng.uniform(0.01, 0.07))))
+
+
+def rain(scene: WorldScene, rng: Rng) -> WorldScene:
+    """Rain: a wet road, and streaks of drops before either camera."""
+    scene = wet(scene, rng)
+    rig = scene.rig
+    per_area = float(rng.uniform(2e-4, 1e-3))
+    slant, grey = float(rng.normal(0, 0.1)), float(rng.uniform(8, 35))
+
+    def drops() -> Rain:
+        number = int(per_area * rig.width * rig.height)
+        length = rig.height * float(rng.uniform(0.02, 0.06))
+        return Rain(number, length, grey, slant, int(rng.integers(2**31)))
+
+    left, right = (replace(camera, rain=drops()) for camera in (scene.left, scene.right))
+    return replace(scene, left=left, right=right)
+
+
+def night_rain(scene: WorldScene, rng: Rng) -> WorldScene:
+    """Rain at night: lamps draw streaks over the wet road."""
+    return rain(night(scene, rng), rng)
 
 
 def glare(scene: WorldScene, rng: Rng) -> WorldScene:
@@ -114,3 +188,30 @@ def swapped(scene: WorldScene, rng: Rng) -> WorldScene:
     """The pictures of the cameras exchanged."""
     del rng
     return replace(scene, swapped=True)
+
+
+def _sensor(scene: WorldScene, **changes: Any) -> WorldScene:
+    """Return the scene with changed sensors in both cameras."""
+    left, right = (
+        replace(camera, sensor=replace(camera.sensor, **changes)) for camera in (scene.left, scene.right)
+    )
+    return replace(scene, left=left, right=right)
+
+
+def bayer(scene: WorldScene, rng: Rng) -> WorldScene:
+    """Colour cameras: two of three colours of every pixel are interpolated, with noise and its gains."""
+    red, blue = (float(rng.uniform(*range_)) for range_ in ((0.45, 0.8), (0.4, 0.75)))
+    error = float(rng.uniform(-0.08, 0.08))
+    return _sensor(scene, mosaic=True, red=red, blue=blue, white_balance_error=error)
+
+
+def jpeg(scene: WorldScene, rng: Rng) -> WorldScene:
+    """Pictures compressed as JPEG, of a quality from 60 to 95."""
+    return _sensor(scene, jpeg_quality=int(rng.integers(60, 96)))
+
+
+def rolling_shutter(scene: WorldScene, rng: Rng) -> WorldScene:
+    """A vibrating rig whose rows are read one after another: edges are waves of up to a pixel."""
+    pitch, yaw = (math.radians(float(rng.uniform(0.01, 0.08))) for _ in range(2))
+    hz, phase = float(rng.uniform(15, 90)), float(rng.uniform(0, 2 * math.pi))
+    return replace(scene, shake=Shake(pitch, yaw, hz, phase, float(rng.uniform(0.01, 0.03))))

@@ -1,7 +1,7 @@
 """Random worlds that were calibrated wrongly once, under names that say what is in them.
 
-Each is drawn as all random worlds are, so that a change of the recipes draws another one: the ingredients
-beside its numbers show whether it still is what its name says.
+Each is drawn from the first catalogue, so that what is added since changes none of them. A change of an old
+recipe draws another one: the ingredients beside its numbers show whether it still is what its name says.
 """
 
 from __future__ import annotations

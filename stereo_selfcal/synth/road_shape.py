@@ -19,8 +19,8 @@ from .renderer import rotation
 Array = npt.NDArray[np.float64]
 
 # The part of the own lane whose plane counts as "the road": where a camera behind a windscreen begins
-# to see it, to where a pixel of height error still matters.
-NEAR_M = (5.0, 20.0)
+# to see it, to where a pixel of height error still matters. Judges of other makes take the same part.
+NEAR_M = (3.0, 15.0)
 NEAR_SAMPLES = (61, 15)
 
 # A crown is rounded off over this width, as rollers leave it.
@@ -32,7 +32,7 @@ CROSS_SLOPE_REACH_M = 9.0
 
 @dataclass(frozen=True, slots=True)
 class RoadShape:
-    """MountHistory and height of a road.
+    """Course and height of a road.
 
     Attributes:
         curvature_per_m: Curvature of the reference line [1/m], > 0 bends left.
@@ -102,14 +102,15 @@ class RoadShape:
         return np.arctan2(bend * x, 1 - bend * y) / bend, d
 
 
-def near_plane(shape: RoadShape, lane_m: tuple[float, float]) -> Array:
+def near_plane(shape: RoadShape, lane_m: tuple[float, float], ahead_m: tuple[float, float] = NEAR_M) -> Array:
     """Return (z, dz/dx, dz/dy) of the least-squares plane of the own lane near the rig.
 
     Args:
         shape: The road.
         lane_m: Lateral positions of the right and the left border of the own lane [m].
+        ahead_m: Where along the road the surface counts [m].
     """
-    s = np.linspace(*NEAR_M, NEAR_SAMPLES[0])[:, None]
+    s = np.linspace(*ahead_m, NEAR_SAMPLES[0])[:, None]
     d = np.linspace(*lane_m, NEAR_SAMPLES[1])
     x, y = shape.place(s, d)
     z, _, _ = shape.height(s, d)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from .ingredients import WorldScene
+from .ingredients import Shake, WorldScene
 from .renderer import rotation
 from .world import Side
 
@@ -30,6 +31,9 @@ ROWS_AT_ONCE = 16
 
 TINY_M = 1e-6
 
+# Which row sees a point while the rows shake: each step gains two digits and more.
+SHAKE_STEPS = 6
+
 
 class WorldRays:
     """Rays of one camera: which way they go, and where they meet surfaces.
@@ -50,16 +54,33 @@ class WorldRays:
         self.centre_m: Array = np.array([0.0, scene.lateral_offset_m, pose.height_m])
         self.centre_m += half_m * lane_from_rig[:, 1]
         self.lane_from_camera: Array = lane_from_rig @ rotation(camera.turned_rad, 0.0, 0.0)
-        self.rig, self.shape, self.lower_px = rig, scene.shape, camera.lower_px
+        self.rig, self.shape, self.lower_px, self._shake = rig, scene.shape, camera.lower_px, scene.shake
         forward, left, up = self.lane_from_camera.T
         self._per_u, self._per_v = -left / rig.fx, -up / rig.fy
         self._at_origin = forward - rig.cx * self._per_u - (rig.cy + camera.lower_px) * self._per_v
 
+    def mirrored(self) -> WorldRays:
+        """Return the rays of the camera's image in the mirror z = 0: what a wet road reflects."""
+        other = copy(self)
+        flip = np.array([1.0, 1.0, -1.0])
+        other.centre_m, other.lane_from_camera = flip * self.centre_m, flip[:, None] * self.lane_from_camera
+        other._per_u, other._per_v = flip * self._per_u, flip * self._per_v
+        other._at_origin = flip * self._at_origin
+        return other
+
     def directions(self, u: npt.ArrayLike, v: npt.ArrayLike) -> tuple[Array, Array, Array]:
         """Return (x, y, z) of rays scaled to unit depth, broadcast."""
         u, v = np.asarray(u, np.float64), np.asarray(v, np.float64)
+        if self._shake is not None:
+            right_px, down_px = self._shaken(v, self._shake)
+            u, v = u + right_px, v + down_px
         x, y, z = (self._at_origin[i] + u * self._per_u[i] + v * self._per_v[i] for i in range(3))
         return x, y, z
+
+    @property
+    def per_pixel(self) -> tuple[Array, Array]:
+        """Change of a ray's direction from column to column, and from row to row, (x, y, z) each."""
+        return self._per_u, self._per_v
 
     def project(self, points_m: npt.ArrayLike) -> Array:
         """Return the pixels (n, 2) of points (n, 3) of the lane frame; NaN behind the camera."""
@@ -67,7 +88,25 @@ class WorldRays:
         depth = np.where(body[:, 0] > 0.1, body[:, 0], np.nan)
         u = self.rig.cx - self.rig.fx * body[:, 1] / depth
         v = self.rig.cy - self.rig.fy * body[:, 2] / depth + self.lower_px
+        if self._shake is not None:
+            at = v
+            for _ in range(SHAKE_STEPS):
+                right_px, down_px = self._shaken(at, self._shake)
+                at = v - down_px
+            u, v = u - right_px, at
         return np.stack([u, v], axis=1)
+
+    def _shaken(self, v: Array, shake: Shake) -> tuple[Array, Array]:
+        """Return how far right and down of its average view a row looks when it is read [px]."""
+        rig = self.rig
+
+        def angles(rows: Array) -> tuple[Array, Array]:
+            phase = 2 * np.pi * shake.hz * shake.readout_s * rows / rig.height + shake.phase_rad
+            return shake.pitch_rad * np.sin(phase), shake.yaw_rad * np.cos(phase)
+
+        mean = [float(np.mean(angle)) for angle in angles(np.arange(max(rig.cy, 0.0), rig.height))]
+        pitch, yaw = angles(v)
+        return -rig.fx * (yaw - mean[1]), rig.fy * (pitch - mean[0])
 
     def meet(self, u: npt.ArrayLike, v: npt.ArrayLike, above_m: float = 0.0) -> tuple[Array, Array, Mask]:
         """Intersect rays with the road, or with a surface ``above_m`` higher.

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from . import recipes_beside as beside
 from . import recipes_road as road
+from . import recipes_steps as steps
 from . import recipes_view as view
-from .recipes_road import Change
+from .recipe_tools import Change
 
 Expected = Literal["accept", "either", "refuse"]
 
@@ -35,6 +38,8 @@ class Ingredient:
 # Properties that more than one recipe sets as a whole.
 _PARTS = {"crown": "crown", "crown_in_lane": "crown", "opposite_lane_only": "crown"}
 _EXPOSURE = ("exposures_differ", "over_exposed", "under_exposed")
+_PARTS |= dict.fromkeys(("fine_texture", "no_line_textured", "one_line_textured"), "texture")
+_PARTS |= {"night": "weather", "wet": "weather", "rain": "weather", "night_rain": "weather"}
 _PARTS |= dict.fromkeys(_EXPOSURE, "exposure") | dict.fromkeys(("soft_focus", "blurred"), "focus")
 
 
@@ -54,11 +59,11 @@ GOOD: tuple[Ingredient, ...] = (
         road.worn_paint,
         road.arrows,
         road.crown,
-        road.grass,
-        road.kerb,
-        road.guard_rail,
-        road.foliage,
-        road.car_ahead,
+        beside.grass,
+        beside.kerb,
+        beside.guard_rail,
+        beside.foliage,
+        beside.car_ahead,
         view.shadows_across,
         view.shadow_along,
         view.dappled,
@@ -73,10 +78,10 @@ UNSURE: tuple[Ingredient, ...] = (
     *_all(
         "either",
         road.ruined_paint,
-        road.bright_verge,
+        beside.bright_verge,
         road.tram_rails,
         road.crown_in_lane,
-        road.parked_cars,
+        beside.parked_cars,
         view.glare,
     ),
     Ingredient("bend", "either", road.bend_of((80.0, 1000.0)), 2.0, "course"),
@@ -89,7 +94,7 @@ BAD: tuple[Ingredient, ...] = (
         road.missing_line,
         road.no_paint,
         road.shadow_for_line,
-        road.kerb_for_line,
+        beside.kerb_for_line,
         road.opposite_lane_only,
         view.over_exposed,
         view.under_exposed,
@@ -101,4 +106,90 @@ BAD: tuple[Ingredient, ...] = (
     Ingredient("near_grade", "refuse", road.grade_ahead((6.0, 15.0), (0.01, 0.03)), part="grade"),
 )
 
-INGREDIENTS: dict[str, Ingredient] = {item.name: item for item in (*GOOD, *UNSURE, *BAD)}
+# Added since the first worlds.
+NEWER_GOOD: tuple[Ingredient, ...] = (
+    *_all(
+        "accept",
+        road.yellow_paint,
+        view.bayer,
+        view.jpeg,
+        view.night,
+        view.wet,
+        view.rain,
+        beside.rail_with_posts,
+        beside.wire_barrier,
+        beside.overhead_cables,
+        beside.facades,
+        steps.high_kerb,
+        steps.kerbs_both,
+        steps.low_shoulder,
+    ),
+    Ingredient("fine_texture", "accept", road.fine_texture, 4.0, "texture"),
+)
+
+NEWER_UNSURE: tuple[Ingredient, ...] = (
+    *_all(
+        "either",
+        road.no_line_textured,
+        road.one_line_textured,
+        view.rolling_shutter,
+        view.night_rain,
+    ),
+)
+
+NEWER_BAD: tuple[Ingredient, ...] = (
+    *_all(
+        "refuse",
+        beside.rail_for_line,
+        beside.wires_for_line,
+        steps.high_kerb_for_line,
+        steps.kerbs_for_lines,
+        steps.edge_drop,
+        steps.train_rails,
+    ),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Catalogue:
+    """What random worlds are drawn from.
+
+    Attributes:
+        rigs: Name of a rig -> how often it is drawn; they sum to one.
+        good: Ingredients a calibration is expected with.
+        unsure: Those with which one is welcome if it is right.
+        bad: Those with which none is expected.
+    """
+
+    rigs: Mapping[str, float]
+    good: tuple[Ingredient, ...]
+    unsure: tuple[Ingredient, ...]
+    bad: tuple[Ingredient, ...]
+
+    @property
+    def ingredients(self) -> tuple[Ingredient, ...]:
+        """All of them."""
+        return (*self.good, *self.unsure, *self.bad)
+
+
+# The worlds of old faults were drawn from these: what is added to them draws other worlds.
+FIRST = Catalogue({"paper": 0.6, "kitti": 0.25, "hd": 0.15}, GOOD, UNSURE, BAD)
+
+# Those, and all that was added since.
+ALL = Catalogue(
+    {
+        "paper": 0.28,
+        "kitti": 0.22,
+        "hd": 0.08,
+        "short": 0.08,
+        "compact": 0.08,
+        "robot": 0.14,
+        "truck": 0.08,
+        "full_hd": 0.04,
+    },
+    (*FIRST.good, *NEWER_GOOD),
+    (*FIRST.unsure, *NEWER_UNSURE),
+    (*FIRST.bad, *NEWER_BAD),
+)
+
+INGREDIENTS: dict[str, Ingredient] = {item.name: item for item in ALL.ingredients}

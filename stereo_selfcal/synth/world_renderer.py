@@ -8,30 +8,22 @@ boxes. No code of the estimator is used.
 
 from __future__ import annotations
 
-import math
-from itertools import pairwise
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
-from .ingredients import Car, Glare, GuardRail, Kerb, Wall, WorldScene
-from .renderer import Array, Frame, Picture, blur, quantise, vignette
+from .ingredients import Glare, WorldScene
+from .renderer import Frame, Picture, blur, vignette
 from .world import Side
-from .world_rays import Layer, Single, WorldRays, pixel_mean
-from .world_surface import WALL_SEED, ground, light, noise_pattern
+from .world_objects import draw_barrier, draw_car, draw_facade, draw_rail, draw_wall
+from .world_rays import Layer, WorldRays, pixel_mean
+from .world_sensor import capture
+from .world_steps import with_kerb, with_ridge, with_step
+from .world_surface import ground
+from .world_weather import draw_lamps, rain_streaks, wetted
 
 SKY_GRADIENT = 40.0  # as in plane scenes: grey levels per unit of slope
-SUB_SAMPLES = 3  # of a pixel of a car, along either axis
-WALL_CELLS_M = (0.15, 0.35, 0.8, 2.0)
-PAVEMENT_CELLS_M = (0.1, 0.3, 1.0)
-
-# Of a car's height: where the cabin begins, and what the box clears the ground by.
-CABIN_FROM = 0.55
-CLEARANCE_M = 0.2
-WINDOW_GREY = 45.0
-TOP_LIGHT, SIDE_LIGHT = 1.25, 0.8  # a roof is brighter than the rear, a flank darker
-CAR_CELLS_M = (0.2, 0.6)
-CAR_TEXTURE = 4.0
 
 
 def render_scene(scene: WorldScene, rng: np.random.Generator) -> tuple[Frame, Frame]:
@@ -44,8 +36,8 @@ def render_scene(scene: WorldScene, rng: np.random.Generator) -> tuple[Frame, Fr
     Returns:
         Left and right image, (H, W) uint8 each; exchanged where the scene says so.
     """
-    left = quantise(render_side(scene, "left"), scene.left.photometry, rng)
-    right = quantise(render_side(scene, "right"), scene.right.photometry, rng)
+    left = capture(render_side(scene, "left"), scene.left, rng)
+    right = capture(render_side(scene, "right"), scene.right, rng)
     return (right, left) if scene.swapped else (left, right)
 
 
@@ -56,6 +48,8 @@ def render_side(scene: WorldScene, side: Side) -> Picture:
     picture = _world(scene, WorldRays(scene, side))
     if camera.glare is not None:
         picture += _glare(camera.glare, picture.shape)
+    if camera.rain is not None:
+        picture += rain_streaks(camera.rain, picture.shape)
     if photometry.psf_sigma_px > 0:
         picture = blur(blur(picture, photometry.psf_sigma_px, axis=0), photometry.psf_sigma_px, axis=1)
     if photometry.vignetting > 0:
@@ -70,10 +64,7 @@ def _world(scene: WorldScene, rays: WorldRays) -> Picture:
     rig = scene.rig
     columns, rows = np.arange(rig.width), np.arange(rig.height)[:, None]
     _, _, slope = rays.directions(columns, rows)
-    picture = (scene.sky_grey + SKY_GRADIENT * np.maximum(slope, 0.0)).astype(np.float32)
-    for wall in scene.walls:
-        if not wall.along:
-            _draw_wall(picture, scene, rays, wall)
+    picture = _backdrop(scene, rays)
     # A dip lifts the horizon: the road may rise above the level of the camera.
     steepest = max(scene.shape.grade_change, 0.0)
     below = np.flatnonzero((slope < steepest + 0.5 / rig.fy).any(axis=1))
@@ -82,8 +73,18 @@ def _world(scene: WorldScene, rays: WorldRays) -> Picture:
     first = int(below[0])
     layer = Layer.seen(rays, first)
     surface = ground(scene, layer)
+    for step in scene.steps:
+        surface = with_step(surface, scene, rays, first, layer, step)
     for kerb in scene.kerbs:
-        surface = _with_kerb(surface, scene, rays, first, layer, kerb)
+        surface = with_kerb(surface, scene, rays, first, layer, kerb)
+    # What stands farther to the side is behind.
+    for ridge in sorted(scene.ridges, key=lambda ridge: -abs(ridge.d_m - rays.centre_m[1])):
+        surface = with_ridge(surface, scene, rays, first, layer, ridge)
+    if scene.wet is not None:
+        mirror = rays.mirrored()
+        above = _backdrop(scene, mirror)
+        _draw_upright(above, scene, mirror)
+        surface = wetted(surface, above[first:], scene, rays, layer)
     part = picture[first:]
     _, _, fine_slope = rays.directions(columns, np.arange(first, rig.height)[:, None])
     share = pixel_mean(layer.meets.astype(np.float32))
@@ -91,142 +92,34 @@ def _world(scene: WorldScene, rays: WorldRays) -> Picture:
         share = np.clip(0.5 - fine_slope * rig.fy, 0.0, 1.0).astype(np.float32)
     part += share * (surface - part)
     for rail in scene.rails:
-        _draw_rail(part, rays, first, layer, rail)
-    for wall in scene.walls:
-        if wall.along:
-            _draw_wall(picture, scene, rays, wall)
-    for car in sorted(scene.cars, key=lambda car: -car.s_m):
-        _draw_car(picture, scene, rays, car)
+        draw_rail(part, scene, rays, first, layer, rail)
+    _draw_upright(picture, scene, rays)
     return picture
 
 
-def _with_kerb(
-    surface: Single, scene: WorldScene, rays: WorldRays, first: int, layer: Layer, kerb: Kerb
-) -> Single:
-    """Return the ground with a kerb and the pavement behind it in front of it."""
-    side = 1 if kerb.face_m > scene.lateral_offset_m else -1
-    top = Layer.seen(rays, first, kerb.height_m)
-
-    def behind(seen: Layer, d_m: float) -> Single:
-        return seen.left_of(d_m) if side > 0 else 1 - seen.left_of(d_m)
-
-    on_top = behind(top, kerb.face_m) * top.meets
-    # Ground behind the face is hidden by the face, unless the ray came over its upper edge.
-    hidden = np.maximum(behind(layer, kerb.face_m) * layer.meets, on_top)
-    pavement = behind(top, kerb.face_m + side * kerb.top_width_m) * top.meets
-    s, d, size = top.pixels()
-    texture = noise_pattern(scene.texture_seed + 1, PAVEMENT_CELLS_M, d, s, size)
-    hidden, on_top, pavement = (pixel_mean(share) for share in (hidden, on_top, pavement))
-    stone = np.float32(kerb.face_grey) * (hidden - on_top) + np.float32(kerb.top_grey) * (on_top - pavement)
-    stone += (kerb.behind_grey + np.float32(kerb.behind_texture) * texture) * pavement
-    result: Single = surface * (1 - hidden) + stone * light(scene, top)
-    return result
-
-
-def _draw_rail(part: Picture, rays: WorldRays, first: int, layer: Layer, rail: GuardRail) -> None:
-    """Draw a guard rail over the ground, between the surfaces of its edges."""
-    left_side = rail.d_m > rays.centre_m[1]
-    middle_m = (rail.bottom_m + rail.top_m) / 2
-    shares = []
-    for height_m in (rail.bottom_m, middle_m, rail.top_m):
-        seen = Layer.seen(rays, first, height_m)
-        passed = seen.left_of(rail.d_m) if left_side else 1 - seen.left_of(rail.d_m)
-        shares.append(pixel_mean(passed * seen.meets))
-    for (low, high), sign in zip(pairwise(shares), (-1, 1), strict=True):
-        part += np.maximum(low - high, 0) * (np.float32(rail.grey + sign * rail.relief / 2) - part)
-
-
-def _draw_wall(picture: Picture, scene: WorldScene, rays: WorldRays, wall: Wall) -> None:
-    """Draw an upright textured plane over what is behind it."""
+def _backdrop(scene: WorldScene, rays: WorldRays) -> Picture:
+    """Return the sky, and what stands across the view."""
     rig = scene.rig
-    dx, dy, dz = rays.directions(np.arange(rig.width), np.arange(rig.height)[:, None])
-    towards, ahead = (dy, wall.at_m - rays.centre_m[1]) if wall.along else (dx, wall.at_m - rays.centre_m[0])
-    depth = ahead / np.where(np.abs(towards) < 1e-9, 1e-9, towards)
-    meets = (depth > 0.5) & (depth < 400.0)
-    depth = np.where(meets, depth, 400.0)
-    z = rays.centre_m[2] + depth * dz
-    position = (rays.centre_m[0] + depth * dx) if wall.along else (rays.centre_m[1] + depth * dy)
-    size = (depth / min(rig.fx, rig.fy)).astype(np.float32)
-    if wall.along:
-        # Seen at a grazing angle, a pixel covers more of it along the road.
-        size = (size * np.maximum(1.0, np.abs(dx / np.where(np.abs(dy) < 1e-6, 1e-6, dy)))).astype(np.float32)
-    along, up = position.astype(np.float32), z.astype(np.float32)
-    edge = noise_pattern(scene.texture_seed + WALL_SEED, (1.5, 4.0), along, np.zeros_like(along), size)
-    top = wall.height_m + wall.ragged_m * edge
-    pixel = depth / rig.fy
-    base, _, _ = scene.shape.height(*((position, wall.at_m) if wall.along else (wall.at_m, position)))
-    share = np.clip((top - up) / pixel + 0.5, 0, 1) * np.clip((up - base) / pixel + 0.5, 0, 1) * meets
-    texture = noise_pattern(scene.texture_seed + WALL_SEED + 1, WALL_CELLS_M, along, up, size)
-    # Foliage is darker below than above.
-    grey = (
-        wall.grey + 15 * np.tanh((up - wall.height_m / 2) / wall.height_m) + wall.texture_amplitude * texture
-    )
-    picture += (share * (np.maximum(grey, 5.0) - picture)).astype(np.float32)
+    _, _, slope = rays.directions(np.arange(rig.width), np.arange(rig.height)[:, None])
+    gradient = SKY_GRADIENT * (1.0 if scene.headlights is None else scene.headlights.ambient)
+    picture = (scene.sky_grey + gradient * np.maximum(slope, 0.0)).astype(np.float32)
+    for wall in scene.walls:
+        if not wall.along:
+            draw_wall(picture, scene, rays, wall)
+    return picture
 
 
-def _draw_car(picture: Picture, scene: WorldScene, rays: WorldRays, car: Car) -> None:
-    """Draw a car: its body, then its cabin."""
-    x, y = scene.shape.place(car.s_m + car.length_m / 2, car.d_m)
-    ground_m = float(scene.shape.height(car.s_m, car.d_m)[0])
-    yaw = scene.shape.curvature_per_m * (car.s_m + car.length_m / 2)
-    waist_m = CLEARANCE_M + CABIN_FROM * (car.height_m - CLEARANCE_M)
-    body = np.array([car.length_m, car.width_m, waist_m - CLEARANCE_M]) / 2
-    cabin = np.array([0.6 * car.length_m, 0.85 * car.width_m, car.height_m - waist_m]) / 2
-    for half, z, windows in ((body, CLEARANCE_M + body[2], False), (cabin, waist_m + cabin[2], True)):
-        centre = np.array([float(x), float(y), ground_m + z])
-        _draw_box(picture, scene, rays, centre, half, yaw, car.grey, windows)
-
-
-def _draw_box(
-    picture: Picture,
-    scene: WorldScene,
-    rays: WorldRays,
-    centre: Array,
-    half: Array,
-    yaw: float,
-    grey: float,
-    windows: bool,
-) -> None:
-    """Draw an upright box, its rays tested against the three slabs between its faces."""
-    turn = np.array([[math.cos(yaw), -math.sin(yaw), 0], [math.sin(yaw), math.cos(yaw), 0], [0, 0, 1.0]])
-    signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
-    corners = rays.project(centre + (signs * half) @ turn.T)
-    height, width = picture.shape
-    if np.isnan(corners).any():
-        return
-    u0, v0 = np.maximum(np.floor(corners.min(axis=0)).astype(int) - 1, 0)
-    u1, v1 = np.minimum(np.ceil(corners.max(axis=0)).astype(int) + 2, [width, height])
-    if u0 >= u1 or v0 >= v1:
-        return
-    fine = (np.arange(SUB_SAMPLES) + 0.5) / SUB_SAMPLES - 0.5
-    u = (np.arange(u0, u1)[:, None] + fine).ravel()
-    v = (np.arange(v0, v1)[:, None] + fine).ravel()[:, None]
-    to_box = turn.T
-    ray = np.tensordot(to_box, np.stack(np.broadcast_arrays(*rays.directions(u, v))), axes=1)
-    ray = np.where(np.abs(ray) < 1e-9, 1e-9, ray)
-    start = (to_box @ (rays.centre_m - centre))[:, None, None]
-    size = half[:, None, None]
-    enter = np.minimum((-size - start) / ray, (size - start) / ray)
-    leave = np.maximum((-size - start) / ray, (size - start) / ray)
-    depth = enter.max(axis=0)
-    hit = (depth < leave.min(axis=0)) & (depth > 0)
-    face = enter.argmax(axis=0)
-    point = start + depth * ray
-    shade = np.select([face == 2, face == 1], [TOP_LIGHT, SIDE_LIGHT], 1.0) * grey
-    if windows:
-        inset = (np.abs(point[0]) < half[0] - 0.1) | (face != 1)
-        pane = (face != 2) & inset & (np.abs(point[2]) < half[2] - 0.06)
-        pane &= (np.abs(point[1]) < half[1] - 0.08) | (face != 0)
-        shade = np.where(pane, WINDOW_GREY, shade)
-    near = np.full(hit.shape, max(float(centre[0] - half[0]), 1.0) / scene.rig.fx, np.float32)
-    across = np.where(face == 1, point[0], point[1]).astype(np.float32)
-    lift = np.where(face == 2, point[0], point[2]).astype(np.float32)
-    shade = shade + CAR_TEXTURE * noise_pattern(scene.texture_seed + 7, CAR_CELLS_M, across, lift, near)
-    shape = (v1 - v0, SUB_SAMPLES, u1 - u0, SUB_SAMPLES)
-    share = hit.reshape(shape).mean(axis=(1, 3))
-    seen = (hit * shade).reshape(shape).mean(axis=(1, 3))
-    part = picture[v0:v1, u0:u1]
-    part += (seen - share * part).astype(np.float32)
+def _draw_upright(picture: Picture, scene: WorldScene, rays: WorldRays) -> None:
+    """Draw what stands beside and on the road, from the sides to the middle, and lamps."""
+    beside = [(wall.at_m, partial(draw_wall, wall=wall)) for wall in scene.walls if wall.along]
+    beside += [(facade.d_m, partial(draw_facade, facade=facade)) for facade in scene.facades]
+    for _, draw in sorted(beside, key=lambda item: -abs(item[0] - rays.centre_m[1])):
+        draw(picture, scene, rays)
+    for barrier in sorted(scene.barriers, key=lambda barrier: -abs(barrier.d_m - rays.centre_m[1])):
+        draw_barrier(picture, scene, rays, barrier)
+    for car in sorted(scene.cars, key=lambda car: -car.s_m):
+        draw_car(picture, scene, rays, car)
+    draw_lamps(picture, scene, rays)
 
 
 def _glare(glare: Glare, shape: tuple[int, ...]) -> Picture:

@@ -10,6 +10,7 @@ import numpy as np
 from .ingredients import Arrow, Paint, Shadow, WorldScene
 from .renderer import TEXTURE_CELLS_M, TEXTURE_FADE_START, sample_tile, texture_tile
 from .world import LaneLine
+from .world_light import lit
 from .world_rays import Layer, Single, pixel_mean
 
 # Patches of missing paint, and patches of sun among leaves [m].
@@ -22,7 +23,7 @@ DAPPLE_SOFT = 0.8
 DAPPLED_SHARE = 0.5  # as much shade as sun
 
 # The seeds of the patterns differ from those of the road surface.
-WEAR_SEED, DAPPLE_SEED, WALL_SEED = 1_000_003, 2_000_003, 3_000_017
+WEAR_SEED, DAPPLE_SEED, WALL_SEED, FACADE_SEED = 1_000_003, 2_000_003, 3_000_017, 4_000_037
 
 
 def noise_pattern(
@@ -75,7 +76,12 @@ def ground(scene: WorldScene, layer: Layer) -> Single:
         grey += _arrow(layer, arrow) * (np.float32(arrow.grey) - grey)
     picture = pixel_mean(grey)
     if np.any(amplitude):
-        picture += amplitude * noise_pattern(scene.texture_seed, TEXTURE_CELLS_M, d, s, size)
+        if scene.fine_texture:
+            grain = np.maximum(layer.span, layer.length)
+            samples = noise_pattern(scene.texture_seed, TEXTURE_CELLS_M, layer.d, layer.s, grain)
+            picture += amplitude * pixel_mean(samples)
+        else:
+            picture += amplitude * noise_pattern(scene.texture_seed, TEXTURE_CELLS_M, d, s, size)
     picture *= light(scene, layer)
     for car in scene.cars:
         # The sun never reaches the road below a car.
@@ -91,6 +97,9 @@ def light(scene: WorldScene, layer: Layer) -> Single:
     left = np.ones_like(pixel_mean(layer.span))
     for shadow in scene.shadows:
         left *= 1 - (1 - np.float32(shadow.light)) * _shade(scene, layer, shadow)
+    if scene.headlights is not None:
+        s, d, _ = layer.pixels()
+        left *= lit(scene, s, d)
     return left
 
 

@@ -15,16 +15,16 @@ import numpy as np
 
 from stereo_selfcal.core.errors import ConfigError
 
-from ..core.camera.rig import StereoRig
 from ..core.geometry.pose import Extrinsics
 from .ingredients import Camera, Paint, WorldScene
 from .regression_worlds import REGRESSION_WORLDS
 from .renderer import Frame
-from .scenes import PAPER_RIG
 from .world import LaneLine, Photometry, Side
+from .world_light import lit
 from .world_rays import WorldRays
-from .world_recipes import BAD, GOOD, INGREDIENTS, UNSURE, Expected, Ingredient
+from .world_recipes import ALL, FIRST, INGREDIENTS, Catalogue, Expected, Ingredient
 from .world_renderer import render_scene
+from .world_rigs import RIGS, Mount
 
 GOOD_SHARE, BAD_SHARE = 0.60, 0.25
 # A world is no longer good where the noise of a pixel exceeds half the contrast of its palest line in
@@ -32,20 +32,12 @@ GOOD_SHARE, BAD_SHARE = 0.60, 0.25
 MIN_CONTRAST_TO_NOISE = 2.0
 # Nor where fewer rows than this share of the image show paint: one short dash is no line.
 MIN_ROWS = 0.1
+LIT_M = 10.0  # at night, the light that counts is that on the lines so far ahead
 SEEN_M, SEEN_SAMPLES = (1.0, 80.0), 1500  # where to look for paint, in steps well below a row
 MOST_INGREDIENTS = 4  # harmless ones in one world
 
 SIDES: tuple[Side, ...] = ("left", "right")
 
-# Rig -> how often. The wide one is like KITTI's, the third like an off-the-shelf stereo camera.
-RIGS: dict[str, tuple[StereoRig, float]] = {
-    "paper": (PAPER_RIG, 0.6),
-    "kitti": (StereoRig(1242, 375, 721.5, 721.5, 609.6, 172.9, 0.537), 0.25),
-    "hd": (StereoRig(1280, 720, 700.0, 700.0, 639.5, 359.5, 0.30), 0.15),
-}
-
-HEIGHT_M = (0.8, 2.2)
-PITCH_DEG = (-3.0, 8.0)
 ROLL_DEG = 3.0
 YAW_DEG = 2.0
 OFFSET_M = 0.4
@@ -103,17 +95,22 @@ def render_named_world(name: str) -> tuple[World, Frame, Frame]:
     return world, *render_world(world, np.random.default_rng(seed))
 
 
-def random_world(rng: np.random.Generator) -> World:
-    """Draw a world: rig, pose, lane, lines, light and further objects."""
-    names = list(RIGS)
-    rig_name = names[int(rng.choice(len(names), p=[RIGS[name][1] for name in names]))]
-    scene = _random_base(rng, RIGS[rig_name][0])
+def random_world(rng: np.random.Generator, catalogue: Catalogue = ALL) -> World:
+    """Draw a world: rig, pose, lane, lines, light and further objects.
+
+    Args:
+        rng: Source of all draws.
+        catalogue: The rigs and the ingredients to be drawn from.
+    """
+    names = list(catalogue.rigs)
+    rig_name = names[int(rng.choice(len(names), p=list(catalogue.rigs.values())))]
+    scene = _random_base(rng, RIGS[rig_name])
     draw = rng.random()
-    chosen = _draw(rng, GOOD, int(rng.integers(0, MOST_INGREDIENTS + 1)))
+    chosen = _draw(rng, catalogue.good, int(rng.integers(0, MOST_INGREDIENTS + 1)))
     if draw > 1 - BAD_SHARE:
-        chosen += _draw(rng, BAD, 1)
+        chosen += _draw(rng, catalogue.bad, 1)
     elif draw > GOOD_SHARE:
-        chosen += _draw(rng, UNSURE, 1)
+        chosen += _draw(rng, catalogue.unsure, 1)
     # Ingredients that shape the road come first, because a kerb depends on whether the road bends.
     chosen.sort(key=lambda item: item.name not in ("bend", "slight_bend"))
     return _world(scene, chosen, rng, rig_name)
@@ -131,7 +128,7 @@ def named_world(name: str) -> World:
     """
     if name in REGRESSION_WORLDS:
         drawn = REGRESSION_WORLDS[name]
-        return random_world(np.random.default_rng([drawn.seed, drawn.index]))
+        return random_world(np.random.default_rng([drawn.seed, drawn.index]), FIRST)
     if name != "plain" and name not in INGREDIENTS:
         known = ", ".join([*INGREDIENTS, *REGRESSION_WORLDS])
         raise ConfigError(f"there is no world {name!r}: they are plain, {known}")
@@ -139,7 +136,15 @@ def named_world(name: str) -> World:
     camera = Camera(Photometry(noise_fraction=0.01))
     pose = Extrinsics(1.4, math.radians(3.0), math.radians(0.8))
     scene = WorldScene(
-        PAPER_RIG, pose, (-1.75, 1.75), 0.01, 0.1, paints=lines, texture_seed=7, left=camera, right=camera
+        RIGS["paper"].rig,
+        pose,
+        (-1.75, 1.75),
+        0.01,
+        0.1,
+        paints=lines,
+        texture_seed=7,
+        left=camera,
+        right=camera,
     )
     chosen = [] if name == "plain" else [INGREDIENTS[name]]
     return _world(scene, chosen, np.random.default_rng(1), "paper")
@@ -188,9 +193,10 @@ def painted_rows(scene: WorldScene) -> float:
 
 
 def _contrast_to_noise(scene: WorldScene) -> float:
-    """Return the contrast of the palest paint in the deepest shadow, over the noise."""
+    """Return the contrast of the palest paint in the deepest shadow or the headlights, over the noise."""
     paint = min((p.line.grey for p in scene.paints if p.line.grey > scene.asphalt_grey), default=math.inf)
     light = math.prod(shadow.light for shadow in scene.shadows)
+    light *= min(float(lit(scene, LIT_M, border)) for border in scene.lane_m)
     cameras = [camera.photometry for camera in (scene.left, scene.right)]
     return min(
         (paint - scene.asphalt_grey) * light * camera.gain / max(255 * camera.noise_fraction, 0.3)
@@ -205,7 +211,7 @@ def _draw(rng: np.random.Generator, items: tuple[Ingredient, ...], number: int) 
     return [items[int(i)] for i in chosen]
 
 
-def _random_base(rng: np.random.Generator, rig: StereoRig) -> WorldScene:
+def _random_base(rng: np.random.Generator, mount: Mount) -> WorldScene:
     """Draw a plane road with the lines of the own lane and sometimes of others, and a pose over it."""
     half_m = float(rng.uniform(*LANE_WIDTH_M)) / 2
     width_m = float(rng.uniform(*LINE_WIDTH_M))
@@ -227,15 +233,15 @@ def _random_base(rng: np.random.Generator, rig: StereoRig) -> WorldScene:
         line = LaneLine(border, width_m, dash, gap, float(rng.uniform(0, 20)), grey)
         paints.append(Paint(line))
     pose = Extrinsics(
-        float(rng.uniform(*HEIGHT_M)),
-        math.radians(float(rng.uniform(*PITCH_DEG))),
+        float(rng.uniform(*mount.height_m)),
+        math.radians(float(rng.uniform(*mount.pitch_deg))),
         math.radians(float(rng.uniform(-ROLL_DEG, ROLL_DEG))),
     )
     noise = float(rng.uniform(0, NOISE_MAX)) * float(rng.random())  # mild more often than strong
     left = Photometry(vignetting=float(rng.uniform(0, 0.2)), noise_fraction=noise)
     right = replace(left, gain=float(rng.uniform(0.95, 1.05)), offset=float(rng.uniform(0, 3)))
     return WorldScene(
-        rig,
+        mount.rig,
         pose,
         (-half_m, half_m),
         math.radians(float(rng.uniform(-YAW_DEG, YAW_DEG))),

@@ -182,6 +182,27 @@ def test_guard_rail_hangs_between_its_heights(camera):
     assert bright.min() == pytest.approx(high[1], abs=1.5)
 
 
+def test_fine_texture_is_on_the_road_and_seen_farther():
+    plain = replace(world(texture_amplitude=8.0, texture_seed=3), pose=replace(POSE, roll_rad=0.0))
+    fine = replace(plain, fine_texture=True)
+    contrasts = []
+    for scene in (plain, fine):
+        left, right = (render_side(scene, camera).astype(np.float32) for camera in CAMERAS)
+        for s, row in zip((5.0, 7.0), _rows(scene, (5.0, 7.0)), strict=True):
+            # A row of pixels is found at the disparity of the road, which tilts by less than a pixel.
+            patch = left[row : row + 1, 250:400]
+            score = cv2.matchTemplate(right[row : row + 1], patch, cv2.TM_CCOEFF_NORMED)[0]
+            depth = s * math.cos(POSE.pitch_rad) + POSE.height_m * math.sin(POSE.pitch_rad)
+            assert 250 - score.argmax() == pytest.approx(PAPER_RIG.fx * PAPER_RIG.baseline_m / depth, abs=0.8)
+            contrasts.append(patch.std())
+    assert contrasts[2] > 1.2 * contrasts[0]
+    assert contrasts[3] > 1.2 * contrasts[1]
+
+
+def _rows(scene, distances):
+    return [round(pixels(scene, "left", [(s, 0.0, 0.0)])[0, 1]) for s in distances]
+
+
 def test_both_cameras_see_a_wall_at_its_distance():
     scene = world(walls=(Wall(60.0, height_m=12.0, ragged_m=0.0, texture_amplitude=30.0),))
     left, right = (render_side(scene, camera).astype(np.float32) for camera in CAMERAS)

@@ -14,7 +14,7 @@ from ..geometry.uncertainty import UncertaintyTerm, merge_terms, total_covarianc
 from ..results import CalibrationResult, announce
 from ..types import Array
 from .changes import find_changes
-from .fusion import AcceptedFrame, fuse_frames
+from .fusion import AcceptedFrame, fuse_frames, own_covariance
 
 # Stamps from 2001 on come from a clock. Smaller stamps count from the start of a simulation.
 FIRST_CLOCK_S = 1e9
@@ -100,7 +100,7 @@ def estimate_drive(frames: Sequence[AcceptedFrame], rig: StereoRig, fused: Calib
         return Drive(fused)
     frames = sorted(frames, key=lambda frame: frame.stamp_s)
     poses = np.array([frame.extrinsics.as_array() for frame in frames if frame.extrinsics is not None])
-    covariances = np.array([frame.covariance for frame in frames])
+    covariances = np.array([own_covariance(frame) for frame in frames])
     stamps_s = np.array([frame.stamp_s for frame in frames])
     history = find_changes(stamps_s, poses, covariances)
     segments = []

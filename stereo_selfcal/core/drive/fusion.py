@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..camera.rig import StereoRig
-from ..evidence.rig_unknowns import response_of_surface, rig_terms
+from ..evidence.rig_unknowns import RIG_TERMS, response_of_surface, rig_terms
 from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, merge_terms, propagate_terms, total_covariance
 from ..numerics.statistics import OUTLIER_SIGMAS, SIGMA_OVER_MAD
@@ -103,6 +103,38 @@ def fuse(estimates: Array, covariances: Array) -> tuple[Array, Array, npt.NDArra
     return mean, (covariance + covariance.T) / 2.0, used
 
 
+def own_covariance(frame: AcceptedFrame) -> Array:
+    """Return the covariance (3, 3) of a frame without the terms by the unknowns of the rig.
+
+    These unknowns are the same in all frames. They do not make frames scatter, and do not average out.
+
+    Args:
+        frame: An accepted frame. Where its terms are not known, its covariance is taken as it is.
+
+    Raises:
+        ValueError: The frame has no covariance.
+    """
+    return total_covariance(_own_terms(frame))
+
+
+def _own_terms(frame: AcceptedFrame) -> tuple[UncertaintyTerm, ...]:
+    if frame.uncertainty:
+        return tuple(term for term in frame.uncertainty if term.name not in RIG_TERMS)
+    if frame.covariance is None:
+        raise ValueError("only accepted frames have a covariance")
+    return (UncertaintyTerm("noise", frame.covariance),)  # a frame from a file without terms
+
+
+def _rig_terms(frame: AcceptedFrame, rig: StereoRig) -> tuple[UncertaintyTerm, ...]:
+    """Return the terms of a frame by the unknowns of the rig."""
+    if frame.uncertainty:
+        return tuple(term for term in frame.uncertainty if term.name in RIG_TERMS)
+    if frame.extrinsics is None or not frame.confirmed_by_texture:
+        return ()
+    # A frame from a file without terms: such files hold no unknowns of the rig.
+    return rig_terms(response_of_surface(rig, frame.extrinsics))
+
+
 def shared(covariances: Array) -> Array:
     """Return the covariance (3, 3) of the errors that all frames of a drive share, whatever their number."""
     common: Array = _SHARED_VARIANCE * covariances.mean(axis=0)
@@ -117,6 +149,8 @@ def fuse_frames(
 ) -> CalibrationResult:
     """Fuse accepted frames of one pose of the mount.
 
+    Frames are weighted, and their scatter is judged, without the unknowns of the rig, which they share.
+
     Args:
         frames: At least one frame, in the order of time.
         rig: The rig that the frames come from.
@@ -127,20 +161,21 @@ def fuse_frames(
     if len(frames) == 1 and motion is None and isinstance(frames[0], CalibrationResult):
         return frames[0]
     poses = np.array([frame.extrinsics.as_array() for frame in frames if frame.extrinsics is not None])
-    covariances = np.array([frame.covariance for frame in frames])
+    covariances = np.array([own_covariance(frame) for frame in frames])
     single = covariances if motion is None else covariances + motion
     mean, covariance, used = fuse(poses, single)
     good = [frame for frame, use in zip(frames, used, strict=True) if use]
     yaws = [frame.lane_yaw_rad for frame in good if frame.lane_yaw_rad is not None]
     bends = [frame.lane_curvature_per_m for frame in good if frame.lane_curvature_per_m is not None]
     pose = Extrinsics.from_array(mean)
-    terms = _terms_of_mean(good, single[used], motion, covariance)
+    weights = _weights(single[used])
+    terms = _terms_of_mean(good, weights, single[used], motion, covariance)
     terms.append(UncertaintyTerm("motion", (inflation - 1.0) * covariance))
     terms.append(UncertaintyTerm("shared", shared(covariances[used])))
+    # The unknowns of the rig are the same in all frames: their terms are those of a mean frame.
+    for frame, part in zip(good, np.trace(weights, axis1=1, axis2=2) / 3.0, strict=True):
+        terms += [UncertaintyTerm(term.name, part * term.covariance) for term in _rig_terms(frame, rig)]
     confirmed = any(frame.confirmed_by_texture for frame in good)
-    if confirmed:
-        # The residual error of the cameras' own calibration is the same in all frames.
-        terms += rig_terms(response_of_surface(rig, pose))
     uncertainty = merge_terms(terms)
     fused = CalibrationResult(
         message="",
@@ -162,25 +197,37 @@ def fuse_frames(
     return replace(fused, message=announce(fused, len(frames) - len(good)))
 
 
+def _weights(covariances: Array) -> Array:
+    """Return the matrices (N, 3, 3) by which frames are weighted; their sum is the unit matrix.
+
+    Args:
+        covariances: (N, 3, 3) covariances of the frames.
+    """
+    information = np.linalg.inv(covariances)
+    weights: Array = np.linalg.inv(information.sum(axis=0)) @ information
+    return weights
+
+
 def _terms_of_mean(
-    frames: Sequence[AcceptedFrame], covariances: Array, motion: Array | None, covariance: Array
+    frames: Sequence[AcceptedFrame],
+    weights: Array,
+    covariances: Array,
+    motion: Array | None,
+    covariance: Array,
 ) -> list[UncertaintyTerm]:
-    """Return the terms of the mean of frames that were weighted by their information.
+    """Return the terms of the mean of frames, without those by the unknowns of the rig.
 
     Args:
         frames: The frames.
-        covariances: (N, 3, 3) covariances whose inverses were the weights.
+        weights: (N, 3, 3) their weights.
+        covariances: (N, 3, 3) covariances that the weights are made from.
         motion: (3, 3) part of each of these covariances that the car's motion causes.
         covariance: (3, 3) covariance of the mean.
     """
-    information = np.linalg.inv(covariances)
-    expected = np.linalg.inv(information.sum(axis=0))
+    expected = np.linalg.inv(np.linalg.inv(covariances).sum(axis=0))
     terms: list[UncertaintyTerm] = []
-    for frame, weight in zip(frames, expected @ information, strict=True):
-        own = frame.uncertainty
-        if not own and frame.covariance is not None:  # a frame from a file without terms
-            own = (UncertaintyTerm("noise", frame.covariance),)
-        terms += propagate_terms(own, weight)
+    for frame, weight in zip(frames, weights, strict=True):
+        terms += propagate_terms(_own_terms(frame), weight)
         if motion is not None:
             terms += propagate_terms((UncertaintyTerm("motion", motion),), weight)
     # The scatter of the frames beyond their covariances enlarges the covariance of the mean.

@@ -29,7 +29,7 @@ from .drift import (
     reference_variance,
     settled_outliers,
 )
-from .fusion import fuse_frames
+from .fusion import fuse_frames, own_covariance
 from .states import WatchVerdict
 
 # Least |z| that raises an alarm: one false alarm in some hundred hours of good road.
@@ -99,7 +99,7 @@ class Watch:
         """
         self._reference: Reference | None = None
         if result is not None and result.extrinsics is not None and result.covariance is not None:
-            variance = np.diagonal(result.covariance).copy()
+            variance = np.diagonal(own_covariance(result)).copy()
             self._reference = Reference(result.extrinsics.as_array(), variance, 0.0 if settled else 1.0)
         self._forget()
 
@@ -204,7 +204,7 @@ class Watch:
         series = FrameSeries(
             np.append(old.times_s, self._time_s),
             np.vstack([old.values, result.extrinsics.as_array()]),
-            np.vstack([old.variances, np.diagonal(result.covariance)]),
+            np.vstack([old.variances, np.diagonal(own_covariance(result))]),
             np.append(old.used, True),
         )
         self._series = replace(series, used=mark_outliers(series, settled_outliers(len(old))))

@@ -140,11 +140,6 @@ class TextureFit:
         return self.common_texture and bool(np.all(np.array(self.quality.noise_std) <= MAX_NOISE_STD))
 
     @property
-    def comparable(self) -> bool:
-        """Whether the road is plane enough for a comparison of this estimate with another one."""
-        return bool(np.all(np.diag(self.covariance) <= AGREEMENT**2))
-
-    @property
     def sufficiency(self) -> float:
         """The least of texture, area and precision, each over its limit: below 1 it is no cross-check."""
         of_texture, of_area = self.quality.sigmas / MIN_SIGMAS, self.quality.cell_share / MIN_CELL_SHARE
@@ -250,7 +245,7 @@ def _lane_points(plane: DisparityPlane, rig: StereoRig, layout: _Layout) -> Lane
     begin_m, end_m = STRETCHES_M[0][0], STRETCHES_M[-1][1]
     ahead = np.linspace(begin_m, end_m, 1 + round((end_m - begin_m) / _LANE_STEP_M))
     half_m = np.array([*OTHER_HALF_WIDTHS_M, HALF_LANE_WIDTH_M, 0.0])
-    lateral = np.unique(np.clip(np.concatenate([half_m, -half_m]), right_m, left_m))
+    lateral = np.unique(np.concatenate([half_m, -half_m]))
     x, aside = (each.ravel() for each in np.meshgrid(ahead, lateral))
     xy = np.column_stack([x, aside - np.tan(yaw) * x])
     on_road = np.column_stack([xy, np.full(len(x), -pose.height_m)])

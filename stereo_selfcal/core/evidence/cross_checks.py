@@ -27,7 +27,7 @@ from ..road.cell_grid import CELL_WIDTH_M
 from ..types import Array
 from .cue_fusion import combine, difference_covariance
 from .estimate import Estimate, StagePoses
-from .frame_evidence import Evidence, FrameObservations, Hypothesis
+from .frame_evidence import Contradictor, Evidence, FrameObservations, Hypothesis
 from .gates import evaluate_gates, undetermined
 from .horizon import horizon_offset
 from .lane_heights import heights_over_surface, surely_no_kerb
@@ -35,7 +35,6 @@ from .nuisances import (
     crown_covariance,
     kerb_covariance,
     road_shape_terms,
-    slope_ahead_unknown,
     unseen_slope_covariance,
 )
 from .rig_unknowns import response_of_surface, rig_terms
@@ -111,12 +110,16 @@ def cross_check_surface(
         estimate = estimate.with_terms(*road_shape_terms(pattern, rig, estimate.pose, fit.unevenness))
         evidence = replace(evidence, lane_heights=lane_heights)
     common = fit is not None and fit.common_texture
-    if not common and frame.surface is not None and frame.surface.located is not None:
-        fit, common = frame.surface.located, True  # too weak an estimate of its own, it may contradict
-    if fit is not None and common:
-        of_surface = response_of_surface(rig, fit.extrinsics)
-        spread = difference_covariance(estimate, fit, lines.line_response, of_surface)
-        evidence = replace(evidence, texture=fit, difference_std=np.sqrt(np.diag(spread)))
+    # Whatever shows the road well enough may contradict, also where it is too weak for an estimate.
+    evidence = replace(
+        evidence,
+        texture=fit if common else None,
+        contradictors=tuple(
+            _contradictor(estimate, each, lines, frame, rig)
+            for each in (fit if common else None, None if frame.surface is None else frame.surface.located)
+            if each is not None
+        ),
+    )
     lines = replace(lines, estimate=estimate, evidence=evidence)
     if fit is not None and common and sufficiency >= 1.0:
         return _cross_check_on_surface(lines, pattern, fit, frame, rig)
@@ -126,6 +129,14 @@ def cross_check_surface(
     estimate = estimate.with_reservation(ReservationKind.NOT_CHECKED_BY_TEXTURE, lacking)
     lines = replace(lines, estimate=estimate, evidence=evidence)
     return _cross_check_lines_only(lines, hypothesis, pattern, frame, rig)
+
+
+def _contradictor(
+    estimate: Estimate, fit: TextureFit, lines: JudgedEstimate, frame: FrameObservations, rig: StereoRig
+) -> Contradictor:
+    """Return the pose over a surface, with the uncertainty of its difference from that of the lines."""
+    of_surface = response_of_surface(rig, fit.extrinsics, frame.vergence_std_rad)
+    return Contradictor(fit.extrinsics, difference_covariance(estimate, fit, lines.line_response, of_surface))
 
 
 def _align_between(
@@ -167,7 +178,8 @@ def _cross_check_on_surface(
     checked = replace(lines, poses=poses, evidence=evidence).judged()
     if checked.rejection is not None:
         return checked
-    combined = combine(lines.estimate, fit, lines.line_response, response_of_surface(rig, fit.extrinsics))
+    of_surface = response_of_surface(rig, fit.extrinsics, frame.vergence_std_rad)
+    combined = combine(lines.estimate, fit, lines.line_response, of_surface)
     if isinstance(combined, NotFitted):
         return replace(checked, rejection=undetermined(combined))
     evidence = replace(evidence, std=np.sqrt(np.diag(combined.covariance)))
@@ -188,7 +200,7 @@ def _cross_check_lines_only(
         UncertaintyTerm("crown", crown_covariance(evidence.refined)), *rig_terms(lines.line_response)
     )
     if evidence.refined is not None and evidence.profile is not None:
-        if slope_ahead_unknown(evidence.profile):  # also where it is bent
+        if not evidence.profile.sees_ahead:  # also where it is bent
             estimate = estimate.with_reservation(ReservationKind.SLOPE_AHEAD_UNKNOWN)
         borders = measure_borders(frame.images, pattern, evidence.refined, rig)
         evidence = replace(evidence, borders=borders)

@@ -17,17 +17,11 @@ from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, merge_terms, propagate_terms
 from ..numerics.linear import invert, solve_linear
 from ..rejection import NotFitted
-from ..tolerances import AGREEMENT
 from ..types import Array
 from .estimate import Estimate
 from .rig_unknowns import rig_terms
 
 _DETERMINED = "numbers of the pose that lines and texture determine"
-
-
-def same_road(a: Extrinsics, b: Extrinsics) -> bool:
-    """Whether two poses differ by less than ``AGREEMENT`` in each component: they are of the same road."""
-    return bool(np.all(np.abs(a.as_array() - b.as_array()) < AGREEMENT))
 
 
 def difference_covariance(lines: Estimate, texture: TextureFit, of_lines: Array, of_surface: Array) -> Array:

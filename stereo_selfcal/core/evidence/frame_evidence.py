@@ -20,11 +20,15 @@ from ..lanes.lane_pair import LanePattern
 from ..lanes.line_geometry import BelowPlane, HeightOverLane
 from ..lanes.matching import Matches
 from ..lanes.stripe_points import find_stripe_points
+from ..rejection import fitted
+from ..road.priors import VERGENCE_STD_RAD
 from ..types import Array, Image
+from .far_disparity import FarDisparity, far_disparity
 from .profile import Profile
 from .road_surface import RoadSurface, find_road_surface
 from .row_offset import VerticalOffset
 from .stripe_border import StripeBorder
+from .vergence import Vergence, vergence_std_rad
 
 _CLIPPED_STEP = 4  # every fourth pixel of every fourth row is enough for two digits
 
@@ -38,12 +42,17 @@ class FrameObservations:
         points: Stripe points of both images.
         clipped: Greatest part of black and white pixels in the lower half of an image.
         surface: The road surface; None where ``texture.check`` is 0.
+        far: Disparity of what is farthest away; None where the surface does not tell where that is.
+        vergence_std_rad: Standard deviation of the right camera's turn about the vertical, as far as ``far``
+            shows it.
     """
 
     images: tuple[Image, Image]
     points: Points
     clipped: float
     surface: RoadSurface | None = None
+    far: FarDisparity | None = None
+    vergence_std_rad: float = VERGENCE_STD_RAD
 
     @classmethod
     def from_images(
@@ -52,7 +61,10 @@ class FrameObservations:
         """Return the observations of a left and a right image, (H, W) uint8 each."""
         left, right = (find_stripe_points(image, config.extraction) for image in images)
         surface = find_road_surface(images, rig, config) if config.texture.check else None
-        return cls(images, (left, right), clipped_share(images), surface)
+        coarse = None if surface is None else fitted(surface.coarse)
+        far = None if coarse is None else fitted(far_disparity(images, rig, coarse.extrinsics))
+        clipped = clipped_share(images)
+        return cls(images, (left, right), clipped, surface, far, vergence_std_rad(far, rig))
 
 
 def clipped_share(images: tuple[Image, Image]) -> float:
@@ -97,6 +109,19 @@ class Hypothesis:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Contradictor:
+    """A pose over the road surface that excludes lines whose pose differs too much.
+
+    Attributes:
+        extrinsics: The pose.
+        covariance: (3, 3) of its difference from the pose by the lines.
+    """
+
+    extrinsics: Extrinsics
+    covariance: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
     """Results of the stages so far; None where a stage has not run, or has given up.
 
@@ -124,10 +149,11 @@ class Evidence:
             lines.
         inner_line_height: Height of a line between the boundaries over their plane.
         std: (3,) standard deviations of the estimate [m, rad, rad].
-        difference_std: (3,) standard deviations of the difference between the poses by lines and by texture.
+        contradictors: What else shows the road, and excludes lines that differ too much from it.
         own_strip: The alignment of the strip under the car alone, for an estimate without lines.
         coarse: Plane of the dense disparities, for an estimate that rests on the lines alone.
         sweep: Planes under which the faintest texture between the lines agrees, for such an estimate.
+        vergence: Turn of the right camera about the vertical, by what contradicts its calibration most.
     """
 
     config: CalibratorConfig
@@ -150,10 +176,11 @@ class Evidence:
     stripes_fitted: bool | None = None
     inner_line_height: HeightOverLane | None = None
     std: Array | None = None
-    difference_std: Array | None = None
+    contradictors: tuple[Contradictor, ...] = ()
     own_strip: TextureFit | None = None
     coarse: CoarseRoad | None = None
     sweep: LaneSweep | None = None
+    vergence: Vergence | None = None
 
     @property
     def line_pose(self) -> Extrinsics | None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from ..lanes.frame_checks import FIND_LINES
 from ..rejection import GateReading, NotFitted, Rejection, RejectReason
-from . import measurements
+from . import measurements, rig_measurements
 from .frame_evidence import Evidence
 from .measurements import Reading
 
@@ -177,14 +177,21 @@ GATES: tuple[Gate, ...] = (
         "rectified images",
         RejectReason.IMAGES_NOT_RECTIFIED,
         "calibrate the pair again: a row of one image must be the same row of the other",
-        measurements.read_row_offset,
+        rig_measurements.read_row_offset,
     ),
     Gate(
         "not_turned",
         "cameras not turned",
         RejectReason.IMAGES_NOT_RECTIFIED,
         "calibrate the pair again: one camera has turned against the other",
-        measurements.read_camera_turn,
+        rig_measurements.read_camera_turn,
+    ),
+    Gate(
+        "parallel_cameras",
+        "cameras parallel",
+        RejectReason.IMAGES_NOT_RECTIFIED,
+        "calibrate the pair again: the right camera has turned about the vertical",
+        rig_measurements.read_vergence,
     ),
     Gate(
         "coplanar",

@@ -13,27 +13,13 @@ from ..geometry.plane import plane_from_pose
 from ..geometry.pose import Extrinsics, road_from_camera_rotation
 from ..geometry.rays import LEAST_DISPARITY_PX
 from ..lanes.lane_pair import LanePattern
-from ..lanes.line_geometry import N_ROWS, HeightOverLane, lane_in_road, rays_of_lines
+from ..lanes.line_geometry import HeightOverLane, lane_in_road, rays_of_lines
 from ..numerics.linear import solve_linear
 from ..rejection import NotFitted
 from ..road.extent import LEAST_WEIGHT
-from ..road.priors import HALF_LANE_WIDTH_M
 from ..road.unevenness import unit_covariances
 from ..tolerances import KERB_SIGMAS, MAX_LINE_HEIGHT_M
 from ..types import Array
-
-
-def heights_over(pattern: LanePattern, rig: StereoRig, line_pose: Extrinsics, road_pose: Extrinsics) -> Array:
-    """Return the height of each line over a road [m], mean over the rows it was seen in, (L,).
-
-    Args:
-        pattern: The lines.
-        rig: Intrinsics and baseline.
-        line_pose: Pose estimated from them: it gives their disparities.
-        road_pose: Pose over the road.
-    """
-    heights = _heights_along(pattern, rig, line_pose, road_pose)
-    return np.array([np.average(height_m, weights=weights) for height_m, weights, _ in heights])
 
 
 def heights_over_surface(
@@ -110,40 +96,6 @@ def _heights_along(
         yield (seen - expected) * metres, metres**-2.0, xy
 
 
-def surely_same(road_pose: Extrinsics, own_lane: TextureFit, rig: StereoRig) -> bool:
-    """Whether the surface of the own lane excludes that a plane is that of a kerb or pavement beside it.
-
-    The plane's height over the surface of the lane is measured at both sides of the lane, as the mean along
-    it. It has to be surely less than that of the lowest kerb (:func:`surely_no_kerb`).
-
-    Args:
-        road_pose: Pose over the plane of a wider part of the road surface.
-        own_lane: Alignment of the part that surely belongs to the own lane.
-        rig: Intrinsics and baseline.
-
-    Returns:
-        Whether the lowest kerb is excluded; False where the surface of the lane is not seen.
-    """
-    if not own_lane.common_texture:
-        return False
-    known = np.isfinite(own_lane.cells_height_m)
-    ahead_m = own_lane.cells_xy_m[known, 0]
-    # Points at equal steps of image rows, as those of a line.
-    rows = np.linspace(1.0 / ahead_m.max(), 1.0 / ahead_m.min(), N_ROWS)
-    to_camera = road_from_camera_rotation(own_lane.extrinsics.pitch_rad, own_lane.extrinsics.roll_rad)
-    heights_m = []
-    for side_m in (HALF_LANE_WIDTH_M, -HALF_LANE_WIDTH_M):
-        positions_m = np.column_stack([1.0 / rows, np.full(N_ROWS, side_m)])
-        ray = np.column_stack([positions_m, np.full(N_ROWS, -own_lane.extrinsics.height_m)]) @ to_camera
-        ray /= ray[:, :1]
-        seen, expected = (
-            plane_from_pose(each, rig).disparities(ray) for each in (road_pose, own_lane.extrinsics)
-        )
-        heights = (seen - expected) * own_lane.extrinsics.height_m / seen
-        heights_m.append(_height_over_cells(heights, seen**2.0, positions_m, own_lane, known))
-    return surely_no_kerb(heights_m) >= 1.0
-
-
 def surely_no_kerb(heights: Sequence[HeightOverLane]) -> float:
     """Return how surely all heights exclude the lowest kerb, over what is needed: 1 is enough.
 
@@ -156,15 +108,3 @@ def surely_no_kerb(heights: Sequence[HeightOverLane]) -> float:
     return min(
         (2.0 * MAX_LINE_HEIGHT_M - abs(height.value_m)) / (KERB_SIGMAS * height.std_m) for height in heights
     )
-
-
-def lies_on(pattern: LanePattern, rig: StereoRig, line_pose: Extrinsics, road_pose: Extrinsics) -> bool:
-    """Whether each line lies within ``MAX_LINE_HEIGHT_M`` of a road, above or below.
-
-    Args:
-        pattern: The lines.
-        rig: Intrinsics and baseline.
-        line_pose: Pose estimated from them: it gives their disparities.
-        road_pose: Pose over the road.
-    """
-    return bool(np.all(np.abs(heights_over(pattern, rig, line_pose, road_pose)) <= MAX_LINE_HEIGHT_M))

@@ -13,8 +13,9 @@ import numpy as np
 
 from ..estimators.stripe_fit import BLUR_MAX_PX
 from ..geometry.pose import POSE_COMPONENTS
-from ..rejection import Bound
-from ..tolerances import AGREEMENT, EXCLUDED_SIGMAS, MAX_DIFFERENCE, MAX_LINE_HEIGHT_M, WRONG
+from ..numerics.linear import solve_linear
+from ..rejection import Bound, NotFitted
+from ..tolerances import AGREEMENT, EXCLUDED_CHI2_3, EXCLUDED_SIGMAS, MAX_DIFFERENCE, MAX_LINE_HEIGHT_M, WRONG
 from ..types import Array
 from .frame_evidence import Evidence
 from .stripe_border import EDGE_REMAINDER
@@ -51,14 +52,8 @@ _MAX_BLUR_PX = 0.97 * BLUR_MAX_PX
 # A black or white pixel has no usable grey value. Of the lower half of an image, this part may be such.
 _MAX_CLIPPED = 0.5
 
-# A vertical offset changes the disparities of the left and of the right line in opposite directions: half a
-# pixel is 0.7 deg of roll with a rig of 720 px and 0.5 m, nearly what stripes and road surface have to agree
-# within.
-_MAX_VERTICAL_PX = 0.5
-# Half a pixel 300 px beside the middle of the image.
-_MAX_TURN_RAD = math.radians(0.1)
 # An offset, an angle or a height counts when it is this many of its standard deviations from zero.
-_SHAPE_SIGMAS = 3.0
+SHAPE_SIGMAS = 3.0
 
 # The grey value changes in one step from a painted stripe to the lane beside it. In random worlds, shadows,
 # dapples and noise leave another step of up to 5 % of the paint's contrast, the faces of kerbs 7 % and more.
@@ -245,13 +240,20 @@ def read_clipped_part(evidence: Evidence) -> Reading | None:
 
 
 def read_surface_difference(evidence: Evidence) -> Reading | None:
-    """Read how the plane of the lines and that of the road surface differ."""
-    if evidence.texture is None or evidence.line_pose is None or evidence.difference_std is None:
+    """Read how the plane of the lines and that of the road surface differ: the one that differs most."""
+    if evidence.line_pose is None or not evidence.contradictors:
         return None
-    difference = evidence.line_pose.as_array() - evidence.texture.extrinsics.as_array()
     what = "the lane lines and the road surface between them differ in {axis} by {value}"
-    limits = np.maximum(MAX_DIFFERENCE, EXCLUDED_SIGMAS * evidence.difference_std)
-    return _difference(what, difference, limits)
+    line_pose = evidence.line_pose.as_array()
+    readings = []
+    for each in evidence.contradictors:
+        difference = line_pose - each.extrinsics.as_array()
+        weighted = solve_linear(each.covariance, difference, "numbers of the difference that are known")
+        # All three numbers together: the limit is where they would be as unlikely as EXCLUDED_SIGMAS.
+        chi2 = 0.0 if isinstance(weighted, NotFitted) else float(difference @ weighted)
+        unlikely = np.abs(difference) * math.sqrt(EXCLUDED_CHI2_3 / max(chi2, 1e-9))
+        readings.append(_difference(what, difference, np.maximum(MAX_DIFFERENCE, unlikely)))
+    return max(readings, key=lambda each: each.value / each.threshold)
 
 
 def read_coarse_difference(evidence: Evidence) -> Reading | None:
@@ -315,7 +317,7 @@ def read_height_over_lane(evidence: Evidence) -> Reading | None:
     if not evidence.lane_heights:
         return None
     limits = [
-        (abs(height.value_m), max(MAX_LINE_HEIGHT_M, _SHAPE_SIGMAS * height.std_m))
+        (abs(height.value_m), max(MAX_LINE_HEIGHT_M, SHAPE_SIGMAS * height.std_m))
         for height in evidence.lane_heights
     ]
     value_m, limit_m = max(limits, key=lambda each: each[0] / each[1])
@@ -333,26 +335,6 @@ def read_texture_sufficiency(evidence: Evidence) -> Reading | None:
     what = "the road surface has {value} of the texture and evenness that a check of the lines needs"
     value = evidence.texture_sufficiency
     return Reading(what, value, Bound.LEAST, 1.0, "", value >= 1.0)
-
-
-def read_row_offset(evidence: Evidence) -> Reading | None:
-    """Read the vertical offset between the images."""
-    if evidence.vertical is None:
-        return None
-    value = abs(evidence.vertical.offset_px)
-    limit = max(_MAX_VERTICAL_PX, _SHAPE_SIGMAS * evidence.vertical.std_px)
-    what = "the vertical offset between the images is {value}"
-    return Reading(what, value, Bound.MOST, limit, "px", value <= limit)
-
-
-def read_camera_turn(evidence: Evidence) -> Reading | None:
-    """Read the angle between the cameras about their optical axes."""
-    if evidence.vertical is None:
-        return None
-    value = abs(evidence.vertical.roll_rad)
-    limit = max(_MAX_TURN_RAD, _SHAPE_SIGMAS * evidence.vertical.roll_std_rad)
-    what = "one camera is turned against the other about its optical axis, by {value}"
-    return Reading(what, math.degrees(value), Bound.MOST, math.degrees(limit), "deg", value <= limit)
 
 
 def read_depth_below_plane(evidence: Evidence) -> Reading | None:

@@ -30,6 +30,20 @@ from ..tolerances import MAX_LINE_HEIGHT_M
 from ..types import Array
 from .profile import Profile
 
+# Number of lanes that fit between two lines, by their distance [m]. Where one more has just room, it is
+# counted in part, so that the uncertainty is continuous.
+_PARTLY_M = 0.5
+_MOST_LANES = (
+    (
+        MAX_LANE_WIDTH_M,
+        2.0 * MIN_LANE_WIDTH_M,
+        3.0 * MIN_LANE_WIDTH_M - _PARTLY_M,
+        3.0 * MIN_LANE_WIDTH_M,
+        4.0 * MIN_LANE_WIDTH_M - _PARTLY_M,
+        4.0 * MIN_LANE_WIDTH_M,
+    ),
+    (1.0, 2.0, 2.0, 3.0, 3.0, 4.0),
+)
 _ANGLE_STEPS = np.array([1e-4, 1e-5, 1e-5])  # m, rad, rad: steps of the central difference
 
 
@@ -48,10 +62,8 @@ def road_shape_terms(
         unevenness: Roughness, camber and mismatch of the road between the lines.
 
     Returns:
-        Roughness, camber and mismatch; no terms where the texture shows a plane.
+        Roughness, camber and mismatch, as far as the texture shows that the road is no plane.
     """
-    if not unevenness.uneven:
-        return ()
     plane = plane_from_pose(extrinsics, rig)
     ray = np.concatenate(rays_of_lines(pattern, rig))
     disparity = plane.disparities(ray)
@@ -69,8 +81,9 @@ def road_shape_terms(
         ("camber", unevenness.camber**2 * profile),
         ("mismatch", np.diag((unevenness.mismatch_px * metres) ** 2)),
     )
+    share = unevenness.significance
     return propagate_terms(
-        (UncertaintyTerm(name, covariance) for name, covariance in heights), jac_pose_heights
+        (UncertaintyTerm(name, share * covariance) for name, covariance in heights), jac_pose_heights
     )
 
 
@@ -117,14 +130,17 @@ def stage_disagreement_covariance(
         refined: Fit of the stripes' grey values; None where there is none.
 
     Returns:
-        The square of the difference; zeros where the covariances explain it.
+        The square of the difference, less the part that chance may explain; zeros where that is all of it.
     """
     if refined is None:
         return np.zeros((3, 3))
     difference = refined.extrinsics.as_array() - line_pose.as_array()
     weighted = solve_linear(covariance + refined.covariance, difference, "numbers of the pose that are known")
-    explained = not isinstance(weighted, NotFitted) and float(difference @ weighted) <= UNLIKELY_CHI2_3
-    return np.outer(difference, difference) * (not explained)
+    explained = 0.0
+    if not isinstance(weighted, NotFitted):
+        chi2 = float(difference @ weighted)
+        explained = UNLIKELY_CHI2_3 / max(chi2, UNLIKELY_CHI2_3)
+    return np.outer(difference, difference) * (1.0 - explained)
 
 
 def paint_angle_covariance(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics) -> Array:
@@ -166,51 +182,34 @@ def _jac_angle_pose(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics
     return central_difference(point_by_point(angle), extrinsics.as_array(), _ANGLE_STEPS)
 
 
-def seen_slope_covariance(*profiles: Profile | None) -> Array:
+def seen_slope_covariance(profile: Profile | None) -> Array:
     """Return the covariance (3, 3) that a measured change of slope adds to an estimate.
 
-    Where the near and far parts of the road lie in different planes, the estimate is as uncertain as these
-    planes differ. The covariance of the profile is added: it covers the part of the road 5 to 20 m ahead that
-    is not seen.
+    An estimate from lines is that of the plane of their near part. The pose is that over the road 5 to 20 m
+    ahead, and the estimate is off by what the profile measures.
 
     Args:
-        profiles: Profiles of the road, from the stripes or the texture; the first that is surely bent counts.
-
-    Returns:
-        The covariance; zeros where no profile is surely bent.
+        profile: Profile of the road, from the stripes; None where it was not measured.
     """
-    for profile in profiles:
-        if profile is not None and profile.bent:
-            return _slope_covariance(profile)
-    return np.zeros((3, 3))
+    return np.zeros((3, 3)) if profile is None else _of_height_and_pitch(profile.seen_change)
 
 
-def unseen_slope_covariance(*profiles: Profile | None) -> Array:
+def unseen_slope_covariance(profile: Profile | None) -> Array:
     """Return the covariance (3, 3) that a possible change of slope ahead adds to an estimate.
 
-    It is zero where one of the profiles excludes such a change, or none was measured. Where one is surely
-    bent, :func:`seen_slope_covariance` returns the covariance instead.
+    It is small where the profile shows the road 5 to 20 m ahead. Where it does not, it grows up to what roads
+    are known to do.
 
     Args:
-        profiles: Profiles of the road, from the stripes or the texture.
+        profile: Profile of the road, from the stripes; None where it was not measured.
     """
-    known = [profile for profile in profiles if profile is not None]
-    if not slope_ahead_unknown(*known) or any(profile.bent for profile in known):
-        return np.zeros((3, 3))
-    return _slope_covariance(min(known, key=lambda profile: float(profile.std[1])))
+    return np.zeros((3, 3)) if profile is None else _of_height_and_pitch(profile.unseen_change)
 
 
-def slope_ahead_unknown(*profiles: Profile | None) -> bool:
-    """Whether profiles were measured, and none of them excludes another slope of the road ahead."""
-    known = [profile for profile in profiles if profile is not None]
-    return bool(known) and not any(profile.sees_ahead for profile in known)
-
-
-def _slope_covariance(profile: Profile) -> Array:
-    """Return the covariance (3, 3) by the change of a profile; a bent one is scaled to its full size."""
+def _of_height_and_pitch(part: Array) -> Array:
+    """Return the covariance (3, 3) of a pose from that of its height and pitch (2, 2)."""
     covariance = np.zeros((3, 3))
-    change = profile.change / profile.seen_share if profile.bent else profile.change
-    covariance[:2, :2] = np.outer(change, change) + profile.covariance
+    covariance[:2, :2] = part
     return covariance
 
 
@@ -245,7 +244,7 @@ def crown_covariance(refined: StripeFit | None) -> Array:
     higher_m = heights[right] - rise * positions_m[right]
     seen_tilt = np.array([higher_m, 0.0, rise])
     covariance += np.outer(seen_tilt, seen_tilt)
-    lanes = max(2, int(width_m / MIN_LANE_WIDTH_M)) if width_m > MAX_LANE_WIDTH_M else 1
+    lanes = float(np.interp(width_m, *_MOST_LANES))
     near, far = sorted((positions_m[left], positions_m[right]), key=abs)
     if lanes > 1:
         # The plane goes through both borders, the lane of the camera through the nearer one.

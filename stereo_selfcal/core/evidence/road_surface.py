@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
 from ..estimators.coarse_road import CoarseRoad, find_coarse_road
-from ..estimators.texture_alignment import TextureFit, align_texture
-from ..rejection import NotFitted
+from ..estimators.texture_alignment import MIN_CELL_SHARE, MIN_SIGMAS, TextureFit, align_texture
+from ..rejection import Bound, NotFitted
 from ..types import Image
 
 
@@ -37,12 +37,40 @@ class RoadSurface:
         return self.texture
 
     @property
-    def lacking(self) -> str:
-        """Why the surface does not locate the road; "" where it does."""
+    def lacking(self) -> NotFitted | None:
+        """Why the surface does not locate the road, with value and limit; None where it does."""
         for found in (self.coarse, self.texture):
             if isinstance(found, NotFitted):
-                return found.reason
-        return "" if self.located is not None else "too little texture"
+                return found
+        return None if self.located is not None else too_little_texture(self.texture)
+
+    @property
+    def described(self) -> str:
+        """What of the surface is seen, in words, and what is missing."""
+        lacking = self.lacking
+        if lacking is None:
+            return "the road surface is seen"
+        if isinstance(self.coarse, NotFitted):
+            return f"the road surface is not seen: {lacking.reason}"
+        if isinstance(self.texture, NotFitted):
+            return f"the texture of the road surface does not align in both images: {lacking.reason}"
+        return f"too little of the road surface is seen: {lacking.reason}"
+
+
+def too_little_texture(fit: TextureFit | NotFitted) -> NotFitted:
+    """Return why an alignment does not locate the road: too small a part of it, or too weak a texture.
+
+    Args:
+        fit: The alignment of a road with too little texture that both images have; or why there is none.
+    """
+    if isinstance(fit, NotFitted):
+        return fit
+    sigmas, share = fit.quality.sigmas / MIN_SIGMAS, fit.quality.cell_share / MIN_CELL_SHARE
+    if sigmas < share:
+        what = "texture that both images have, over what noise alone would leave"
+        return NotFitted(what, fit.quality.sigmas, Bound.LEAST, MIN_SIGMAS)
+    what = "part of the road whose texture lies in one plane"
+    return NotFitted(what, 100 * fit.quality.cell_share, Bound.LEAST, 100 * MIN_CELL_SHARE, "%")
 
 
 def find_road_surface(images: tuple[Image, Image], rig: StereoRig, config: CalibratorConfig) -> RoadSurface:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
+from ..geometry.homography import SIDES
 from ..rejection import Bound, Rejection, RejectReason
 from .lane_pair import ImageLine
 from .matching import Candidate, MatchedLines
@@ -107,51 +108,75 @@ def check_lines_found(
     candidates: list[tuple[list[Candidate], list[Candidate]]], config: CalibratorConfig
 ) -> Rejection | None:
     """Refuse a frame in which an image shows no line on one side."""
-    for camera, sides in zip(("left", "right"), candidates, strict=True):
-        for side, lines in zip(("left", "right"), sides, strict=True):
-            longest = max((candidate.line.n_rows for candidate in lines), default=0)
-            if longest < config.extraction.min_line_rows:
-                return Rejection(
-                    RejectReason.NO_LINES_FOUND,
-                    f"no {side} lane line was found in the {camera} image: the longest candidate is "
-                    "{value} high",
-                    longest,
-                    Bound.LEAST,
-                    config.extraction.min_line_rows,
-                    "px",
-                    FIND_LINES,
-                )
+    least = config.extraction.min_line_rows
+    longest = [
+        [max((candidate.line.n_rows for candidate in lines), default=0) for lines in sides]
+        for sides in candidates
+    ]
+    if max(max(sides) for sides in longest) < least:
+        found = "no lane line was found in either image"
+        return _no_line(found, max(max(sides) for sides in longest), least)
+    for camera, sides in enumerate(longest):
+        for side, rows in enumerate(sides):
+            if rows < least:
+                found = f"no {SIDES[side]} lane line was found in the {SIDES[camera]} image"
+                if all(each[1 - side] >= least for each in longest):
+                    found = f"only a {SIDES[1 - side]} lane line was found, and {found}"
+                return _no_line(found, rows, least)
     return None
 
 
-def lines_not_matched(n_matched: tuple[int, int], roll_max_rad: float) -> Rejection:
-    """Refuse lines of which no two are in both images and can bound one lane.
+def _no_line(found: str, longest: int, least: int) -> Rejection:
+    return Rejection(
+        RejectReason.NO_LINES_FOUND,
+        f"{found}: the longest candidate is {{value}} high",
+        longest,
+        Bound.LEAST,
+        least,
+        "px",
+        FIND_LINES,
+    )
+
+
+def line_not_in_both(n_matched: tuple[int, int], n_exchanged: tuple[int, int]) -> Rejection:
+    """Refuse lines of which at most one side is in both images.
 
     Args:
         n_matched: How many left and how many right lane lines were found in both images.
-        roll_max_rad: Greatest roll that is searched [rad].
+        n_exchanged: The same with the left and the right image exchanged.
     """
-    if all(n_matched):
-        n_found = 0
-        what = (
-            "{value} of {limit} lane lines were found: no two lines that are in both images can bound one "
-            f"lane on a road whose roll is at most {math.degrees(roll_max_rad):.4g} deg (search.roll_max_rad)"
-        )
+    n_sides, n_other = (sum(n > 0 for n in each) for each in (n_matched, n_exchanged))
+    if n_sides == 1:
+        side = SIDES[0] if n_matched[0] else SIDES[1]
+        what = f"only a {side} lane line was found in both images, {{value}} of {{limit}}"
     else:
-        n_found = sum(n > 0 for n in n_matched)
-        counted = (
-            "only {value} of {limit} lane lines was" if n_found else "{value} of {limit} lane lines were"
-        )
-        what = f"{counted} found in both images"
+        what = "no line of the left image was found in the right one: {value} of {limit} lane lines"
+    if n_other <= n_sides:
+        return Rejection(RejectReason.NO_LINES_FOUND, what, n_sides, Bound.LEAST, 2, "", FIND_LINES)
+    exchanged = f"with left and right exchanged, {n_other} of 2 are in both"
     return Rejection(
         RejectReason.LINES_NOT_MATCHED,
-        what,
-        n_found,
+        f"{what}; {exchanged}",
+        n_sides,
         Bound.LEAST,
         2,
         "",
         f"check that left and right are not swapped and the images are rectified, and {FIND_LINES}",
     )
+
+
+def lines_not_matched(roll_max_rad: float) -> Rejection:
+    """Refuse lines on both sides, seen by both cameras, of which no two can bound one lane.
+
+    Args:
+        roll_max_rad: Greatest roll that is searched [rad].
+    """
+    what = (
+        "{value} of {limit} lane lines were found: no two lines that are in both images can bound one "
+        f"lane on a road whose roll is at most {math.degrees(roll_max_rad):.4g} deg (search.roll_max_rad)"
+    )
+    remedy = f"{FIND_LINES}; if both images show these lines well, check that they are rectified"
+    return Rejection(RejectReason.LINES_NOT_MATCHED, what, 0, Bound.LEAST, 2, "", remedy)
 
 
 def no_pair_on_road(n_left: int, n_right: int) -> Rejection:
@@ -162,13 +187,17 @@ def no_pair_on_road(n_left: int, n_right: int) -> Rejection:
         n_right: Number of lines on the road to the right.
     """
     n_sides = (n_left > 0) + (n_right > 0)
-    what = (
-        "no two of the lines on the road are parallel: pairs of lane lines"
-        if n_sides == 2
-        else "sides of the lane on which a line lies on the road surface"
-    )
-    value, least = (0, 1) if n_sides == 2 else (n_sides, 2)
-    return Rejection(RejectReason.NO_LINES_FOUND, what, value, Bound.LEAST, least, "", FIND_LINES)
+    if n_sides == 2:
+        what = (
+            "no two of the lines on the road surface are parallel: {value} of {limit} lane lines were found"
+        )
+        n_sides = 0
+    elif n_sides == 1:
+        side = SIDES[0] if n_left else SIDES[1]
+        what = f"only a {side} lane line was found on the road surface, {{value}} of {{limit}}"
+    else:
+        what = "no lane line was found on the road surface: {value} of {limit}"
+    return Rejection(RejectReason.NO_LINES_FOUND, what, n_sides, Bound.LEAST, 2, "", FIND_LINES)
 
 
 def cameras_swapped(pairs: list[MatchedLines]) -> Rejection:
@@ -179,10 +208,23 @@ def cameras_swapped(pairs: list[MatchedLines]) -> Rejection:
     """
     best = pairs[0]
     disparities = [a.column_at(np.array(a.v_mid)) - b.column_at(np.array(a.v_mid)) for a, b in _pairs(best)]
+    return _exchanged("lane lines", -float(np.mean(disparities)))
+
+
+def exchanged_by_disparity(disparity_px: float) -> Rejection:
+    """Refuse images whose near part has a negative disparity.
+
+    Args:
+        disparity_px: Mean disparity of the lower part of the images [px].
+    """
+    return _exchanged("lower part of the images", disparity_px)
+
+
+def _exchanged(what: str, disparity_px: float) -> Rejection:
     return Rejection(
         RejectReason.CAMERAS_SWAPPED,
-        "the left and the right image are exchanged: the disparity of the lane lines is {value}",
-        -float(np.mean(disparities)),
+        f"the left and the right image are exchanged: the disparity of the {what} is {{value}}",
+        disparity_px,
         Bound.LEAST,
         0.0,
         "px",

@@ -11,7 +11,7 @@ from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
 from ..geometry.plane import jacobian_pose_wrt_plane, plane_from_pose
 from ..numerics.linear import invert
-from ..rejection import NotFitted, Rejection, RejectReason
+from ..rejection import NotFitted, Rejection
 from ..road.priors import LANE_WIDTH_M, MAX_CROSS_FALL
 from ..types import Image
 from . import frame_checks
@@ -86,11 +86,28 @@ def find_hypotheses(
     if refusal:
         return LaneHypotheses((left, right), matches, NoPattern(refusal))
     patterns = _patterns(matches, points, rig, config)
-    if isinstance(patterns, NoPattern) and patterns.rejection.reason is RejectReason.LINES_NOT_MATCHED:
-        exchanged = pair_lines(match_lines(right, left, images[::-1], rig, config), rig, config)
-        if exchanged:
-            patterns = NoPattern(frame_checks.cameras_swapped(exchanged))
+    if not patterns:
+        exchanged = match_lines(right, left, images[::-1], rig, config)
+        patterns = NoPattern(_unpaired(matches, exchanged, rig, config))
     return LaneHypotheses((left, right), matches, patterns)
+
+
+def _unpaired(matches: Matches, exchanged: Matches, rig: StereoRig, config: CalibratorConfig) -> Rejection:
+    """Return the refusal of lines of which no two bound a lane.
+
+    Args:
+        matches: Lines that both cameras see.
+        exchanged: The same with the left and the right image exchanged.
+        rig: Intrinsics and baseline.
+        config: Settings.
+    """
+    pairs = pair_lines(exchanged, rig, config)
+    if pairs:
+        return frame_checks.cameras_swapped(pairs)
+    if all(matches):
+        return frame_checks.lines_not_matched(config.search.roll_max_rad)
+    n_matched, n_exchanged = ((len(each[0]), len(each[1])) for each in (matches, exchanged))
+    return frame_checks.line_not_in_both(n_matched, n_exchanged)
 
 
 def _patterns(
@@ -98,9 +115,7 @@ def _patterns(
 ) -> list[LanePattern] | NoPattern:
     pairs = pair_lines(matches, rig, config)
     if not pairs:
-        return NoPattern(
-            frame_checks.lines_not_matched((len(matches[0]), len(matches[1])), config.search.roll_max_rad)
-        )
+        return []
     refusals = [frame_checks.check_converging(pair) for pair in pairs]
     converging = [pair for pair, refusal in zip(pairs, refusals, strict=True) if refusal is None]
     if refusals[0] is not None and not converging:

@@ -33,9 +33,10 @@ _LEAST_CELLS = 6  # twice the number of a plane's parameters
 # The pose describes the own lane. A plane over an uneven road depends on the part that counts, and there is
 # no one right part. It may begin behind the bonnet or at the first row of a camera behind the windscreen
 # (KITTI's lidar planes: 5.5 to 20 m): the pose is the mean of both. It may be that of the tracks of the
-# wheels, or of the lane with its shoulders: how their planes differ from that of the lane is an uncertainty.
+# wheels, of the lane with its shoulders, or of both lanes of a road: how their planes differ from that of the
+# lane, as far as it is seen or follows from the road's usual shape, is an uncertainty.
 STRETCHES_M = ((3.0, 15.0), (5.0, 20.0))
-OTHER_HALF_WIDTHS_M = (1.0, 2.5)
+OTHER_HALF_WIDTHS_M = (1.0, 2.5, 4.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -176,17 +177,21 @@ def fit_surface(
     variances = extent.variances + (unevenness.mismatch_px * metres) ** 2
     road = unevenness.roughness * kernel + unevenness.camber**2 * profile
     heights = road[of_cells] + np.diag(variances)  # their covariance
-    solved = _solve_lane(road, variances, x, lane, extent)
+    solved = _solve_lane(road, variances, x, lane, _lane_strips(extent, cells.strip[seen], lane))
     if isinstance(solved, NotFitted):
         return solved
     solve, error, others = solved
-    apart = (others - solve) @ y
+    part = np.zeros((3, 3))
+    for other in others:
+        apart = other[:, :n_seen] @ y
+        known = np.outer(apart, apart) + (other[:, :n_seen] * variances) @ other[:, :n_seen].T
+        part += (known + other @ road @ other.T) / len(others)
     terms = {
         "noise": (solve * noise) @ solve.T,
         "mismatch": (solve * (variances - noise)) @ solve.T,
         "roughness": unevenness.roughness * error @ kernel @ error.T,
         "camber": unevenness.camber**2 * error @ profile @ error.T,
-        "part_of_road": apart.T @ apart / len(apart),
+        "part_of_road": part,
     }
     covariance = sum(terms.values(), start=np.zeros((3, 3)))
     if not is_covariance(covariance):
@@ -257,8 +262,23 @@ def _too_few(design: Array) -> NotFitted | None:
     return NotFitted(_DETERMINED, rank, Bound.LEAST, n_numbers) if rank < n_numbers else None
 
 
+def _lane_strips(extent: Extent, seen: Indices, lane: LanePoints) -> tuple[int, int]:
+    """Return the first and last strip of the road; where no step ends it, those that are not seen count too.
+
+    Args:
+        extent: The cells that are road.
+        seen: (S,) strips of the seen cells.
+        lane: The points of the lane.
+    """
+    first, last = extent.strips
+    return (
+        first if first > seen.min() else int(lane.strip.min()),
+        last if last < seen.max() else int(lane.strip.max()),
+    )
+
+
 def _solve_lane(
-    road: Array, noise: Array, x: Array, lane: LanePoints, extent: Extent
+    road: Array, noise: Array, x: Array, lane: LanePoints, strips: tuple[int, int]
 ) -> tuple[Array, Array, Array] | NotFitted:
     """Return the matrices that give the planes of the parts of the lane from the heights of the cells.
 
@@ -267,11 +287,12 @@ def _solve_lane(
         noise: (S,) variances of the cells' heights besides that.
         x: (S, 3) derivative of the cells' heights by the parameters of the plane.
         lane: The points of the lane.
-        extent: The cells that are road.
+        strips: First and last strip of the road.
 
     Returns:
         Heights of the cells to the plane of the lane (3, S); deviations of the road at cells and points to
-        the error of that plane (3, S + T); and heights of the cells to the planes of other parts (6, 3, S).
+        the error of that plane (3, S + T); and the same to the differences of the planes of other parts from
+        it (8, 3, S + T), for the predicted differences and for their errors.
     """
     n = len(x)
     what = "heights of the cells that are independent"
@@ -285,8 +306,13 @@ def _solve_lane(
     to_plane = covariance @ weighted.T
     # Heights of the lane over that plane, predicted from what remains of the cells' heights.
     to_lane = predicted - (predicted @ x) @ to_plane
-    of_lane = lane.planes(extent.strips, HALF_LANE_WIDTH_M)
-    others = np.concatenate([of_lane, *(lane.planes(extent.strips, half) for half in OTHER_HALF_WIDTHS_M)])
+    of_lane = lane.planes(strips, HALF_LANE_WIDTH_M)
     plane = of_lane.mean(axis=0)
+    of_others = [lane.planes(strips, half_m) for half_m in OTHER_HALF_WIDTHS_M]
+    apart = np.concatenate([of_lane, *of_others]) - plane
     solve: Array = to_plane + plane @ to_lane
-    return solve, np.concatenate([solve, -plane], axis=1), to_plane + others @ to_lane
+    return (
+        solve,
+        np.concatenate([solve, -plane], axis=1),
+        np.concatenate([apart @ to_lane, np.broadcast_to(-apart, apart.shape)], axis=2),
+    )

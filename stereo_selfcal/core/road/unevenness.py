@@ -74,6 +74,11 @@ class RoadUnevenness:
         """Whether the images show significantly that the road is not a plane."""
         return self.log_likelihood_ratio > _LEAST_LOG_LIKELIHOOD_RATIO
 
+    @property
+    def significance(self) -> float:
+        """Part of the evidence for an uneven road that planes do not reach, 0 ... 1; continuous."""
+        return max(0.0, 1.0 - _LEAST_LOG_LIKELIHOOD_RATIO / max(self.log_likelihood_ratio, 1e-9))
+
     @classmethod
     def typical(cls) -> RoadUnevenness:
         """Return the unevenness of a usual road, before its own is estimated."""

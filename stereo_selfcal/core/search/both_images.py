@@ -143,6 +143,15 @@ class BothImages:
             return False
         return min(map(abs, self.shifts[-2:])) > max(map(abs, self.shifts[:2]))
 
+    @property
+    def exchanged(self) -> bool:
+        """Whether the images are surely exchanged: what is near has a negative disparity."""
+        return self.relation is Relation.AS_IT_IS and self.nearer_below and max(self.shifts[-2:]) < 0
+
+    def disparity_px(self, rig: StereoRig) -> float:
+        """Return the mean disparity of the lower two bands that fit [px of the images]."""
+        return float(np.mean(self.shifts[-2:])) * rig.width / _SMALL[0]
+
     def mirrored(self, side: str | None) -> Rejection:
         """Return the refusal of images of which one is mirrored or flipped.
 

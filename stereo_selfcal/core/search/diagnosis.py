@@ -19,7 +19,7 @@ from ..evidence.frame_evidence import FrameObservations
 from ..geometry.homography import SIDES
 from ..lanes.closed_form import solve_plane
 from ..lanes.detector import detect_by_hough
-from ..lanes.frame_checks import FIND_LINES
+from ..lanes.frame_checks import FIND_LINES, exchanged_by_disparity
 from ..lanes.hypotheses import LaneHypotheses, find_hypotheses
 from ..lanes.lane_pair import ImageLine, LanePattern
 from ..lanes.stripe_points import find_stripe_points
@@ -30,6 +30,7 @@ from .both_images import BothImages, Relation, same_picture
 # Refusals that say that the lines of both images do not fit each other, or that there are none.
 _OF_LINES = (
     RejectReason.NO_LINES_FOUND,
+    RejectReason.ROAD_NOT_SEEN,
     RejectReason.LINES_NOT_MATCHED,
     RejectReason.LINES_INCONSISTENT,
     RejectReason.LINES_NOT_CONVERGING,
@@ -42,6 +43,7 @@ _OF_LINES = (
 )
 _OF_MISSING_LINES = (
     RejectReason.NO_LINES_FOUND,
+    RejectReason.ROAD_NOT_SEEN,
     RejectReason.LINES_NOT_MATCHED,
     RejectReason.LINES_NOT_CONVERGING,
 )
@@ -118,11 +120,26 @@ def diagnose(
     cause = same_picture(frame.images, rig, config) or _one_changed(view, frame, rig, config)
     if cause is not None:
         return cause
+    if rejection.reason in _OF_MISSING_LINES:
+        cause = _exchanged_or_upside_down(view, found, frame, rig, config)
+    return cause or rejection
+
+
+def _exchanged_or_upside_down(
+    view: BothImages,
+    found: LaneHypotheses,
+    frame: FrameObservations,
+    rig: StereoRig,
+    config: CalibratorConfig,
+) -> Rejection | None:
+    """Return the refusal of images that are exchanged, or both upside down."""
+    if view.exchanged:
+        return exchanged_by_disparity(view.disparity_px(rig))
     # Where a line of both images is one of a road as they are, nothing hangs upside down; nor where what is
     # below is nearer than what is above.
-    if rejection.reason in _OF_MISSING_LINES and not any(found.matches) and not view.nearer_below:
-        return _both_upside_down(frame, rig, config) or rejection
-    return rejection
+    if any(found.matches) or view.nearer_below:
+        return None
+    return _both_upside_down(frame, rig, config)
 
 
 def _lines_of_cameras(found: LaneHypotheses, pattern: LanePattern | None) -> list[list[ImageLine]]:

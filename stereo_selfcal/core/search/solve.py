@@ -24,6 +24,7 @@ from ..evidence.nuisances import (
 from ..evidence.profile import measure_profile
 from ..evidence.rig_unknowns import response_of_lines, response_of_surface, rig_terms
 from ..evidence.row_offset import vertical_offset
+from ..evidence.vergence import measure_vergence
 from ..geometry.homography import SIDES
 from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, merge_terms
@@ -95,7 +96,14 @@ def _solve_lines(
     pose = Extrinsics.from_array(genetic.best)
     misfit_px = float(np.sqrt(np.max(fitness.errors(genetic.best[None]))))
     poses = replace(_coarse(frame), genetic=pose)
-    evidence = Evidence(config, pose, genetic.fitness, misfit_px, hypothesis.below)
+    evidence = Evidence(
+        config,
+        pose,
+        genetic.fitness,
+        misfit_px,
+        hypothesis.below,
+        vergence=measure_vergence(frame.far, ([], []), rig, pose),
+    )
     readings, refusal = evaluate_gates(evidence)
     if refusal:
         return _refused(hypothesis, refusal, readings, poses, genetic)
@@ -132,7 +140,9 @@ def _solve_lines(
     estimate = _estimate(pose, fit, refined, evidence, reservations).with_terms(
         UncertaintyTerm("paint_angle", paint_angle_covariance(pattern, rig, pose))
     )
-    lines = JudgedEstimate(estimate, poses, evidence, readings, response_of_lines(fit, pattern, rig))
+    lines = JudgedEstimate(
+        estimate, poses, evidence, readings, response_of_lines(fit, pattern, rig, frame.vergence_std_rad)
+    )
     checked = cross_check_surface(lines, hypothesis, pattern, frame, rig)
     if checked.rejection is not None:
         return _refused(hypothesis, checked.rejection, checked.readings, checked.poses, genetic)
@@ -188,9 +198,15 @@ def _solve_surface(
     poses = replace(_coarse(frame), textured=texture.extrinsics)
     yaw = yaw_of_line(hypothesis.other_lines, texture.extrinsics, rig)
     seen = Reservation(ReservationKind.NO_LINE_CONFIRMS if yaw is None else ReservationKind.ONE_LINE_ONLY)
-    terms = merge_terms((*texture.terms, *rig_terms(response_of_surface(rig, texture.extrinsics))))
+    of_rig = response_of_surface(rig, texture.extrinsics, frame.vergence_std_rad)
+    terms = merge_terms((*texture.terms, *rig_terms(of_rig)))
     estimate = Estimate(texture.extrinsics, terms, yaw, (seen,))
-    evidence = Evidence(config, texture=texture, std=np.sqrt(np.diag(estimate.covariance)))
+    evidence = Evidence(
+        config,
+        texture=texture,
+        std=np.sqrt(np.diag(estimate.covariance)),
+        vergence=measure_vergence(frame.far, hypothesis.other_lines, rig, texture.extrinsics),
+    )
     readings, refusal = evaluate_gates(evidence)
     if refusal:
         return _refused(hypothesis, refusal, readings, poses)

@@ -14,13 +14,15 @@ from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
 from ..evidence.frame_evidence import FoundBy, FrameObservations, Hypothesis
 from ..lanes.extra_lines import find_extra_lines
-from ..lanes.hypotheses import LaneHypotheses, cross, find_hypotheses, lines_below_plane
-from ..rejection import RejectReason
+from ..lanes.hypotheses import LaneHypotheses, NoPattern, cross, find_hypotheses, lines_below_plane
+from ..lanes.lane_pair import LanePattern
+from ..rejection import Rejection, RejectReason
 from .attempt import Attempt, Verdict
 from .lines_on_road import lines_on_road
+from .refusal import with_lines_missing, without_pair
 
 # Gates by which one kind of evidence contradicts another, or the rig, whatever the lines are.
-_CONTRADICTIONS = ("surface_agrees", "rectified", "not_turned")
+_CONTRADICTIONS = ("surface_agrees", "rectified", "not_turned", "parallel_cameras")
 # Where one of two lines is not on the road, or not the same in both cameras, other pairs are solved. In most
 # random worlds, the right pair was among this many.
 _REASONS_FOR_OTHER_PAIRS = (
@@ -30,6 +32,13 @@ _REASONS_FOR_OTHER_PAIRS = (
     RejectReason.LINE_NOT_PAINTED,
 )
 _MAX_OTHER_PAIRS = 2
+# Refusals of lines that are none of a road, such as the edges of houses.
+_REASONS_OF_CLUTTER = (
+    *_REASONS_FOR_OTHER_PAIRS,
+    RejectReason.FITNESS_TOO_LOW,
+    RejectReason.SEARCH_SPACE_EDGE,
+    RejectReason.STAGES_DISAGREE,
+)
 
 
 class FrameSearch:
@@ -49,6 +58,20 @@ class FrameSearch:
     def lines(self) -> LaneHypotheses:
         """The lines that were looked for last; those of the whole image, if none were."""
         return self.in_image or self.on_road or self._lines_in_image()
+
+    def refusal(self, attempts: Sequence[Attempt]) -> tuple[Rejection, LanePattern | None]:
+        """Return the refusal of a frame in which no hypothesis was accepted, and the lines it is about.
+
+        Args:
+            attempts: All attempts.
+        """
+        chosen = choose(attempts)
+        rejection = None if chosen is None else with_lines_missing(chosen, self.on_road)
+        if chosen is not None and rejection is not None:
+            return rejection, chosen.pattern
+        in_image = self._lines_in_image()
+        pattern = in_image.patterns.pattern if isinstance(in_image.patterns, NoPattern) else None
+        return without_pair(self.on_road, in_image, self._frame.surface, attempts), pattern
 
     def hypotheses(self, attempts: Sequence[Attempt]) -> Iterator[Hypothesis]:
         """Yield the hypotheses about the frame, most promising first, until one of them is accepted.
@@ -104,15 +127,22 @@ def choose(attempts: Sequence[Attempt]) -> Attempt | None:
     """Return the attempt whose result is that of the frame; None without one.
 
     It is the accepted attempt. Without one, it is a contradiction, then the refusal of lines, then that of
-    the surface alone.
+    the surface alone. Where the surface was seen, and no two lines on it, what says that lines of the whole
+    image are none of a road comes last.
     """
     refused = [each for each in attempts if each.verdict is Verdict.REFUSED]
     for which in (
         [each for each in attempts if each.accepted],
         [each for each in refused if each.refused_by in _CONTRADICTIONS],
-        [each for each in refused if each.pattern is not None],
+        [each for each in refused if each.pattern is not None and not _of_clutter(each)],
+        [each for each in refused if each.found_by is FoundBy.SURFACE],
         refused,
     ):
         if which:
             return which[0]
     return None
+
+
+def _of_clutter(attempt: Attempt) -> bool:
+    """Whether lines of the whole image were refused as lines that do not belong to a road."""
+    return attempt.found_by is FoundBy.HOUGH and attempt.reason in _REASONS_OF_CLUTTER

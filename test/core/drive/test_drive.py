@@ -10,6 +10,7 @@ from drive_making import POSE, make_drive
 from stereo_selfcal.core.camera.rig import StereoRig
 from stereo_selfcal.core.drive.drive import clock, estimate_drive, fuse_frames
 from stereo_selfcal.core.geometry.pose import Extrinsics
+from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import CalibrationResult, rejected
 
@@ -50,6 +51,26 @@ def test_without_a_move_it_is_all_frames_with_the_motion_in_weights_and_error():
     np.testing.assert_allclose(drive.estimate.extrinsics.as_array(), POSE, atol=5e-4)
     assert segment.spread.pitch_rad > 5 * segment.standard_error.pitch_rad
     assert f"{drive.estimate.std.height_m * 1e3:.1f} mm" in drive.estimate.message
+
+
+def test_unknowns_of_the_rig_are_neither_noise_nor_motion():
+    """Frames that have them scatter no less: motion and moves are those without them."""
+    part = UncertaintyTerm("vergence", np.diag([0.02, 0.005, 0.005]) ** 2)
+    plain = results_of(*make_drive(steps=((1800.0, BUMP),)))
+    whole = [
+        replace(
+            each,
+            covariance=each.covariance + part.covariance,
+            uncertainty=(UncertaintyTerm("noise", each.covariance), part),
+        )
+        for each in plain
+    ]
+    without, drive = (estimate_drive(each, RIG, fuse_frames(each, RIG)) for each in (plain, whole))
+    assert [change.at_s for change in drive.changes] == [change.at_s for change in without.changes]
+    assert len(drive.changes) == 1
+    np.testing.assert_allclose(
+        drive.estimate.covariance - without.estimate.covariance, part.covariance, rtol=1e-6, atol=1e-15
+    )
 
 
 def test_a_short_drive_is_the_fused_estimate_as_it_is():

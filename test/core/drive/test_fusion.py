@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from stereo_selfcal import CalibrationResult, Extrinsics
-from stereo_selfcal.core.drive.fusion import fuse, fuse_frames
+from stereo_selfcal.core.drive.fusion import fuse, fuse_frames, own_covariance
+from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
 from stereo_selfcal.synth.scenes import PAPER_RIG
 
 STD = np.array([2e-3, 1e-4, 1e-3])
@@ -120,3 +121,70 @@ def test_what_frames_of_a_drive_have_in_common_does_not_average_out():
     # What the motion of the car repeats is inflated; what is shared is so once.
     inflated = fuse_frames(frames, PAPER_RIG, np.zeros((3, 3)), inflation=8.0)
     np.testing.assert_allclose(inflated.covariance, covariance * (0.1 + 8.0 / 400), rtol=1e-9, atol=1e-15)
+
+
+def with_rig(pose, own, rig_part, stamp_s=0.0):
+    """Return a frame whose terms are noise and what a turn of the right camera does."""
+    terms = (UncertaintyTerm("noise", own), UncertaintyTerm("vergence", rig_part))
+    return CalibrationResult(
+        "",
+        extrinsics=Extrinsics.from_array(pose),
+        covariance=own + rig_part,
+        uncertainty=terms,
+        stamp_s=stamp_s,
+        n_frames=1,
+    )
+
+
+TURN = np.outer([4e-3, -5e-4, 0.0], [4e-3, -5e-4, 0.0])  # twice and five times the noise
+
+
+def test_unknowns_of_the_rig_are_in_the_mean_once():
+    """They are the same in all frames: neither averaged out, nor added a second time."""
+    own = np.diag(STD**2)
+    fused = fuse_frames([with_rig(TRUTH, own, TURN, float(i)) for i in range(400)], PAPER_RIG)
+    by_name = {term.name: term.covariance for term in fused.uncertainty}
+    np.testing.assert_allclose(by_name["vergence"], TURN, rtol=1e-9, atol=1e-18)
+    np.testing.assert_allclose(fused.covariance, own * (0.1 + 1.0 / 400) + TURN, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(own_covariance(fused), fused.covariance - TURN, rtol=1e-9, atol=1e-15)
+
+
+def test_scatter_is_judged_without_the_unknowns_of_the_rig():
+    """Frames scatter by three times their noise, and by less than their whole covariance."""
+    own, poses = np.diag(STD**2), TRUTH + 3 * (draws(100) - TRUTH)
+    part = np.diag((20.0 * STD) ** 2)
+    fused = fuse_frames([with_rig(pose, own, part, float(i)) for i, pose in enumerate(poses)], PAPER_RIG)
+    by_name = {term.name: term.covariance for term in fused.uncertainty}
+    scattered = np.sqrt(np.diag(by_name["noise"] + by_name["scatter"]))
+    np.testing.assert_allclose(scattered, 3 * STD / 10, rtol=0.12)
+
+
+def test_frames_are_weighted_without_the_unknowns_of_the_rig():
+    """The mean is that of the noise; of two frames, the term of the rig is that of a mean frame."""
+    own = covariances(2, [1.0, 2.0])
+    frames = [with_rig(TRUTH, own[0], 4.0 * TURN), with_rig(TRUTH + STD, own[1], TURN)]
+    fused = fuse_frames(frames, PAPER_RIG)
+    np.testing.assert_allclose(fused.extrinsics.as_array(), TRUTH + STD / 5)  # weights 1 and 1/4
+    by_name = {term.name: term.covariance for term in fused.uncertainty}
+    np.testing.assert_allclose(by_name["vergence"], TURN * (0.8 * 4.0 + 0.2), rtol=1e-9)
+
+
+@pytest.mark.parametrize("confirmed", [True, False])
+def test_frames_from_a_file_without_terms_are_fused_too(confirmed):
+    """Such files hold no unknowns of the rig: those of the surface are added where it was seen."""
+    frame = CalibrationResult(
+        "",
+        extrinsics=Extrinsics.from_array(TRUTH),
+        covariance=np.diag(STD**2),
+        n_frames=1,
+        confirmed_by_texture=confirmed,
+    )
+    fused = fuse_frames([frame, frame], PAPER_RIG)
+    np.testing.assert_allclose(own_covariance(fused), np.diag(STD**2) * 0.6, rtol=1e-9, atol=1e-15)
+    names = {term.name for term in fused.uncertainty}
+    assert ({"vergence", "rectification"} <= names) == confirmed
+
+
+def test_a_frame_that_was_refused_has_no_covariance():
+    with pytest.raises(ValueError, match="accepted"):
+        own_covariance(CalibrationResult("refused"))

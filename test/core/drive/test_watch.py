@@ -10,6 +10,7 @@ from stereo_selfcal import CalibrationResult, Extrinsics, StereoRig
 from stereo_selfcal.core.drive import watch as watch_module
 from stereo_selfcal.core.drive.drift import LEAST_FRAMES, LEAST_SPAN_S
 from stereo_selfcal.core.drive.watch import PROPOSAL_FRAMES, PROPOSAL_SPAN_S, Watch
+from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import rejected
 from stereo_selfcal.core.tolerances import AGREEMENT
@@ -90,6 +91,32 @@ def test_a_bump_is_doubted_proven_and_named(watch, name):
     assert not watch.verdict.proven
     assert watch.verdict.message.startswith(f"{name} over the road has changed by ")
     assert drive.into(watch, 40, until=proven)
+
+
+def test_unknowns_of_the_rig_hide_no_drift():
+    """They are the same before and after it: the verdict is that without them, to the last frame."""
+    part = UncertaintyTerm("vergence", np.diag((30.0 * NOISE) ** 2))
+
+    def seen(result):
+        terms = (UncertaintyTerm("noise", result.covariance), part)
+        return dataclasses.replace(result, covariance=result.covariance + part.covariance, uncertainty=terms)
+
+    plain, whole = Watch(), Watch()
+    plain.start(frame(TRUTH, 0.0))
+    whole.start(seen(frame(TRUTH, 0.0)))
+    drive = Drive()
+    for index in range(140):
+        if index == 100:
+            drive.pose = TRUTH + BUMPS["pitch"]
+        now = drive.next()
+        assert whole.add(seen(now)) == plain.add(now)
+    assert whole.verdict.proven
+    # The calibration that takes the old one's place has them again, once.
+    for _ in range(40):
+        whole.add(seen(drive.next()))
+    proposal = whole.proposal(RIG)
+    (of_rig,) = (term for term in proposal.uncertainty if term.name == "vergence")
+    np.testing.assert_allclose(of_rig.covariance, part.covariance, rtol=1e-9)
 
 
 def test_a_calibration_that_was_never_right_is_doubted():

@@ -12,7 +12,7 @@ from stereo_selfcal.core.estimators.stripe_fit import refine
 from stereo_selfcal.core.evidence.horizon import horizon_offset
 from stereo_selfcal.core.evidence.kerb_face import measure_edge_steps
 from stereo_selfcal.core.evidence.nuisances import seen_slope_covariance, unseen_slope_covariance
-from stereo_selfcal.core.evidence.profile import measure_profile
+from stereo_selfcal.core.evidence.profile import FAR_M, NEAR_M, measure_profile
 from stereo_selfcal.core.evidence.stripe_border import measure_borders
 from stereo_selfcal.core.geometry.plane import plane_from_pose
 from stereo_selfcal.core.lanes.closed_form import solve_plane
@@ -23,7 +23,7 @@ from stereo_selfcal.core.lanes.stripe_points import find_stripe_points
 from stereo_selfcal.core.rejection import NotFitted
 from stereo_selfcal.core.reservations import Reservation, ReservationKind
 from stereo_selfcal.synth.ingredients import Car, Paint, Shadow
-from stereo_selfcal.synth.road_shape import RoadShape
+from stereo_selfcal.synth.road_shape import RoadShape, near_plane, pose_over_plane
 from stereo_selfcal.synth.world import LaneLine
 from stereo_selfcal.synth.worlds import named_world, render_world
 
@@ -117,7 +117,9 @@ def test_profile_says_what_a_slope_ahead_does_to_the_estimate(change):
     calibrator = Calibrator(world.scene.rig, LINES_ALONE)
     pattern = calibrator.extract(*images)
     fit = refine(images, pattern, world.scene.rig, result.stages["genetic"])
-    truth = world.scene.truth()
+    # The plane that the profile is about.
+    plane = near_plane(shape, world.scene.lane_m, (NEAR_M, FAR_M))
+    truth = pose_over_plane(world.scene.pose, world.scene.lane_yaw_rad, world.scene.lateral_offset_m, plane)
     profile, wide_profile = (
         measure_profile(fit.residuals, world.scene.rig, fit.extrinsics, wide=wide) for wide in (False, True)
     )

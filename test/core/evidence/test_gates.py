@@ -9,6 +9,7 @@ import pytest
 from refusal_words import assert_says_everything
 
 from stereo_selfcal import CalibratorConfig, Extrinsics, RejectReason
+from stereo_selfcal.core.estimators.coarse_road import CoarseRoad
 from stereo_selfcal.core.estimators.line_covariance import Bends, LineFit
 from stereo_selfcal.core.estimators.stripe_fit import StripeFit
 from stereo_selfcal.core.estimators.texture_alignment import TextureFit, TextureQuality
@@ -21,13 +22,13 @@ from stereo_selfcal.core.evidence.stripe_border import StripeBorder
 from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
 from stereo_selfcal.core.lanes.line_geometry import BelowPlane, HeightOverLane
 from stereo_selfcal.core.rejection import Bound
-from stereo_selfcal.core.road.surface import RoadUnevenness
+from stereo_selfcal.core.road.unevenness import RoadUnevenness
 
 CONFIG = CalibratorConfig()
 NOTHING = np.empty(0)
 POSE = Extrinsics(1.5, 0.02, -0.01)
 STRAIGHT = Bends(0.0, 1e-6, 0.0, 1e-6)
-LINES = LineFit(np.eye(3) * 1e-8, 0.0, 2.0)
+LINES = LineFit(np.eye(3) * 1e-8, 0.0, 2.0, np.zeros((3, 8)))
 FLAT = Profile(NOTHING, NOTHING, NOTHING, np.zeros(2), np.diag([1e-3, 1e-4]) ** 2)
 PLACES, WIDTHS = np.array([1.7, -1.8]), np.array([0.15, 0.12])
 REFINED = StripeFit(
@@ -42,7 +43,11 @@ ASPHALT = TextureFit(
     NOTHING,
     NOTHING,
     NOTHING,
+    halves=((np.zeros(3), np.full(3, 1e-4)), (np.array([0.01, 0.0, 0.0]), np.full(3, 1e-4))),
 )
+
+
+DENSE = CoarseRoad(POSE, np.diag([0.01, 1e-3, 2e-3]) ** 2, share=0.8, matched_share=0.9, scale=2)
 
 
 def over(*values_m, std_m=0.0):
@@ -73,6 +78,9 @@ GOOD = Evidence(
     stripes_fitted=True,
     inner_line_height=HeightOverLane(0.005, 0.002),
     std=np.array([0.003, 1e-4, 1e-3]),
+    difference_std=np.array([0.004, 2e-4, 1.5e-3]),
+    own_strip=ASPHALT,
+    coarse=DENSE,
 )
 MM, DEG = 1e3, math.degrees(1.0)
 
@@ -139,7 +147,13 @@ BAD = {
     "level_stripes": {"borders": (StripeBorder(0.0, 0.002, edge_step=EdgeStep(0.1, 0.001)),)},
     "certain": {"std": np.array([0.2, 1e-4, 1e-3])},
     "lines_on_lane_surface": {"lane_heights": over(0.1, 0.0, std_m=0.005)},
-    "surface_agrees": {"texture": replace(ASPHALT, extrinsics=replace(POSE, height_m=1.6))},
+    "halves_agree": {"texture": replace(ASPHALT, halves=((np.array([0.1, 0.0, 0.0]), np.full(3, 1e-4)),))},
+    "strip_agrees": {"own_strip": replace(ASPHALT, extrinsics=replace(POSE, height_m=1.54))},
+    "dense_agrees": {"coarse": replace(DENSE, extrinsics=replace(POSE, height_m=1.6))},
+    "surface_agrees": {
+        "texture": replace(ASPHALT, extrinsics=replace(POSE, height_m=1.6)),
+        "own_strip": None,
+    },
     "lines_on_surface": {"surface_heights": over(0.1, 0.0)},
 }
 
@@ -166,7 +180,15 @@ def test_gates_without_evidence_are_not_read_and_those_of_before_not_again():
     )
     early = replace(early, vertical=None, below=None, texture_sufficiency=None, lane_heights=())
     first, _ = evaluate_gates(
-        replace(early, borders=(), stripes_fitted=None, inner_line_height=None, std=None, wide_profile=None)
+        replace(
+            early,
+            borders=(),
+            stripes_fitted=None,
+            inner_line_height=None,
+            std=None,
+            wide_profile=None,
+            coarse=None,
+        )
     )
     assert [reading.name for reading in first] == ["plausible", "fitness"]
     # The fitness is bad by now, and was good when it was read.
@@ -177,7 +199,15 @@ def test_gates_without_evidence_are_not_read_and_those_of_before_not_again():
 
 def test_asphalt_alone_is_plausible_rectified_and_not_turned():
     alone = Evidence(CONFIG, texture=ASPHALT, vertical=GOOD.vertical)
-    assert [reading.name for reading in evaluate_gates(alone)[0]] == ["plausible", "rectified", "not_turned"]
+    names = ["plausible", "rectified", "not_turned"]
+    assert [reading.name for reading in evaluate_gates(alone)[0]] == names
+    alone = replace(alone, own_strip=ASPHALT, std=GOOD.std)
+    assert [reading.name for reading in evaluate_gates(alone)[0]] == [
+        *names,
+        "halves_agree",
+        "strip_agrees",
+        "certain",
+    ]
     outside = replace(ASPHALT, extrinsics=moved(0, 2.5))
     assert evaluate_gates(replace(alone, texture=outside))[1].reason is RejectReason.SEARCH_SPACE_EDGE
 
@@ -265,7 +295,7 @@ def test_cameras_that_contradict_each_other():
 )
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_refinement_stays_near_the_lines(axis, limit, scale, sign):
-    without = {"texture": None, "surface_heights": (), "vertical": None}
+    without = {"texture": None, "surface_heights": (), "vertical": None, "coarse": None}
     near, far = (replace(REFINED, extrinsics=moved(axis, sign * part * limit)) for part in (0.99, 1.01))
     assert refusal(refined=near, **without) is None
     rejection = refusal(refined=far, **without)
@@ -323,7 +353,7 @@ def test_half_the_texture_is_a_witness_of_half(changes):
 def test_an_uneven_road_is_no_witness_either():
     uneven = replace(ASPHALT, terms=(UncertaintyTerm("noise", np.diag([0.06, 1e-4, 1e-4]) ** 2),))
     assert uneven.sufficiency == pytest.approx(0.5)
-    assert uneven.enough_texture and not uneven.comparable
+    assert uneven.enough_texture
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -356,16 +386,95 @@ def test_a_line_below_the_plane_of_the_lines():
     assert_refuses(rejection, RejectReason.LINE_BELOW_ROAD, 30.1, 30.0, "below the plane", "kerb or a rail")
 
 
-@pytest.mark.parametrize(
-    ("axis", "limit", "scale"),
-    [(0, 0.060, MM), (1, math.radians(0.5), DEG), (2, math.radians(1.2), DEG)],
-)
+# What is called wrong.
+WRONG = [(0, 0.060, MM), (1, math.radians(0.5), DEG), (2, math.radians(1.2), DEG)]
+
+
+def only(axis, value, others):
+    """Return (3,) with a value on one axis."""
+    return np.where(np.arange(3) == axis, value, others)
+
+
+@pytest.mark.parametrize(("axis", "limit", "scale"), WRONG)
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_lines_and_asphalt_agree_within_the_tolerance(axis, limit, scale, sign):
-    near, far = (replace(ASPHALT, extrinsics=moved(axis, sign * part * limit)) for part in (0.99, 1.01))
-    assert refusal(texture=near) is None
-    rejection = refusal(texture=far)
-    assert_refuses(rejection, RejectReason.TEXTURE_DISAGREES, 1.01 * limit * scale, limit * scale, "kerb")
+    def off(by, std=GOOD.difference_std):
+        texture = replace(ASPHALT, extrinsics=moved(axis, sign * by))
+        return refusal(texture=texture, own_strip=None, difference_std=std)
+
+    assert off(0.99 * limit) is None
+    assert_refuses(
+        off(1.01 * limit), RejectReason.TEXTURE_DISAGREES, 1.01 * limit * scale, limit * scale, "kerb"
+    )
+    # One that is less certain excludes what is five of its standard deviations off.
+    unsure = only(axis, 0.25 * limit, GOOD.difference_std)
+    assert off(1.24 * limit, unsure) is None
+    assert_refuses(
+        off(1.26 * limit, unsure),
+        RejectReason.TEXTURE_DISAGREES,
+        1.26 * limit * scale,
+        1.25 * limit * scale,
+        "kerb",
+    )
+
+
+@pytest.mark.parametrize(("axis", "limit", "scale"), WRONG)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_dense_disparities_exclude_what_is_wrong(axis, limit, scale, sign):
+    """By five standard deviations of both, where these are more than what is called wrong."""
+
+    def off(by, std):
+        coarse = CoarseRoad(moved(axis, sign * by), np.diag(only(axis, std, 1e-4)) ** 2, 0.8, 0.9, 2)
+        return refusal(coarse=coarse, std=only(axis, 0.2 * limit, GOOD.std))
+
+    assert off(1.09 * limit, 0.1 * limit) is None
+    of_both = 5.0 * math.hypot(0.1, 0.2)
+    rejection = off(1.01 * of_both * limit, 0.1 * limit)
+    words = "dense disparities of the road", "kerb"
+    limits = 1.01 * of_both * limit * scale, of_both * limit * scale
+    assert_refuses(rejection, RejectReason.TEXTURE_DISAGREES, *limits, *words)
+    assert off(1.2 * of_both * limit, 0.2 * limit) is None
+    assert refusal(coarse=None) is None
+
+
+@pytest.mark.parametrize(("axis", "limit", "scale"), WRONG)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("place", [0, 1])
+def test_halves_of_the_surface_agree(axis, limit, scale, sign, place):
+    """Either of near against far and left against right counts, where the surface is all that is known."""
+
+    def off(by, std=1e-4, **changes):
+        halves = [(np.zeros(3), np.full(3, 1e-4)), (np.zeros(3), np.full(3, 1e-4))]
+        halves[place] = (only(axis, sign * by, 0.0), only(axis, std, 1e-4))
+        return refusal(texture=replace(ASPHALT, halves=tuple(halves)), **changes)
+
+    assert off(0.99 * limit) is None
+    limits = 1.01 * limit * scale, limit * scale
+    words = "two halves of the road surface differ", "one plane"
+    assert_refuses(off(1.01 * limit), RejectReason.ROAD_NOT_FLAT, *limits, *words)
+    assert off(1.24 * limit, 0.25 * limit) is None
+    assert off(1.26 * limit, 0.25 * limit) is not None
+    assert off(1.26 * limit, own_strip=None) is None  # with lines, the profile along them tells
+
+
+@pytest.mark.parametrize(
+    ("axis", "limit", "scale"),
+    [(0, 0.030, MM), (1, math.radians(0.25), DEG), (2, math.radians(0.8), DEG)],
+)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_strip_under_the_car_agrees_with_all_of_the_surface(axis, limit, scale, sign):
+    """Within what tells one road from another, or five standard deviations of the strip."""
+
+    def off(by, std=1e-4):
+        terms = (UncertaintyTerm("noise", np.diag(only(axis, std, 1e-4)) ** 2),)
+        return refusal(own_strip=replace(ASPHALT, extrinsics=moved(axis, sign * by), terms=terms))
+
+    assert off(0.99 * limit) is None
+    words = "the strip under the car", "pavement or of another lane"
+    limits = 1.01 * limit * scale, limit * scale
+    assert_refuses(off(1.01 * limit), RejectReason.TEXTURE_DISAGREES, *limits, *words)
+    assert off(1.24 * limit, 0.25 * limit) is None
+    assert off(1.26 * limit, 0.25 * limit) is not None
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -488,13 +597,13 @@ def test_lines_between_the_boundaries_lie_in_their_plane(height_m):
     assert refusal(inner_line_height=HeightOverLane(height_m, 0.008)) is None
 
 
-@pytest.mark.parametrize(
-    ("axis", "limit", "scale", "unit"),
-    [(0, 0.120, MM, "mm"), (1, 1.0 / DEG, DEG, "deg"), (2, 2.4 / DEG, DEG, "deg")],
-)
-def test_what_lines_alone_leave_open_is_no_estimate(axis, limit, scale, unit):
+@pytest.mark.parametrize(("axis", "limit", "scale"), WRONG)
+def test_an_estimate_as_uncertain_as_what_is_wrong_is_none(axis, limit, scale):
     std = np.array([0.003, 1e-4, 1e-3])
-    assert refusal(std=np.where(np.arange(3) == axis, 0.99 * limit, std)) is None
-    rejection = refusal(std=np.where(np.arange(3) == axis, 1.01 * limit, std))
+    assert refusal(std=only(axis, 0.99 * limit, std)) is None
+    rejection = refusal(std=only(axis, 1.01 * limit, std))
     assert rejection.reason is RejectReason.ESTIMATE_UNCERTAIN
-    assert (rejection.value, rejection.unit) == (pytest.approx(1.01 * limit * scale), unit)
+    assert (rejection.value, rejection.unit) == (
+        pytest.approx(1.01 * limit * scale),
+        "mm" if axis == 0 else "deg",
+    )

@@ -119,16 +119,61 @@ def test_every_camera_sees_a_line_of_forty_rows_on_either_side(camera, side, n_r
     assert_refuses(rejection, RejectReason.NO_LINES_FOUND, n_rows or 0, 40, *words)
 
 
-@pytest.mark.parametrize(("n_matched", "value"), [((0, 0), 0), ((0, 3), 1), ((2, 0), 1)])
-def test_boundaries_that_both_cameras_see_are_counted(n_matched, value):
-    rejection = frame_checks.lines_not_matched(n_matched, math.radians(15.0))
-    words = f"{value} of 2 lane lines", "found in both images", "swapped", "rectified"
-    assert_refuses(rejection, RejectReason.LINES_NOT_MATCHED, value, 2, *words)
+def test_a_frame_without_any_line_says_so_once():
+    rejection = frame_checks.check_lines_found([([], []), (lines(39), [])], CONFIG)
+    words = "no lane line was found in either image: the longest candidate is 39 px high", "lens clean"
+    assert_refuses(rejection, RejectReason.NO_LINES_FOUND, 39, 40, *words)
+
+
+def test_a_line_on_one_side_is_told():
+    candidates = [(lines(100), []), (lines(100), lines(100))]
+    rejection = frame_checks.check_lines_found(candidates, CONFIG)
+    words = "only a left lane line was found, and no right lane line was found in the left image"
+    assert_refuses(rejection, RejectReason.NO_LINES_FOUND, 0, 40, words)
+
+
+@pytest.mark.parametrize(
+    ("n_matched", "value", "words"),
+    [
+        ((0, 0), 0, "no line of the left image was found in the right one: 0 of 2 lane lines"),
+        ((0, 3), 1, "only a right lane line was found in both images, 1 of 2"),
+        ((2, 0), 1, "only a left lane line was found in both images, 1 of 2"),
+    ],
+)
+def test_a_line_that_one_camera_does_not_see_is_missing(n_matched, value, words):
+    """Without evidence for it, nobody is told that the cameras may be swapped."""
+    for n_exchanged in ((0, 0), n_matched):
+        rejection = frame_checks.line_not_in_both(n_matched, n_exchanged)
+        assert_refuses(rejection, RejectReason.NO_LINES_FOUND, value, 2, words)
+        assert "swapped" not in rejection.message and "exchanged" not in rejection.message
+
+
+@pytest.mark.parametrize(("n_matched", "n_exchanged"), [((0, 0), (1, 0)), ((0, 0), (2, 1)), ((0, 1), (1, 1))])
+def test_lines_that_match_with_the_images_exchanged_are_evidence_of_that(n_matched, n_exchanged):
+    rejection = frame_checks.line_not_in_both(n_matched, n_exchanged)
+    n_sides, n_other = (sum(n > 0 for n in each) for each in (n_matched, n_exchanged))
+    words = f"with left and right exchanged, {n_other} of 2 are in both", "not swapped", "rectified"
+    assert_refuses(rejection, RejectReason.LINES_NOT_MATCHED, n_sides, 2, *words)
 
 
 def test_boundaries_that_bound_no_lane():
-    rejection = frame_checks.lines_not_matched((1, 2), math.radians(15.0))
-    assert_refuses(rejection, RejectReason.LINES_NOT_MATCHED, 0, 2, "bound one lane", "at most 15 deg")
+    rejection = frame_checks.lines_not_matched(math.radians(15.0))
+    words = "bound one lane", "at most 15 deg", "rectified"
+    assert_refuses(rejection, RejectReason.LINES_NOT_MATCHED, 0, 2, *words)
+    assert "swapped" not in rejection.message
+
+
+@pytest.mark.parametrize(
+    ("n_lines", "value", "words"),
+    [
+        ((0, 0), 0, "no lane line was found on the road surface: 0 of 2"),
+        ((3, 0), 1, "only a left lane line was found on the road surface, 1 of 2"),
+        ((0, 1), 1, "only a right lane line was found on the road surface, 1 of 2"),
+        ((2, 1), 0, "no two of the lines on the road surface are parallel: 0 of 2 lane lines were found"),
+    ],
+)
+def test_lines_on_the_road_that_are_no_pair(n_lines, value, words):
+    assert_refuses(frame_checks.no_pair_on_road(*n_lines), RejectReason.NO_LINES_FOUND, value, 2, words)
 
 
 def test_too_short_lines():
@@ -147,6 +192,12 @@ def test_exchanged_images_have_a_negative_disparity():
     words = "disparity of the lane lines", "exchange the topics"
     rejection = frame_checks.cameras_swapped([exchanged_back])
     assert_refuses(rejection, RejectReason.CAMERAS_SWAPPED, -disparity_px, 0, *words)
+
+
+def test_a_negative_disparity_of_what_is_near_exchanges_the_images():
+    rejection = frame_checks.exchanged_by_disparity(-40.0)
+    words = "disparity of the lower part of the images", "exchange the topics"
+    assert_refuses(rejection, RejectReason.CAMERAS_SWAPPED, -40, 0, *words)
 
 
 def test_no_frames():

@@ -7,9 +7,12 @@ import pytest
 
 from stereo_selfcal import Calibrator, CalibratorConfig, RejectReason
 from stereo_selfcal.core.evidence.frame_evidence import FoundBy, FrameObservations, Hypothesis
-from stereo_selfcal.core.search import solve
-from stereo_selfcal.core.search.attempt import Attempt, Verdict
-from stereo_selfcal.core.search.strategy import choose
+from stereo_selfcal.core.lanes import frame_checks
+from stereo_selfcal.core.lanes.hypotheses import NoPattern
+from stereo_selfcal.core.rejection import Bound, NotFitted
+from stereo_selfcal.core.reservations import ReservationKind
+from stereo_selfcal.core.search import solve, strategy
+from stereo_selfcal.core.search.attempt import Verdict
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import random_scene
 
@@ -33,26 +36,28 @@ def raise_lines(monkeypatch, height_m):
     monkeypatch.setattr(solve, "refine", kerb)
 
 
-def test_the_clearest_pair_that_is_accepted_is_the_only_attempt(textured):
+def test_lines_on_the_road_that_are_accepted_are_the_only_attempt(textured):
     scene, images = textured
     result = Calibrator(scene.rig).add(*images)
     (attempt,) = result.attempts
-    assert attempt.accepted and attempt.verdict is Verdict.ACCEPTED and attempt.found_by is FoundBy.HOUGH
+    assert attempt.accepted and attempt.verdict is Verdict.ACCEPTED and attempt.found_by is FoundBy.ROAD
     assert attempt.stages == result.stages and attempt.readings == result.gates
-    assert attempt.estimate.pose == result.extrinsics
+    assert list(attempt.stages) == ["coarse", "genetic", "closed_form", "refined", "textured", "combined"]
+    assert attempt.estimate.pose == result.extrinsics == attempt.stages["combined"]
     assert attempt.message == "" and attempt.reason is None
 
 
 def test_what_was_refused_before_is_told_with_pattern_readings_and_reason(textured, monkeypatch):
+    """Where the fits of the lines differ, it is not known which one is right: the surface is still asked."""
     scene, images = textured
     raise_lines(monkeypatch, 0.07)
     result = Calibrator(scene.rig).add(*images)
     assert result.accepted
     *before, last = result.attempts
     assert before and last.accepted and last.found_by is FoundBy.SURFACE and last.pattern is None
-    assert list(last.stages) == ["textured"]
+    assert list(last.stages) == ["coarse", "textured"]
     for attempt in before:
-        assert attempt.verdict is Verdict.REFUSED
+        assert attempt.verdict is Verdict.REFUSED and attempt.found_by is FoundBy.ROAD
         assert attempt.reason is RejectReason.STAGES_DISAGREE
         assert attempt.message == attempt.rejection.message
         assert attempt.pattern is not None and "refined" in attempt.stages
@@ -63,51 +68,103 @@ def test_an_estimator_that_gives_up_says_why_and_does_not_decide(textured, monke
     """The refusal is that of the lines, which had more to go by."""
     scene, images = textured
     raise_lines(monkeypatch, 0.07)
-    monkeypatch.setattr(solve, "line_on_road", lambda *_: None)
+    unseen = NotFitted("cells whose height is known", 3, Bound.LEAST, 6)
+    monkeypatch.setattr(solve, "align_texture", lambda *_, **__: unseen)
     result = Calibrator(scene.rig).add(*images)
     assert result.reason is RejectReason.STAGES_DISAGREE
     assert result.pattern is not None and result.gates
-    last = result.attempts[-1]
-    assert last.verdict is Verdict.NOT_FITTED and last.rejection is None and last.estimate is None
-    assert last.message == "0 lines that both cameras see lie in the road surface, at least 1 needed"
+    (surface,) = (each for each in result.attempts if each.found_by is FoundBy.SURFACE)
+    assert surface.verdict is Verdict.NOT_FITTED and surface.rejection is None and surface.estimate is None
+    assert surface.message == (
+        "the road surface under the car alone is not aligned; "
+        "cells whose height is known: 3, at least 6 needed"
+    )
+    # After it, lines are looked for in the whole image; they are refused as well.
+    assert result.attempts[-1].found_by is FoundBy.HOUGH
 
 
-def test_lines_that_the_texture_has_to_confirm_do_not_count_without_it():
-    scene = random_scene(np.random.default_rng(3), texture_amplitude=0.0)
-    images = render(scene, np.random.default_rng(0))
-    first = Calibrator(scene.rig).add(*images)
-    assert first.accepted and not first.confirmed_by_texture
-    needing = replace(first.attempts[0].hypothesis, needs_texture=True)
-    frame = FrameObservations.from_images(images, CalibratorConfig())
-    attempt = solve.solve(needing, frame, scene.rig, CalibratorConfig())
-    assert attempt.verdict is Verdict.UNCONFIRMED and not attempt.accepted
-    assert "need the texture; not checked against the texture of the road surface" in attempt.message
-    assert attempt.estimate is not None
-    assert choose([attempt]) is None
+def test_rows_that_are_not_compared_leave_the_surface_alone_open(textured, monkeypatch):
+    """One of the cameras may have turned."""
+    scene, images = textured
+    raise_lines(monkeypatch, 0.07)
+    few = NotFitted("cells that tell the rows", 3, Bound.LEAST, 6)
+    monkeypatch.setattr(solve, "vertical_offset", lambda *_: few)
+    result = Calibrator(scene.rig).add(*images)
+    assert not result.accepted
+    (surface,) = (each for each in result.attempts if each.found_by is FoundBy.SURFACE)
+    assert surface.verdict is Verdict.NOT_FITTED
+    assert surface.message.startswith("the rows of both images are not compared; cells that tell the rows: 3")
+
+
+def test_lines_that_the_surface_contradicts_are_refused_and_nothing_else_is_asked(textured, monkeypatch):
+    """A kerb and its face would be 0.1 m higher than the road, in every estimate from the lines."""
+    scene, images = textured
+    raise_lines(monkeypatch, 0.1)
+    search = solve._search
+
+    def raised(fitness, config):
+        found = search(fitness, config)
+        return replace(found, best=found.best + np.array([0.1, 0.0, 0.0]))
+
+    monkeypatch.setattr(solve, "_search", raised)
+    result = Calibrator(scene.rig).add(*images)
+    (attempt,) = result.attempts
+    assert attempt.refused_by == "surface_agrees" and result.reason is RejectReason.TEXTURE_DISAGREES
+    assert result.rejection.value == pytest.approx(100.0, abs=5.0)
+
+
+def surface_alone(scene, images, monkeypatch):
+    """Return the result without any pair of lines on the road."""
+    of_lines = strategy.lines_on_road
+
+    def no_pair(*arguments):
+        return replace(of_lines(*arguments), patterns=NoPattern(frame_checks.no_pair_on_road(1, 0)))
+
+    monkeypatch.setattr(strategy, "lines_on_road", no_pair)
+    return Calibrator(scene.rig).add(*images)
+
+
+def test_a_road_without_lines_is_an_estimate_of_its_own(textured, monkeypatch):
+    scene, images = textured
+    result = surface_alone(scene, images, monkeypatch)
+    (attempt,) = result.attempts
+    assert attempt.accepted and attempt.found_by is FoundBy.SURFACE
+    error = np.abs(result.extrinsics.as_array() - scene.extrinsics.as_array())
+    assert np.all(error < 4.0 * result.std.as_array())
+    assert result.lane_yaw_rad == pytest.approx(scene.lane_yaw_rad, abs=np.radians(0.2))
+    assert [each.kind for each in result.reservations] == [ReservationKind.ONE_LINE_ONLY]
+    # What no disparity can see is in it.
+    assert {"vergence", "rectification"} < {term.name for term in result.uncertainty}
+
+
+def test_without_any_line_the_yaw_is_unknown(textured, monkeypatch):
+    scene, images = textured
+    monkeypatch.setattr(solve, "yaw_of_line", lambda *_: None)
+    result = surface_alone(scene, images, monkeypatch)
+    assert result.accepted and result.lane_yaw_rad is None
+    assert [each.kind for each in result.reservations] == [ReservationKind.NO_LINE_CONFIRMS]
+    assert result.notes == ("from the road surface alone, without a lane line",)
+
+
+def test_the_paper_alone_is_its_algorithm_and_nothing_else(textured):
+    """No surface and no grey values of stripes: the genetic algorithm on lines by Hough."""
+    scene, images = textured
+    config = CalibratorConfig.from_mapping({"texture.check": 0, "refinement.stripes": 0})
+    result = Calibrator(scene.rig, config).add(*images)
+    assert result.accepted
+    assert list(result.stages) == ["genetic", "closed_form"]
+    assert result.extrinsics == result.stages["genetic"]
+    notes = {each.kind: each.detail for each in result.reservations}
+    assert notes[ReservationKind.NOT_REFINED].startswith("refinement.stripes: 0")
+    error = np.abs(result.extrinsics.as_array() - scene.extrinsics.as_array())
+    assert np.all(error < 4.0 * result.std.as_array())
 
 
 def test_a_hypothesis_needs_lines_or_the_surface(textured):
     scene, images = textured
-    frame = FrameObservations.from_images(images, CalibratorConfig())
+    frame = FrameObservations.from_images(images, scene.rig, LINES_ALONE)
     with pytest.raises(ValueError, match="pair of lines or the texture"):
         solve.solve(Hypothesis(FoundBy.SURFACE, None), frame, scene.rig, CalibratorConfig())
-
-
-def attempt_of(verdict, needs_texture=False, found_by=FoundBy.HOUGH):
-    return Attempt(Hypothesis(found_by, None, needs_texture=needs_texture), verdict)
-
-
-def test_the_accepted_attempt_answers_else_the_last_decisive_refusal():
-    accepted, refused = attempt_of(Verdict.ACCEPTED), attempt_of(Verdict.REFUSED)
-    second = attempt_of(Verdict.REFUSED)
-    guided = attempt_of(Verdict.REFUSED, needs_texture=True)
-    gave_up = attempt_of(Verdict.NOT_FITTED, found_by=FoundBy.SURFACE)
-    surface = attempt_of(Verdict.REFUSED, found_by=FoundBy.SURFACE)
-    assert choose([refused, guided, accepted]) is accepted
-    assert choose([refused, second, guided, gave_up]) is second
-    assert choose([refused, guided, surface]) is surface
-    assert choose([guided, gave_up]) is None
-    assert choose([]) is None
 
 
 def test_what_is_remembered_of_a_frame_is_light(textured):
@@ -120,7 +177,7 @@ def test_what_is_remembered_of_a_frame_is_light(textured):
     ]
     slim = result.attempts[0].slim()
     assert slim.pattern is None and slim.genetic is None
-    assert slim.hypothesis.other_lines is None and slim.hypothesis.locating_texture is None
+    assert slim.hypothesis.other_lines == ([], []) and slim.hypothesis.texture is None
     assert slim.verdict is Verdict.ACCEPTED and slim.readings == result.gates
 
 

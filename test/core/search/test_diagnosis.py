@@ -136,7 +136,7 @@ def test_a_principal_point_at_the_border_can_be_turned():
 def test_a_fault_of_neither_camera_keeps_its_reason():
     assert result_of(FRAME.right, FRAME.left).reason is RejectReason.CAMERAS_SWAPPED
     flat = np.full_like(FRAME.left, 90)
-    assert result_of(flat, flat.copy() + 1).reason is RejectReason.NO_LINES_FOUND
+    assert result_of(flat, flat.copy() + 1).reason is RejectReason.ROAD_NOT_SEEN
     night = brighter(0.02)
     assert result_of(night(FRAME.left), night(FRAME.right) // 2).reason is RejectReason.NO_LINES_FOUND
 

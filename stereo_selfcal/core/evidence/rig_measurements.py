@@ -1,0 +1,57 @@
+"""What the gates read of the rig: how the images lie to each other against their calibration."""
+
+from __future__ import annotations
+
+import math
+
+from ..rejection import Bound
+from ..tolerances import EXCLUDED_SIGMAS
+from .frame_evidence import Evidence
+from .measurements import SHAPE_SIGMAS, Reading
+
+# A vertical offset changes the disparities of the left and of the right line in opposite directions: half a
+# pixel is 0.7 deg of roll with a rig of 720 px and 0.5 m, nearly what stripes and road surface have to agree
+# within.
+_MAX_VERTICAL_PX = 0.5
+# Half a pixel 300 px beside the middle of the image.
+_MAX_TURN_RAD = math.radians(0.1)
+
+
+def read_row_offset(evidence: Evidence) -> Reading | None:
+    """Read the vertical offset between the images."""
+    if evidence.vertical is None:
+        return None
+    value = abs(evidence.vertical.offset_px)
+    limit = max(_MAX_VERTICAL_PX, SHAPE_SIGMAS * evidence.vertical.std_px)
+    what = "the vertical offset between the images is {value}"
+    return Reading(what, value, Bound.MOST, limit, "px", value <= limit)
+
+
+def read_camera_turn(evidence: Evidence) -> Reading | None:
+    """Read the angle between the cameras about their optical axes."""
+    if evidence.vertical is None:
+        return None
+    value = abs(evidence.vertical.roll_rad)
+    limit = max(_MAX_TURN_RAD, SHAPE_SIGMAS * evidence.vertical.roll_std_rad)
+    what = "one camera is turned against the other about its optical axis, by {value}"
+    return Reading(what, math.degrees(value), Bound.MOST, math.degrees(limit), "deg", value <= limit)
+
+
+def read_vergence(evidence: Evidence) -> Reading | None:
+    """Read the angle by which the right camera has turned about the vertical."""
+    seen = evidence.vergence
+    if seen is None:
+        return None
+    value, limit = abs(seen.yaw_rad), max(seen.wrong_rad, EXCLUDED_SIGMAS * seen.std_rad)
+    if seen.by_lines:
+        side = "left" if seen.yaw_rad > 0.0 else "right"
+        what = (
+            "the lane lines are parallel on the road surface only if the right camera looks {value} farther "
+            f"to the {side} than its calibration has it"
+        )
+    else:
+        what = (
+            "far things are farther than infinity unless the right camera looks {value} farther to the left "
+            "than its calibration has it"
+        )
+    return Reading(what, math.degrees(value), Bound.MOST, math.degrees(limit), "deg", value <= limit)

@@ -1,0 +1,142 @@
+"""What an error of the calibration does to a pose: against estimates that are made again with that error."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from independent_camera import ideal_pattern
+
+from stereo_selfcal import Extrinsics
+from stereo_selfcal.core.config import FitnessConfig
+from stereo_selfcal.core.estimators.fitness import PatternFitness
+from stereo_selfcal.core.estimators.line_covariance import propagate
+from stereo_selfcal.core.evidence.rig_unknowns import response_of_lines, response_of_surface, rig_terms
+from stereo_selfcal.core.geometry.plane import plane_from_pose
+from stereo_selfcal.core.geometry.rays import pixel_rays
+from stereo_selfcal.core.geometry.uncertainty import total_covariance
+from stereo_selfcal.core.lanes.lane_pair import LanePattern
+from stereo_selfcal.synth.scenes import PAPER_RIG
+
+RIG = PAPER_RIG
+POSE = Extrinsics(1.4, 0.05, 0.02)
+CONFIG = FitnessConfig()
+VERGENCE_PX = RIG.fx * math.radians(0.01)  # of the optical axes; beside them it is more by a part in ten
+# By how much each unknown makes the disparity larger at (column, row), and the right image lower [px].
+UNKNOWNS = {
+    "vergence": lambda u, v: VERGENCE_PX * np.ones_like(u + v),
+    "across": lambda u, v: 0.1 * (u - RIG.cx) / (RIG.width / 2.0),
+    "down": lambda u, v: 0.1 * (v - RIG.cy) / (RIG.height / 2.0),
+    "rows": None,
+}
+
+
+@pytest.mark.parametrize("unknown", range(4))
+@pytest.mark.parametrize("pose", [POSE, Extrinsics(2.0, -0.03, -0.04)])
+def test_surface_is_another_plane_with_other_disparities(unknown, pose):
+    """All pixels of the road, whose disparities are larger: the plane that fits them best."""
+    changed = list(UNKNOWNS.values())[unknown]
+    u, v = (grid.ravel() for grid in np.meshgrid(np.arange(20.0, 620.0, 50.0), np.arange(280.0, 480.0, 20.0)))
+    rays = pixel_rays(RIG, u, v)
+    disparity = plane_from_pose(pose, RIG).disparities(rays)
+    moved = np.zeros(3)
+    if changed is not None:
+        again = np.linalg.lstsq(rays, disparity + changed(u, v), rcond=None)[0]
+        moved = pose_of(again).as_array() - pose.as_array()
+    found = response_of_surface(RIG, pose)[:, unknown]
+    assert np.all(np.abs(found - moved) < 0.02 * np.abs(moved).max() + 1e-12)
+
+
+def pose_of(coefficients):
+    """Return the pose over a plane of disparities, as in the design notes: p = -fx b / h * up."""
+    length = np.linalg.norm(coefficients)
+    up = -coefficients / length
+    return Extrinsics(RIG.fx * RIG.baseline_m / length, -math.asin(up[0]), math.atan2(up[1], up[2]))
+
+
+def with_unknown(pattern, changed):
+    """Return the pattern with the lines of the right image where an error of the rig moves them."""
+    right, columns = [], pattern.columns.copy()
+    for index, line in enumerate(pattern.right):
+        moved = line.column_at(pattern.rows)
+        if changed is not None:
+            moved = moved - changed(moved, pattern.rows)
+        else:  # the right image is lower by a tenth of a pixel
+            moved = line.column_at(pattern.rows - 0.1)
+        slope, u_mid = np.polyfit(pattern.rows - line.v_mid, moved, 1)
+        right.append(replace(line, u_mid=u_mid, slope=slope))
+        columns[1, index] = moved
+    return LanePattern(pattern.left, tuple(right), pattern.vanishing_point, pattern.rows, columns)
+
+
+def best_pose(pattern, start, camera):
+    """Return the pose (3,) with the greatest fitness: least E1, with lines that are parallel in one image."""
+    fitness = PatternFitness(pattern, RIG, CONFIG)
+    pose, steps = start.as_array(), np.array([1e-5, 1e-6, 1e-6])
+
+    def terms(at):
+        distances, angles = fitness.linear_terms(at[None])
+        return np.append(distances[0], 1e6 * angles[camera][0])  # a constraint: it has all the weight
+
+    for _ in range(4):
+        jacobian = np.column_stack(
+            [terms(pose + step) - terms(pose - step) for step in np.diag(steps)] / (2.0 * steps[:, None])
+        )
+        pose = pose - np.linalg.lstsq(jacobian, terms(pose), rcond=None)[0]
+    return pose
+
+
+@pytest.mark.parametrize("unknown", range(4))
+@pytest.mark.parametrize("camera", [0, 1])
+@pytest.mark.parametrize(("pose", "yaw"), [(POSE, 0.0), (Extrinsics(1.6, 0.03, -0.02), 0.02)])
+def test_lines_that_an_error_moves_have_another_pose(unknown, camera, pose, yaw):
+    """The search again, with the lines of the right image moved by one standard deviation."""
+
+    def apart(image, line, rows):
+        """Turn a line of the other camera by next to nothing: the search takes that with parallel lines."""
+        return 1e-7 * (rows - rows.mean()) * (image != camera and line == 0)
+
+    pattern = ideal_pattern(RIG, pose, lane_yaw_rad=yaw, columns=apart)
+    np.testing.assert_allclose(best_pose(pattern, pose, camera), pose.as_array(), atol=1e-6)
+    again = best_pose(with_unknown(pattern, list(UNKNOWNS.values())[unknown]), pose, camera)
+    fit = propagate(pattern, RIG, pose, CONFIG)
+    found = response_of_lines(fit, pattern, RIG)[:, unknown]
+    moved = again - pose.as_array()
+    assert np.any(np.abs(moved) > 1e-5)
+    # A line moves by a fifth of a pixel at most, so that all is linear to a hundredth.
+    assert np.all(np.abs(found - moved) < 0.02 * np.abs(moved).max() + 1e-6), (found, moved)
+
+
+def test_lines_know_the_horizon_where_the_surface_does_not():
+    """A hundredth of a degree of vergence pitches the surface by 0.1 deg; lines that are parallel stay."""
+    pattern = ideal_pattern(RIG, POSE)
+    lines = response_of_lines(propagate(pattern, RIG, POSE, CONFIG), pattern, RIG)
+    surface = response_of_surface(RIG, POSE)
+    assert math.degrees(abs(surface[1, 0])) == pytest.approx(0.1, abs=0.02)
+    assert abs(lines[1, 0]) < 0.05 * abs(surface[1, 0])
+    # Rows that are off move slanted lines, and no texture.
+    assert not surface[:, 3].any() and lines[:, 3].any()
+
+
+def test_terms_are_one_for_each_cause_and_none_averages_out():
+    response = np.arange(12.0).reshape(3, 4) - 4.0
+    terms = rig_terms(response)
+    assert [term.name for term in terms] == ["vergence", "rectification", "rectification", "row_offset"]
+    np.testing.assert_allclose(total_covariance(terms), response @ response.T)
+    for term in terms:
+        assert np.linalg.matrix_rank(term.covariance) == 1
+
+
+@pytest.mark.parametrize("pose", [POSE, Extrinsics(2.0, -0.03, -0.04)])
+def test_rectification_leaves_a_tenth_of_a_pixel_at_the_borders_of_the_image(pose):
+    """Draws of what grows to the sides and of what grows to top and bottom, and of the vergence."""
+    rng = np.random.default_rng(0)
+    # Rays (1, y, z) to the middle of the borders.
+    at_side, at_bottom = RIG.width / 2.0 / RIG.fx, RIG.height / 2.0 / RIG.fy
+    plane = plane_from_pose(pose, RIG).coefficients
+    errors = rng.normal(size=(3000, 3)) * [VERGENCE_PX, 0.1 / at_side, 0.1 / at_bottom]
+    poses = np.array([pose_of(plane + error).as_array() for error in errors])
+    scale = poses.std(axis=0)
+    claimed = total_covariance(rig_terms(response_of_surface(RIG, pose)))
+    # Of 3000 draws, a correlation is known to 0.02.
+    np.testing.assert_allclose(claimed / np.outer(scale, scale), np.corrcoef(poses.T), atol=0.08)

@@ -1,0 +1,80 @@
+"""Unevenness of a road: likelihoods against those of the covariance itself, and draws with a known size."""
+
+from dataclasses import astuple
+
+import numpy as np
+import pytest
+
+from stereo_selfcal.core.road import unevenness as module
+
+RNG = np.random.default_rng(5)
+
+
+@pytest.fixture
+def road():
+    """Heights of cells of a road that is rough and bends across."""
+    x, y = (grid.ravel() for grid in np.meshgrid(np.geomspace(4.0, 20.0, 9), np.linspace(-2.0, 2.0, 5)))
+    design = np.column_stack([np.ones_like(x), x, y])
+    kernel, profile = module.unit_covariances(np.column_stack([x, y]))
+    metres = 0.005 * x
+    noise = (0.1 * metres) ** 2
+    heights = RNG.multivariate_normal(np.zeros(len(x)), 1e-5 * kernel + profile + np.diag(noise))
+    return heights, design, noise, profile, kernel, metres
+
+
+def test_likelihoods_of_road_and_profile_are_those_of_their_covariance(road):
+    heights, design, noise, profile, kernel, metres = road
+    basis = np.linalg.qr(design, mode="complete")[0][:, 3:]
+    tried = [
+        (mismatch, roughness, bend)
+        for mismatch in module._MISMATCH_PX
+        for roughness in module._ROUGHNESS
+        for bend in module._CAMBERS
+    ]
+
+    def log_likelihood(mismatch, roughness, bend):
+        covariance = np.diag(noise + (mismatch * metres) ** 2) + roughness * kernel + bend**2 * profile
+        contrast = basis.T @ heights
+        of_contrast = basis.T @ covariance @ basis
+        _, log_determinant = np.linalg.slogdet(of_contrast)
+        return -0.5 * (contrast @ np.linalg.solve(of_contrast, contrast) + log_determinant)
+
+    expected = np.array([log_likelihood(*each) for each in tried])
+    posterior = np.exp(expected - expected.max())
+    means = posterior / posterior.sum() @ np.array(tried) ** [2, 1, 2]
+    plane = max(log_likelihood(mismatch, 0.0, 0.0) for mismatch in module._MISMATCH_OF_PLANE_PX)
+    found = module.estimate_unevenness(heights, design, noise, profile, kernel, metres)
+    assert found.roughness == pytest.approx(means[1], rel=1e-6)
+    assert found.mismatch_px == pytest.approx(np.sqrt(means[0]), rel=1e-6)
+    assert found.camber == pytest.approx(np.sqrt(means[2]), rel=1e-6)
+    assert found.log_likelihood_ratio == pytest.approx(expected.max() - plane, rel=1e-6)
+
+
+def test_heights_of_a_plane_without_any_noise_have_a_likelihood(road):
+    _, design, noise, profile, kernel, metres = road
+    found = module.estimate_unevenness(np.zeros(len(metres)), design, noise, profile, kernel, metres)
+    assert np.all(np.isfinite(astuple(found)))
+
+
+def test_deviation_is_zero_under_the_camera_and_camber_along_its_path():
+    kernel, profile = module.unit_covariances(np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 2.0], [10.0, -2.0]]))
+    assert not kernel[0].any() and not profile[:2].any()
+    # Squared differences of heights grow with the distance to the power of 1.5.
+    apart = kernel[2, 2] + kernel[3, 3] - 2.0 * kernel[2, 3]
+    assert apart == pytest.approx(4.0**1.5)
+    assert kernel[1, 1] == pytest.approx(10.0**1.5)
+    # 2.5 % at the edge of a road of two lanes, which begins to fall in its middle.
+    assert np.sqrt(profile[2, 2]) == pytest.approx(0.025 / 2.0 / 3.5 * 2.0**2, rel=0.02)
+
+
+@pytest.mark.parametrize("roughness", [1.1e-5, 4.3e-5])
+def test_roughness_of_drawn_roads_is_found(road, roughness):
+    """The median of 30 roads to a factor of two; the tried values are apart by two."""
+    _, design, noise, profile, kernel, metres = road
+    rng = np.random.default_rng(7)
+    drawn = rng.multivariate_normal(np.zeros(len(noise)), roughness * kernel + np.diag(noise), size=30)
+    found = [
+        module.estimate_unevenness(heights, design, noise, profile, kernel, metres).roughness
+        for heights in drawn
+    ]
+    assert 0.5 < np.median(found) / roughness < 2.0
