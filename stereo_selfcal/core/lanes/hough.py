@@ -127,9 +127,7 @@ def hough_peaks(
                 weights[support],
                 ((rho - v_mid * math.sin(angle)) / math.cos(angle), -math.tan(angle)),
             )
-            rows = (0.0, shape[0] - 1.0)
-            if 2.0 * weights[support & chained_point].sum() > weights[support].sum():
-                rows = _row_range(points.rows[chosen], weights[support])
+            rows = _row_range(points.rows[chosen], weights[support])
             peaks.append(
                 HoughPeak(
                     u_mid=u_mid + centre_u,

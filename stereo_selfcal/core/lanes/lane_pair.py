@@ -19,7 +19,7 @@ class ImageLine:
     Attributes:
         u_mid: Column at row ``v_mid`` [px].
         slope: du/dv.
-        v_mid: Row about which ``u_mid`` and ``slope`` are least correlated [px].
+        v_mid: Mean of the rows it was measured in [px].
         covariance: (2, 2) covariance of (u_mid, slope).
         rows: (N,) rows [px] of the measured points.
         columns: (N,) sub-pixel columns [px] of the measured points.

@@ -101,7 +101,7 @@ def _fit_blocks(
         if len(rows) < _MIN_BLOCKS:
             return None
         columns = u_mid + slope * (rows - v_mid) + offsets
-        v_mid = float(np.average(rows, weights=strength))
+        v_mid = float(rows.mean())
         fitted = _robust_line(rows - v_mid, columns, strength)
         if fitted is None:
             return None
