@@ -24,12 +24,13 @@ from ..evidence.nuisances import (
 from ..evidence.profile import measure_profile
 from ..evidence.rig_unknowns import response_of_lines, response_of_surface, rig_terms
 from ..evidence.row_offset import vertical_offset
-from ..evidence.vergence import measure_vergence
+from ..evidence.vergence import Vergence, measure_vergence, vergence_std_rad
 from ..geometry.homography import SIDES
 from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, merge_terms
 from ..lanes.closed_form import contradictions, solve_plane
 from ..lanes.lane_pair import LanePattern
+from ..lanes.matching import Matches
 from ..numerics.genetic import GeneticResult, maximise_each
 from ..numerics.linear import is_covariance, rank_of
 from ..rejection import Bound, GateReading, NotFitted, Rejection, fitted
@@ -102,7 +103,7 @@ def _solve_lines(
         genetic.fitness,
         misfit_px,
         hypothesis.below,
-        vergence=measure_vergence(frame.far, ([], []), rig, pose),
+        vergence=_clearest_turn(hypothesis, frame, pose, rig),
     )
     readings, refusal = evaluate_gates(evidence)
     if refusal:
@@ -157,6 +158,19 @@ def _solve_lines(
     )
 
 
+def _clearest_turn(
+    hypothesis: Hypothesis, frame: FrameObservations, pose: Extrinsics, rig: StereoRig
+) -> Vergence | None:
+    """Return what contradicts the calibration of the cameras most, for lines of a hypothesis.
+
+    Lines that were found without the road surface do not tell: their own plane is one they are parallel on.
+    """
+    lines: Matches = ([], [])
+    if hypothesis.texture is not None:
+        lines, pose = hypothesis.other_lines, hypothesis.texture.extrinsics
+    return next(iter(measure_vergence(frame.far, lines, rig, pose)), None)
+
+
 def _coarse(frame: FrameObservations) -> StagePoses:
     """Return the poses that are known before a hypothesis: that of the dense disparities."""
     if frame.surface is None or isinstance(frame.surface.coarse, NotFitted):
@@ -198,14 +212,16 @@ def _solve_surface(
     poses = replace(_coarse(frame), textured=texture.extrinsics)
     yaw = yaw_of_line(hypothesis.other_lines, texture.extrinsics, rig)
     seen = Reservation(ReservationKind.NO_LINE_CONFIRMS if yaw is None else ReservationKind.ONE_LINE_ONLY)
-    of_rig = response_of_surface(rig, texture.extrinsics, frame.vergence_std_rad)
+    turns = measure_vergence(frame.far, hypothesis.other_lines, rig, texture.extrinsics)
+    vergence_std = vergence_std_rad(frame.far, rig, turns)
+    of_rig = response_of_surface(rig, texture.extrinsics, vergence_std)
     terms = merge_terms((*texture.terms, *rig_terms(of_rig)))
     estimate = Estimate(texture.extrinsics, terms, yaw, (seen,))
     evidence = Evidence(
         config,
         texture=texture,
         std=np.sqrt(np.diag(estimate.covariance)),
-        vergence=measure_vergence(frame.far, hypothesis.other_lines, rig, texture.extrinsics),
+        vergence=next(iter(turns), None),
     )
     readings, refusal = evaluate_gates(evidence)
     if refusal:
