@@ -22,7 +22,6 @@ from stereo_selfcal.core.evidence.nuisances import (
     paint_angle_covariance,
     road_shape_terms,
     seen_slope_covariance,
-    slope_ahead_unknown,
     stage_disagreement_covariance,
     unseen_slope_covariance,
 )
@@ -80,6 +79,17 @@ def test_shape_of_the_road_is_uncertainty_of_the_lines():
     assert np.all(np.linalg.eigvalsh(rough) > 0)
     crowned = road_shape(PATTERN, PAPER_RIG, POSE, replace(PLANE, camber=1.0))
     assert crowned[2, 2] > 0 and crowned[1, 1] < 1e-3 * crowned[2, 2]
+
+
+def test_shape_of_the_road_counts_as_far_as_it_is_no_plane():
+    """Planes reach a likelihood ratio of 100: there it begins at nothing."""
+    rough = replace(PLANE, roughness=1e-6)
+    whole = road_shape(PATTERN, PAPER_RIG, POSE, rough)
+    for ratio, share in ((1.0, 0.0), (1e2, 0.0), (1e4, 0.5), (1e8, 0.75)):
+        found = replace(rough, log_likelihood_ratio=math.log(ratio))
+        np.testing.assert_allclose(
+            road_shape(PATTERN, PAPER_RIG, POSE, found), share * whole, rtol=1e-9, atol=1e-18
+        )
 
 
 def test_shape_of_many_roads_scatters_the_lines_as_claimed():
@@ -353,50 +363,51 @@ def refined_to(pose):
 
 
 def test_stages_that_contradict_each_other_are_as_uncertain_as_they_differ():
+    """What chance may explain is not in it: up to a chi2 of 7.8, all of it; and there is no step."""
     of_lines = np.eye(3) * 3e-6  # with that of the refinement: 2 mm and mrad
-    difference = np.array([0.0, 0.0, 0.007])
-    off = refined_to(Extrinsics.from_array(POSE.as_array() + difference))
-    np.testing.assert_allclose(
-        stage_disagreement_covariance(POSE, of_lines, off), np.outer(difference, difference), atol=1e-15
-    )
-    near = refined_to(Extrinsics.from_array(POSE.as_array() + 0.7 * difference))
-    assert not stage_disagreement_covariance(POSE, of_lines, near).any()
+    direction = np.array([0.0, 0.0, 0.002])
+
+    def found(sigmas):
+        off = refined_to(Extrinsics.from_array(POSE.as_array() + sigmas * direction))
+        return stage_disagreement_covariance(POSE, of_lines, off)
+
+    for sigmas in (3.5, 10.0, 100.0):
+        expected = np.outer(direction, direction) * (sigmas**2 - 7.815)
+        np.testing.assert_allclose(found(sigmas), expected, rtol=1e-3, atol=1e-15)
+    assert not found(2.79).any()
+    assert np.abs(found(2.81)).max() < 0.1 * direction[2] ** 2
     assert not stage_disagreement_covariance(POSE, of_lines, None).any()
 
 
-def test_a_road_seen_to_bend_is_as_uncertain_as_it_may_go_on():
-    change, covariance = np.array([0.02, 0.003]), np.diag([0.03, 0.004]) ** 2
+def of_height_m(height_m, seen_share=0.5):
+    """Return a profile with a height of 2 mm std, and a change that belongs to it."""
+    change, covariance = np.array([2.0, 0.3]) * height_m, np.diag([0.03, 0.004]) ** 2
+    return Profile(np.array([15.0]), np.array([height_m]), np.array([0.002]), change, covariance, seen_share)
 
-    def found(height_m, seen_share=1.0):
-        at = np.array([15.0]), np.array([height_m]), np.array([0.002])
-        return seen_slope_covariance(Profile(*at, change, covariance, seen_share))
 
-    np.testing.assert_allclose(found(0.0081)[:2, :2], np.outer(change, change) + covariance)
-    # Of a bend, stripes show half or more: one step of least squares sees no farther.
-    np.testing.assert_allclose(found(0.0081, 0.5)[:2, :2], 4.0 * np.outer(change, change) + covariance)
-    assert not found(0.0081)[2].any()
-    assert not found(0.0079).any()
+def test_a_road_seen_to_bend_is_as_uncertain_as_it_bends():
+    """Of a bend that is surely there, stripes show half or more: a step of least squares sees no farther."""
+    for height_m, seen_share, times in ((0.3, 1.0, 1.0), (0.3, 0.5, 2.0), (0.0004, 0.5, 1.0)):
+        found = seen_slope_covariance(of_height_m(height_m, seen_share))
+        change = times * np.array([2.0, 0.3]) * height_m
+        np.testing.assert_allclose(found[:2, :2], np.outer(change, change), rtol=0.01)
+        assert not found[2].any()
+    assert not seen_slope_covariance(of_height_m(0.0)).any()
     assert not seen_slope_covariance(None).any()
 
 
-def test_a_road_not_seen_ahead_is_as_uncertain_as_it_may_go_on():
-    change = np.array([0.002, 0.0003])
-
-    def profile(height_m, std_m, std_rad):
-        covariance = np.diag([std_m, std_rad]) ** 2
-        return Profile(np.array([15.0]), np.array([height_m]), np.array([0.002]), change, covariance)
-
-    def found(*of_profile):
-        return unseen_slope_covariance(profile(*of_profile))
-
-    # The change and four deviations are 30 mm and 0.25 deg, which near and far have to agree within.
-    expected = np.outer(change, change) + np.diag([0.0076, 0.001]) ** 2
-    np.testing.assert_allclose(found(0.0, 0.0076, 0.001)[:2, :2], expected)
-    assert found(0.0, 0.0069, math.radians(0.059)).any()
-    assert not found(0.0, 0.0069, math.radians(0.058)).any()
-    assert not found(0.0081, 0.0076, 0.001).any()  # surely bent, and said so elsewhere
+def test_a_road_not_seen_ahead_is_as_uncertain_as_its_profile():
+    for height_m in (0.0, 0.3):
+        profile = of_height_m(height_m)
+        np.testing.assert_array_equal(unseen_slope_covariance(profile)[:2, :2], profile.covariance)
     assert not unseen_slope_covariance(None).any()
-    assert slope_ahead_unknown(profile(0.0, 0.0076, 0.001))
-    assert slope_ahead_unknown(profile(0.0081, 0.0076, 0.001))  # also where it is bent
-    assert not slope_ahead_unknown(profile(0.0, 0.0069, math.radians(0.058)))
-    assert not slope_ahead_unknown(None)
+
+
+def test_uncertainty_by_the_slope_has_no_step():
+    """Heights from none to 20 of their standard deviations, through where the road surely bends."""
+    stds = []
+    for height_m in np.geomspace(1e-4, 0.04, 120):
+        profile = of_height_m(height_m)
+        stds.append(np.sqrt(np.diag(seen_slope_covariance(profile) + unseen_slope_covariance(profile))[:2]))
+    growth = np.array(stds[1:]) / stds[:-1]
+    assert np.all((growth >= 1.0) & (growth < 1.12))
