@@ -81,6 +81,17 @@ def test_shape_of_the_road_is_uncertainty_of_the_lines():
     assert crowned[2, 2] > 0 and crowned[1, 1] < 1e-3 * crowned[2, 2]
 
 
+def test_shape_of_the_road_counts_as_far_as_it_is_no_plane():
+    """Planes reach a likelihood ratio of 100: there it begins at nothing."""
+    rough = replace(PLANE, roughness=1e-6)
+    whole = road_shape(PATTERN, PAPER_RIG, POSE, rough)
+    for ratio, share in ((1.0, 0.0), (1e2, 0.0), (1e4, 0.5), (1e8, 0.75)):
+        found = replace(rough, log_likelihood_ratio=math.log(ratio))
+        np.testing.assert_allclose(
+            road_shape(PATTERN, PAPER_RIG, POSE, found), share * whole, rtol=1e-9, atol=1e-18
+        )
+
+
 def test_shape_of_many_roads_scatters_the_lines_as_claimed():
     """Roads drawn with the claimed covariance of heights, fitted as planes: the same scatter."""
     unevenness = replace(PLANE, mismatch_px=0.1)
