@@ -182,6 +182,20 @@ def _in_right_camera(line: ImageLine, plane: DisparityPlane, rig: StereoRig) -> 
 def yaw_of_line(matches: Matches, road_pose: Extrinsics, rig: StereoRig) -> float | None:
     """Return the yaw of the camera against the clearest line on a road [rad]; None without a clear one.
 
+    The line is that of :func:`lane_line`.
+
+    Args:
+        matches: Lines that both cameras see on the road.
+        road_pose: Pose over the road surface.
+        rig: Intrinsics and baseline.
+    """
+    line = lane_line(matches, road_pose, rig)
+    return None if line is None else _yaw(line, plane_from_pose(road_pose, rig), rig)
+
+
+def lane_line(matches: Matches, road_pose: Extrinsics, rig: StereoRig) -> ImageLine | None:
+    """Return the clearest line of the left image that runs along a road; None without one.
+
     Args:
         matches: Lines that both cameras see on the road.
         road_pose: Pose over the road surface.
@@ -189,9 +203,9 @@ def yaw_of_line(matches: Matches, road_pose: Extrinsics, rig: StereoRig) -> floa
     """
     plane = plane_from_pose(road_pose, rig)
     for match in sorted((each for side in matches for each in side), key=lambda m: -m.votes):
-        yaw = _yaw(match.left.line, plane, rig)
-        if match.votes >= _LEAST_VOTES_PER_ROW * match.left.line.n_rows and abs(yaw) <= MAX_YAW_RAD:
-            return yaw
+        clear = match.votes >= _LEAST_VOTES_PER_ROW * match.left.line.n_rows
+        if clear and abs(_yaw(match.left.line, plane, rig)) <= MAX_YAW_RAD:
+            return match.left.line
     return None
 
 
