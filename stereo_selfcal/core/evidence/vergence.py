@@ -115,7 +115,7 @@ class _Bundle:
 
     Attributes:
         columns: (N,) where they meet the horizon of the surface [px].
-        slopes: (N,) du/dv.
+        slopes: (N,) columns by which each line moves for a row below that horizon.
         variances: (N,) of the columns, by the fit and by paint that is not parallel.
         offsets_m: (N,) how far left of the camera they lie.
         votes: (N,) how clear they are.
@@ -155,18 +155,19 @@ def _bundle(lines: Matches, rig: StereoRig, extrinsics: Extrinsics) -> _Bundle:
     middle = plane_from_pose(extrinsics, rig)
     plane = middle.of_camera(PlaneCamera.LEFT, rig)
     ahead, aside, down = plane.coefficients
+    # The horizon is where the disparity is zero: a straight line of the image, tilted by the roll.
+    tilt = -aside / down * rig.fy / rig.fx
+    at_column_0 = rig.cy + ahead / down * rig.fy - tilt * rig.cx
     found = []
     for match in (each for side in lines for each in side):
         line = match.left.line
-        # The horizon is where the disparity is zero: a straight line of the image.
-        at_zero = np.array([rig.cy + (ahead + aside * rig.cx / rig.fx) * rig.fy / down, -aside / down])
-        tilt = at_zero[1] * rig.fy / rig.fx
-        row = (at_zero[0] + tilt * (line.u_mid - line.slope * line.v_mid)) / (1.0 - tilt * line.slope)
+        row = (at_column_0 + tilt * (line.u_mid - line.slope * line.v_mid)) / (1.0 - tilt * line.slope)
         by_fit = np.array([1.0, row - line.v_mid])
         variance = by_fit @ line.covariance @ by_fit + (rig.fx * PAINT_ANGLE_STD_RAD) ** 2 / 2.0
         offset_m = height_and_offset_m(line, match.right.line, middle, rig)[1]
         column = float(line.column_at(np.array(row)))
-        found.append((column, line.slope, variance, offset_m, match.votes, match.similarity))
+        by_row = line.slope / (1.0 - tilt * line.slope)
+        found.append((column, by_row, variance, offset_m, match.votes, match.similarity))
     columns, slopes, variances, offsets_m, votes, similarity = np.array(found).reshape(-1, 6).T
     alike = similarity > _LEAST_LIKENESS
     return _Bundle(columns, slopes, variances, offsets_m, votes, alike, -float(down) / rig.fy)
