@@ -14,12 +14,13 @@ from stereo_selfcal.core.estimators.lane_sweep import LaneSweep
 from stereo_selfcal.core.estimators.line_covariance import Bends, LineFit
 from stereo_selfcal.core.estimators.stripe_fit import StripeFit
 from stereo_selfcal.core.estimators.texture_alignment import TextureFit, TextureQuality
-from stereo_selfcal.core.evidence.frame_evidence import Evidence
+from stereo_selfcal.core.evidence.frame_evidence import Contradictor, Evidence
 from stereo_selfcal.core.evidence.gates import GATES, evaluate_gates
 from stereo_selfcal.core.evidence.kerb_face import EdgeStep
 from stereo_selfcal.core.evidence.profile import Profile
 from stereo_selfcal.core.evidence.row_offset import VerticalOffset
 from stereo_selfcal.core.evidence.stripe_border import StripeBorder
+from stereo_selfcal.core.evidence.vergence import Vergence
 from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
 from stereo_selfcal.core.lanes.line_geometry import BelowPlane, HeightOverLane
 from stereo_selfcal.core.rejection import Bound
@@ -88,7 +89,8 @@ GOOD = Evidence(
     stripes_fitted=True,
     inner_line_height=HeightOverLane(0.005, 0.002),
     std=np.array([0.003, 1e-4, 1e-3]),
-    difference_std=np.array([0.004, 2e-4, 1.5e-3]),
+    contradictors=(Contradictor(POSE, np.diag([0.004, 2e-4, 1.5e-3]) ** 2),),
+    vergence=Vergence(math.radians(0.01), math.radians(0.005), math.radians(0.05), by_lines=True),
     own_strip=ASPHALT,
     coarse=DENSE,
     sweep=swept((POSE.height_m, POSE.roll_rad, 9.0)),
@@ -163,8 +165,10 @@ BAD = {
     "dense_agrees": {"coarse": replace(DENSE, extrinsics=replace(POSE, height_m=1.6))},
     "faint_texture_agrees": {"sweep": swept((1.6, 0.0, 9.0))},
     "surface_agrees": {
-        "texture": replace(ASPHALT, extrinsics=replace(POSE, height_m=1.6)),
-        "own_strip": None,
+        "contradictors": (Contradictor(replace(POSE, height_m=1.6), np.diag([0.004, 2e-4, 1.5e-3]) ** 2),)
+    },
+    "parallel_cameras": {
+        "vergence": Vergence(math.radians(-0.2), math.radians(0.01), math.radians(0.05), by_lines=True)
     },
     "lines_on_surface": {"surface_heights": over(0.1, 0.0)},
 }
@@ -201,6 +205,8 @@ def test_gates_without_evidence_are_not_read_and_those_of_before_not_again():
             wide_profile=None,
             coarse=None,
             sweep=None,
+            contradictors=(),
+            vergence=None,
         )
     )
     assert [reading.name for reading in first] == ["plausible", "fitness"]
@@ -411,24 +417,45 @@ def only(axis, value, others):
 @pytest.mark.parametrize(("axis", "limit", "scale"), WRONG)
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_lines_and_asphalt_agree_within_the_tolerance(axis, limit, scale, sign):
-    def off(by, std=GOOD.difference_std):
-        texture = replace(ASPHALT, extrinsics=moved(axis, sign * by))
-        return refusal(texture=texture, own_strip=None, difference_std=std)
+    def off(by, std=0.001 * limit):
+        seen = Contradictor(moved(axis, sign * by), np.diag(only(axis, std, [0.004, 2e-4, 1.5e-3])) ** 2)
+        alike = GOOD.contradictors
+        return [refusal(contradictors=order) for order in ((seen, *alike), (*alike, seen))]
 
-    assert off(0.99 * limit) is None
-    assert_refuses(
-        off(1.01 * limit), RejectReason.TEXTURE_DISAGREES, 1.01 * limit * scale, limit * scale, "kerb"
-    )
-    # One that is less certain excludes what is five of its standard deviations off.
-    unsure = only(axis, 0.25 * limit, GOOD.difference_std)
-    assert off(1.24 * limit, unsure) is None
-    assert_refuses(
-        off(1.26 * limit, unsure),
-        RejectReason.TEXTURE_DISAGREES,
-        1.26 * limit * scale,
-        1.25 * limit * scale,
-        "kerb",
-    )
+    assert off(0.99 * limit) == [None, None]
+    for rejection in off(1.01 * limit):
+        limits = 1.01 * limit * scale, limit * scale
+        assert_refuses(rejection, RejectReason.TEXTURE_DISAGREES, *limits, "kerb")
+    # A less certain one excludes what is as unlikely as five standard deviations: chi squared of 31.8.
+    excluded = math.sqrt(31.8) * 0.25
+    assert off(0.99 * excluded * limit, 0.25 * limit) == [None, None]
+    assert None not in off(1.01 * excluded * limit, 0.25 * limit)
+
+
+def test_all_three_numbers_together_exclude_lines():
+    """None of them alone does, by its own deviation: height and pitch go together in what is known."""
+    std = np.array([0.02, math.radians(0.2), math.radians(0.4)])
+    correlated = np.outer(std, std) * [[1.0, 0.95, 0.0], [0.95, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    for sign, excluded in ((1.0, False), (-1.0, True)):
+        pose = Extrinsics.from_array(POSE.as_array() + np.array([0.065, sign * math.radians(0.4), 0.0]))
+        rejection = refusal(contradictors=(Contradictor(pose, correlated),))
+        assert (rejection is not None) == excluded
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("by_lines", [True, False])
+def test_cameras_that_are_not_parallel(sign, by_lines):
+    """By what makes a pose over the surface wrong, or five standard deviations of the turn."""
+
+    def turned(degrees, std_deg=0.005):
+        yaw_rad, std_rad = math.radians(sign * degrees), math.radians(std_deg)
+        return refusal(vergence=Vergence(yaw_rad, std_rad, math.radians(0.05), by_lines))
+
+    assert turned(0.049) is None
+    words = "lane lines are parallel" if by_lines else "farther than infinity", "right camera looks"
+    assert_refuses(turned(0.051), RejectReason.IMAGES_NOT_RECTIFIED, 0.051, 0.05, *words)
+    assert turned(0.099, 0.02) is None and turned(0.101, 0.02) is not None
+    assert refusal(vergence=None) is None
 
 
 @pytest.mark.parametrize(("axis", "limit", "scale"), WRONG)

@@ -79,7 +79,7 @@ def test_lines_above_or_below_the_road_are_not_found_on_it(lift_m):
     other = found_on(height_m=seen()[0].extrinsics.height_m + lift_m)
     assert other.matches == ([], []) and isinstance(other.patterns, NoPattern)
     assert other.patterns.rejection.reason is RejectReason.NO_LINES_FOUND
-    assert "sides of the lane on which a line lies on the road surface" in other.patterns.rejection.message
+    assert "no lane line was found on the road surface: 0 of 2" in other.patterns.rejection.message
 
 
 def test_lines_that_do_not_meet_at_the_horizon_are_no_pair(monkeypatch):
@@ -87,7 +87,7 @@ def test_lines_that_do_not_meet_at_the_horizon_are_no_pair(monkeypatch):
     monkeypatch.setattr(module, "MAX_GAP_RAD", -1.0)
     found = found_on()
     assert isinstance(found.patterns, NoPattern)
-    assert "no two of the lines on the road are parallel" in found.patterns.rejection.message
+    assert "no two of the lines on the road surface are parallel" in found.patterns.rejection.message
     assert all(found.matches)
 
 
