@@ -29,6 +29,8 @@ from .rig_unknowns import response_of_surface
 _FEW_EQUAL, _MANY_EQUAL = 2.5, 3.5
 # Least likeness of the two lines of a lane in both images for them to contradict the surface.
 _LEAST_LIKENESS = 0.9
+# Least votes of them, over those of the clearest line: a dashed line is painted over a third of its length.
+_LEAST_VOTES = 0.3
 # Lines are parallel within this many standard deviations of their paint; nearer ones tell no horizon.
 _PARALLEL_STDS, _LEAST_SPAN_M = 3.0, 1.0
 
@@ -119,7 +121,7 @@ class _Bundle:
         variances: (N,) of the columns, by the fit and by paint that is not parallel.
         offsets_m: (N,) how far left of the camera they lie.
         votes: (N,) how clear they are.
-        alike: (N,) whether both cameras see the same line.
+        alike: (N,) whether both cameras see the same line, and clearly.
         px_per_row: Growth of the surface's disparity by the row.
     """
 
@@ -169,7 +171,7 @@ def _bundle(lines: Matches, rig: StereoRig, extrinsics: Extrinsics) -> _Bundle:
         by_row = line.slope / (1.0 - tilt * line.slope)
         found.append((column, by_row, variance, offset_m, match.votes, match.similarity))
     columns, slopes, variances, offsets_m, votes, similarity = np.array(found).reshape(-1, 6).T
-    alike = similarity > _LEAST_LIKENESS
+    alike = (similarity > _LEAST_LIKENESS) & (votes >= _LEAST_VOTES * votes.max(initial=0.0))
     return _Bundle(columns, slopes, variances, offsets_m, votes, alike, -float(down) / rig.fy)
 
 
