@@ -25,9 +25,9 @@ from ..numerics.statistics import median
 from ..rejection import Bound, NotFitted
 from ..types import Array, Indices, Mask
 
-# Standard deviations of the height of what begins at a step: gutters, seams and dropped kerbs are 2 to 5 cm
-# high, kerbs 6 to 18 cm. Each cell beyond it deviates further, as verges are no planes.
-_STEP_STDS_M, _BESIDE_STD_M = (0.03, 0.15), 0.03
+# Standard deviation of the height of what begins at a step: kerbs are 6 to 18 cm high. Each cell beyond it
+# deviates further, as verges are no planes.
+_STEP_STD_M, _BESIDE_STD_M = 0.15, 0.03
 # A step within the few metres beside a lane is taken as rare as one in twenty, so that it needs evidence.
 _STEP_LOG_ODDS = math.log(20.0)
 _LEAST_STRIPS = 2  # of a road: with one, the roll is open
@@ -88,15 +88,12 @@ def find_extent(
         # they are; otherwise unevenness of the road would be treated as noise.
         outlier = weights < OUTLIER_WEIGHT
         variances = noise + np.where(outlier, off**2 / np.maximum(weights, LEAST_WEIGHT), 0.0)
-        known = road + np.diag(np.where(inside, variances, noise))
-        n_steps = (strips[0] > first) + (strips[1] < last)
-        likelihood = max(
-            _log_likelihood(heights, design, known + _beyond(strip, strips, step_std_m))
-            for step_std_m in (_STEP_STDS_M if n_steps else _STEP_STDS_M[:1])
+        likelihood = _log_likelihood(
+            heights, design, road + _beyond(strip, strips) + np.diag(np.where(inside, variances, noise))
         )
-        likelihood -= _STEP_LOG_ODDS * n_steps
+        likelihood -= _STEP_LOG_ODDS * ((strips[0] > first) + (strips[1] < last))
         if best is None or likelihood > best[0]:
-            no_road = noise + (_STEP_STDS_M[-1] / LEAST_WEIGHT) ** 2
+            no_road = noise + (_STEP_STD_M / LEAST_WEIGHT) ** 2
             best = (
                 likelihood,
                 Extent(strips, np.where(inside, weights, 0.0), np.where(inside, variances, no_road)),
@@ -104,10 +101,10 @@ def find_extent(
     return NotFitted(_ENOUGH, 0, Bound.LEAST, 1) if best is None else best[1]
 
 
-def _beyond(strip: Indices, strips: tuple[int, int], step_std_m: float) -> Array:
+def _beyond(strip: Indices, strips: tuple[int, int]) -> Array:
     """Return the covariance (S, S) that a step on either side adds to the heights beyond it."""
     left, right = (strip < strips[0]).astype(float), (strip > strips[1]).astype(float)
-    steps = step_std_m**2 * (np.outer(left, left) + np.outer(right, right))
+    steps = _STEP_STD_M**2 * (np.outer(left, left) + np.outer(right, right))
     added: Array = steps + np.diag(_BESIDE_STD_M**2 * (left + right))
     return added
 
