@@ -38,6 +38,7 @@ SECTIONS = {
     "strips": "road_strips.strip_table",
     "road_times": "road_times.time_tables",
     "steady": "steady.steady_tables",
+    "scales": "scales.scale_tables",
     "second": "second.second_tables",
     "thresholds": "thresholds.threshold_table",
     "worlds": "worlds.world_tables",
