@@ -106,6 +106,14 @@ class CalibrationResult:
         """Return the result without its points and lines, which take as much memory as an image."""
         return replace(self.without_pictures(), genetic=None, attempts=())
 
+    def drawn_as(self, frame: CalibrationResult) -> CalibrationResult:
+        """Return the result with the lines and the road surface of one frame, to draw it over that frame.
+
+        Args:
+            frame: Result of the frame.
+        """
+        return replace(self, pattern=frame.pattern, surface=frame.surface, lane_line=frame.lane_line)
+
     def without_pictures(self) -> CalibrationResult:
         """Return the result without what only pictures need: points, lines and cells."""
         return replace(self, pattern=None, unused_lines=(), surface=None, lane_line=None)
