@@ -49,8 +49,8 @@ _MAX_VOTING_POINTS = 6000
 
 # Peaks kept for each sign of theta: own lane, neighbours' lanes, kerbs, shadows.
 PEAKS_PER_SIGN = 10
-# Of these, so many may be as upright as this: houses and trunks have more such edges than a road has lines. Of
-# the lines of a road, only one that is straight ahead of the camera is upright.
+# Of these, so many may be as upright as this: houses and trunks have more such edges than a road has lines.
+# Of the lines of a road, only one that is straight ahead of the camera is upright.
 _UPRIGHT_DEG, _UPRIGHT_PEAKS = 6.0, 4
 # Peaks with fewer votes are dropped: a worn line (10 grey levels) of half the length of the strongest one has
 # a tenth of its votes, and 40 rows of it have 5.
