@@ -20,14 +20,16 @@ _TILT_SIGMAS = 4.0
 
 
 def read_sweep(evidence: Evidence) -> Reading | None:
-    """Read how surely the faintest texture between the lines excludes that the road is near their plane."""
-    if evidence.sweep is None or evidence.line_pose is None or evidence.std is None:
+    """Read how surely texture or tracks between the lines exclude that the road is near their plane."""
+    line_pose = evidence.line_pose
+    if not evidence.sweeps or line_pose is None or evidence.std is None:
         return None
     reach = np.maximum(WRONG, EXCLUDED_SIGMAS * evidence.std)
-    value = evidence.sweep.excluding_sigmas(evidence.line_pose, reach)
-    height_m, _ = evidence.sweep.best
+    excluding = [sweep.excluding_sigmas(line_pose, reach) for sweep in evidence.sweeps]
+    value = max(excluding)
+    height_m, _ = evidence.sweeps[int(np.argmax(excluding))].best
     what = (
-        f"the texture between the lane lines is that of a plane {height_m:.3f} m below the camera, and "
+        f"the surface between the lane lines is a plane {height_m:.3f} m below the camera, and "
         "excludes theirs by {value} standard deviations"
     )
     return Reading(what, value, Bound.MOST, EXCLUDED_SIGMAS, "", value <= EXCLUDED_SIGMAS)
