@@ -66,7 +66,7 @@ class ExtractionConfig:
     min_contrast_sigma: float = _setting(
         3.0, "Least edge contrast of a stripe point over the image noise", "sigma", 1, 20
     )
-    min_line_rows: int = _setting(40, "Least number of image rows a line is seen in", "px", 10, 10000)
+    min_line_rows: int = _setting(40, "Least length of a lane line in the image", "px", 10, 10000)
     min_radius_m: float = _setting(
         1000.0, "Smallest radius of the road that still counts as straight", "m", 10, 100000
     )

@@ -56,11 +56,14 @@ class LaneSweep:
         rolls_rad: (R,) rolls.
         sigmas: (H, R) correlation of both images, over its standard deviation where they have no texture in
             common.
+        alike: Share of the best correlation from which on another one may be the right one: texture may be
+            taken for other texture that looks like it.
     """
 
     heights_m: Array
     rolls_rad: Array
     sigmas: Array
+    alike: float = _ALIKE
 
     @property
     def best(self) -> tuple[float, float]:
@@ -71,8 +74,8 @@ class LaneSweep:
     def excluding_sigmas(self, pose: Extrinsics, reach: Array) -> float:
         """Return by how many standard deviations the best plane excludes all planes near a pose.
 
-        It is the root of twice the logarithm of the ratio of their likelihoods. It is 0 where they agree half as
-        well as the best: it may have taken one pattern for another that looks like it.
+        It is the root of twice the logarithm of the ratio of their likelihoods. It is 0 where one of
+        them agrees half as well: the best one may have taken one pattern for another that looks like it.
 
         Args:
             pose: The pose.
@@ -82,7 +85,7 @@ class LaneSweep:
         near = near & (np.abs(self.rolls_rad - pose.roll_rad) <= reach[2])
         of_near = max(float(self.sigmas[near].max(initial=0.0)), 0.0)
         most = float(self.sigmas.max())
-        return 0.0 if of_near > _ALIKE * most else float(np.sqrt(max(most, 0.0) ** 2 - of_near**2))
+        return 0.0 if of_near > self.alike * most else float(np.sqrt(max(most, 0.0) ** 2 - of_near**2))
 
 
 def sweep_lane(
@@ -105,7 +108,7 @@ def sweep_lane(
         The correlations; or why there are none.
     """
     plane = plane_from_pose(pose, rig, PlaneCamera.LEFT)
-    rows, columns, disparity, strip = _samples(rig, plane, lane_yaw_rad, limits_m)
+    rows, columns, disparity, strip, _ = lane_samples(rig, plane, lane_yaw_rad, limits_m)
     fewest = int(np.bincount(strip, minlength=_N_STRIPS).min())
     if fewest < _LEAST_SAMPLES / _N_STRIPS:
         return NotFitted("pixels of a strip of the lane", fewest, Bound.LEAST, _LEAST_SAMPLES // _N_STRIPS)
@@ -114,13 +117,30 @@ def sweep_lane(
     curves = _correlations(images, rows, columns, disparity, strip, np.exp(log_ratios))
     heights = pose.height_m * np.exp(-log_ratios)
     rolls = pose.roll_rad + np.linspace(-_ROLL_RAD, _ROLL_RAD, _ROLL_STEPS)
-    planes = _planes_along(_lane_direction(pose, lane_yaw_rad), heights[:, None], rolls[None], rig)
     firsts = np.searchsorted(strip, np.arange(_N_STRIPS + 1))
     middles = (firsts[:-1] + firsts[1:]) // 2
     rays = pixel_rays(rig, columns[middles], rows[middles])
-    at = np.log(np.maximum(planes @ rays.T / plane.disparities(rays), _AT_LEAST))
+    at = np.log(ratios_under(heights, rolls, rays, pose, lane_yaw_rad, rig))
     of_strips = [np.interp(at[..., i], log_ratios, curves[i], 0.0, 0.0) for i in range(_N_STRIPS)]
     return LaneSweep(heights, rolls, np.sum(of_strips, axis=0) / np.sqrt(_N_STRIPS))
+
+
+def ratios_under(
+    heights_m: Array, rolls_rad: Array, rays: Array, pose: Extrinsics, lane_yaw_rad: float, rig: StereoRig
+) -> Array:
+    """Return the disparities under planes along a lane, over those of the plane of its lines, (H, R, N).
+
+    Args:
+        heights_m: (H,) heights over the planes.
+        rolls_rad: (R,) rolls over them.
+        rays: (N, 3) rays of the left camera.
+        pose: Pose over the plane of the lines.
+        lane_yaw_rad: Heading of the camera against them [rad].
+        rig: Intrinsics and baseline.
+    """
+    planes = _planes_along(_lane_direction(pose, lane_yaw_rad), heights_m[:, None], rolls_rad[None], rig)
+    ratios: Array = planes @ rays.T / plane_from_pose(pose, rig, PlaneCamera.LEFT).disparities(rays)
+    return np.maximum(ratios, _AT_LEAST)
 
 
 def _lane_direction(pose: Extrinsics, lane_yaw_rad: float) -> Array:
@@ -142,10 +162,20 @@ def _planes_along(ahead: Array, heights_m: Array, rolls_rad: Array, rig: StereoR
     return planes
 
 
-def _samples(
+def lane_samples(
     rig: StereoRig, plane: DisparityPlane, lane_yaw_rad: float, limits_m: tuple[float, float]
-) -> tuple[Indices, Indices, Array, Indices]:
-    """Return rows, columns, disparities [px] and strips of pixels of the lane, strip by strip."""
+) -> tuple[Indices, Indices, Array, Indices, Array]:
+    """Return rows, columns, disparities [px], strips and positions aside [m] of pixels of the left image.
+
+    Args:
+        rig: Intrinsics and baseline.
+        plane: Plane of the lines, of the left camera.
+        lane_yaw_rad: Heading of the camera against them [rad].
+        limits_m: Right and left limit of the part of the plane that is looked at [m], left positive.
+
+    Returns:
+        (N,) each, strip by strip.
+    """
     u, v = np.arange(rig.width), np.arange(rig.height)[:, None]
     rays = pixel_rays(rig, u, v)
     disparity = plane.disparities(rays)
@@ -160,11 +190,12 @@ def _samples(
     rows, columns = np.nonzero(inside)
     thinning = max(1, -(-len(rows) // _MOST_SAMPLES))
     rows, columns = rows[::thinning], columns[::thinning]
-    share = (aside[rows, columns] - right_m) / (left_m - right_m)
+    aside = aside[rows, columns]
+    share = (aside - right_m) / (left_m - right_m)
     strip = np.clip((share * _N_STRIPS).astype(np.intp), 0, _N_STRIPS - 1)
     order = np.argsort(strip, kind="stable")
     rows, columns = rows[order], columns[order]
-    return rows, columns, disparity[rows, columns], strip[order]
+    return rows, columns, disparity[rows, columns], strip[order], aside[order]
 
 
 def _correlations(

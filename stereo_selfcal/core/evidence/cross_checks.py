@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..camera.rig import StereoRig
+from ..estimators.lane_profile import profile_lane
 from ..estimators.lane_sweep import LaneSweep, sweep_lane
 from ..estimators.texture_alignment import TextureFit, align_texture
 from ..geometry.plane import plane_from_pose
@@ -226,18 +227,22 @@ def _cross_check_lines_only(
         evidence,
         inner_line_height=between,
         vertical=fitted(vertical) or fitted(horizon_offset(frame.images, rig, estimate.pose)),
-        sweep=_sweep_between(estimate, pattern, frame, rig) if evidence.config.texture.check else None,
+        sweeps=_sweep_between(estimate, pattern, frame, rig) if evidence.config.texture.check else (),
     )
     return replace(lines, estimate=estimate, evidence=evidence).judged()
 
 
 def _sweep_between(
     estimate: Estimate, pattern: LanePattern, frame: FrameObservations, rig: StereoRig
-) -> LaneSweep | None:
-    """Return under which planes the faintest texture between the lines agrees; None without any."""
+) -> tuple[LaneSweep, ...]:
+    """Return under which planes the faintest texture and the tracks between the lines agree."""
     yaw, left_m, right_m = lane_in_road(pattern.boundaries, rig, estimate.pose)
     within_m = (float(right_m) + _INSET_M, float(left_m) - _INSET_M)
-    return fitted(sweep_lane(frame.images, rig, estimate.pose, float(yaw), within_m))
+    sweeps = (
+        fitted(of_lane(frame.images, rig, estimate.pose, float(yaw), within_m))
+        for of_lane in (sweep_lane, profile_lane)
+    )
+    return tuple(sweep for sweep in sweeps if sweep is not None)
 
 
 def _heights_over_lane(

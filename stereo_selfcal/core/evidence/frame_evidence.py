@@ -152,7 +152,8 @@ class Evidence:
         contradictors: What else shows the road, and excludes lines that differ too much from it.
         own_strip: The alignment of the strip under the car alone, for an estimate without lines.
         coarse: Plane of the dense disparities, for an estimate that rests on the lines alone.
-        sweep: Planes under which the faintest texture between the lines agrees, for such an estimate.
+        sweeps: Planes under which the faintest texture and the tracks between the lines agree, for such an
+            estimate.
         vergence: Turn of the right camera about the vertical, by what contradicts its calibration most.
     """
 
@@ -179,7 +180,7 @@ class Evidence:
     contradictors: tuple[Contradictor, ...] = ()
     own_strip: TextureFit | None = None
     coarse: CoarseRoad | None = None
-    sweep: LaneSweep | None = None
+    sweeps: tuple[LaneSweep, ...] = ()
     vergence: Vergence | None = None
 
     @property

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from ..lanes.frame_checks import FIND_LINES
 from ..rejection import GateReading, NotFitted, Rejection, RejectReason
-from . import measurements, rig_measurements
+from . import line_readings, measurements, rig_measurements
 from .frame_evidence import Evidence
 from .measurements import Reading
 
@@ -223,6 +223,20 @@ GATES: tuple[Gate, ...] = (
         measurements.read_edge_heights,
     ),
     Gate(
+        "narrow_stripes",
+        "stripes as narrow as paint",
+        RejectReason.LINE_NOT_PAINTED,
+        f"it may be a guard rail: {FIND_LINES}",
+        line_readings.read_widest_stripe,
+    ),
+    Gate(
+        "stripes_in_plane",
+        "stripes lie in their plane",
+        RejectReason.LINE_NOT_PAINTED,
+        f"the other line may be a kerb or a rail: {FIND_LINES}",
+        line_readings.read_stripe_tilt,
+    ),
+    Gate(
         "lines_on_lane_surface",
         "lines on the lane",
         RejectReason.TEXTURE_DISAGREES,
@@ -255,7 +269,7 @@ GATES: tuple[Gate, ...] = (
         "faintest texture agrees",
         RejectReason.TEXTURE_DISAGREES,
         _KERB,
-        measurements.read_sweep,
+        line_readings.read_sweep,
     ),
     Gate(
         "surface_agrees",

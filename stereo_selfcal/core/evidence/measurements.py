@@ -278,20 +278,6 @@ def read_halves_difference(evidence: Evidence) -> Reading | None:
     return max(readings, key=lambda each: each.value / each.threshold)
 
 
-def read_sweep(evidence: Evidence) -> Reading | None:
-    """Read how surely the faintest texture between the lines excludes that the road is near their plane."""
-    if evidence.sweep is None or evidence.line_pose is None or evidence.std is None:
-        return None
-    reach = np.maximum(WRONG, EXCLUDED_SIGMAS * evidence.std)
-    value = evidence.sweep.excluding_sigmas(evidence.line_pose, reach)
-    height_m, _ = evidence.sweep.best
-    what = (
-        f"the texture between the lane lines is that of a plane {height_m:.3f} m below the camera, and excludes "
-        "theirs by {value} standard deviations"
-    )
-    return Reading(what, value, Bound.MOST, EXCLUDED_SIGMAS, "", value <= EXCLUDED_SIGMAS)
-
-
 def read_strip_difference(evidence: Evidence) -> Reading | None:
     """Read how the strip of the road under the car differs from all of its surface."""
     if evidence.texture is None or evidence.own_strip is None:

@@ -176,7 +176,11 @@ def _refit(
     )
     if max(abs(match.left.line.slope), abs(match.right.line.slope)) > _MAX_SLOPE:
         return None
-    if left is None or right is None or min(left.n_rows, right.n_rows) < config.extraction.min_line_rows:
+    if (
+        left is None
+        or right is None
+        or min(left.length_px, right.length_px) < config.extraction.min_line_rows
+    ):
         return None
     return left, right
 

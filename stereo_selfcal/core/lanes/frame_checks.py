@@ -110,27 +110,27 @@ def check_lines_found(
     """Refuse a frame in which an image shows no line on one side."""
     least = config.extraction.min_line_rows
     longest = [
-        [max((candidate.line.n_rows for candidate in lines), default=0) for lines in sides]
+        [max((candidate.line.length_px for candidate in lines), default=0.0) for lines in sides]
         for sides in candidates
     ]
     if max(max(sides) for sides in longest) < least:
         found = "no lane line was found in either image"
         return _no_line(found, max(max(sides) for sides in longest), least)
     for camera, sides in enumerate(longest):
-        for side, rows in enumerate(sides):
-            if rows < least:
+        for side, length in enumerate(sides):
+            if length < least:
                 found = f"no {SIDES[side]} lane line was found in the {SIDES[camera]} image"
                 if all(each[1 - side] >= least for each in longest):
                     found = f"only a {SIDES[1 - side]} lane line was found, and {found}"
-                return _no_line(found, rows, least)
+                return _no_line(found, length, least)
     return None
 
 
-def _no_line(found: str, longest: int, least: int) -> Rejection:
+def _no_line(found: str, longest: float, least: int) -> Rejection:
     return Rejection(
         RejectReason.NO_LINES_FOUND,
-        f"{found}: the longest candidate is {{value}} high",
-        longest,
+        f"{found}: the longest candidate is {{value}} long",
+        round(longest),
         Bound.LEAST,
         least,
         "px",

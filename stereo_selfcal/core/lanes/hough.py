@@ -49,6 +49,9 @@ _MAX_VOTING_POINTS = 6000
 
 # Peaks kept for each sign of theta: own lane, neighbours' lanes, kerbs, shadows.
 PEAKS_PER_SIGN = 10
+# Of these, so many may be as upright as this: houses and trunks have more such edges than a road has lines.
+# Of the lines of a road, only one that is straight ahead of the camera is upright.
+_UPRIGHT_DEG, _UPRIGHT_PEAKS = 6.0, 4
 # Peaks with fewer votes are dropped: a worn line (10 grey levels) of half the length of the strongest one has
 # a tenth of its votes, and 40 rows of it have 5.
 _MIN_VOTE_SHARE = 0.04
@@ -105,11 +108,17 @@ def hough_peaks(
     regions = (slice((middle + 1) * n_rho, _N_THETA * n_rho), slice(0, middle * n_rho))
     strongest_votes = float(table.max(initial=0.0))
     least_votes = max(_MIN_CHAINED_VOTES if chained else _MIN_VOTES, _MIN_VOTE_SHARE * strongest_votes)
+    reach = round(_UPRIGHT_DEG / _THETA_STEP_DEG)
+    upright = slice((middle - reach) * n_rho, (middle + reach + 1) * n_rho)
     for peaks, region in zip(sides, regions, strict=True):
+        of_upright = 0
         for _ in range(PEAKS_PER_SIGN):
+            if of_upright == _UPRIGHT_PEAKS:
+                table[upright] = np.minimum(table[upright], 0.0)
             best = region.start + int(np.argmax(table[region]))
             if table[best] <= least_votes:
                 break
+            of_upright += upright.start <= best < upright.stop
             angle = math.radians(best // n_rho * _THETA_STEP_DEG - _THETA_MAX_DEG)
             rho = (best % n_rho - n_rho // 2) * _RHO_STEP_PX
             support = np.abs(u * math.cos(angle) + v * math.sin(angle) - rho) < _SUPPORT_PX

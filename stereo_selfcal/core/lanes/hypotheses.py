@@ -140,7 +140,7 @@ def _refit(
     for view, pair in zip(points, (matched.left, matched.right), strict=True):
         for line in pair:
             refitted = refit_line(view.gradient, line, view.noise_grey, first_row)
-            if refitted is None or refitted.n_rows < config.extraction.min_line_rows:
+            if refitted is None or refitted.length_px < config.extraction.min_line_rows:
                 return None
             lines.append(refitted)
     return MatchedLines.of(lines, matched.votes)

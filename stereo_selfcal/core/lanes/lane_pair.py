@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,6 +40,11 @@ class ImageLine:
     n_rows: int
     width_px: float
     contrast: float
+
+    @property
+    def length_px(self) -> float:
+        """Length of the line behind the measured points [px]: a flat line has few rows."""
+        return self.n_rows * math.hypot(1.0, self.slope)
 
     def column_at(self, v: Array) -> Array:
         """Return the column [px] at rows ``v`` [px], the same shape."""

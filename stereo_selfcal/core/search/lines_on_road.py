@@ -143,11 +143,11 @@ def _seen_by_both(
     bottom = rig.height - 1.0
     first_row = bottom - config.extraction.horizon_fraction * (bottom - horizon)
     left = refit_line(points[0].gradient, line, points[0].noise_grey, first_row)
-    if left is None or left.n_rows < config.extraction.min_line_rows:
+    if left is None or left.length_px < config.extraction.min_line_rows:
         return None
     expected = _in_right_camera(left, plane, rig)
     right = refit_line(points[1].gradient, expected, points[1].noise_grey, first_row)
-    if right is None or right.n_rows < config.extraction.min_line_rows:
+    if right is None or right.length_px < config.extraction.min_line_rows:
         return None
     if abs(height_and_offset_m(left, right, plane, rig)[0]) > MAX_LINE_HEIGHT_M:
         return None
