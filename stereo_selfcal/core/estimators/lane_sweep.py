@@ -71,8 +71,8 @@ class LaneSweep:
     def excluding_sigmas(self, pose: Extrinsics, reach: Array) -> float:
         """Return by how many standard deviations the best plane excludes all planes near a pose.
 
-        It is the root of twice the logarithm of the ratio of their likelihoods. It is 0 where they agree half as
-        well as the best: it may have taken one pattern for another that looks like it.
+        It is the root of twice the logarithm of the ratio of their likelihoods. It is 0 where they agree half
+        as well as the best: it may have taken one pattern for another that looks like it.
 
         Args:
             pose: The pose.

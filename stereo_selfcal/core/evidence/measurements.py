@@ -286,8 +286,8 @@ def read_sweep(evidence: Evidence) -> Reading | None:
     value = evidence.sweep.excluding_sigmas(evidence.line_pose, reach)
     height_m, _ = evidence.sweep.best
     what = (
-        f"the texture between the lane lines is that of a plane {height_m:.3f} m below the camera, and excludes "
-        "theirs by {value} standard deviations"
+        f"the texture between the lane lines is that of a plane {height_m:.3f} m below the camera, and "
+        "excludes theirs by {value} standard deviations"
     )
     return Reading(what, value, Bound.MOST, EXCLUDED_SIGMAS, "", value <= EXCLUDED_SIGMAS)
 
