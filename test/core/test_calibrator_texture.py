@@ -141,9 +141,10 @@ def test_a_road_without_any_line_is_an_estimate_whose_yaw_is_unknown():
     assert np.all(difference < AGREEMENT) and np.all(difference < 4.0 * result.std.as_array())
 
 
-def test_a_bare_road_without_any_line_says_which_of_both_is_missing():
+def test_a_bare_road_without_any_line_is_not_seen():
     scene, _ = coarse_asphalt(0.0)
     scene = replace(scene, road=replace(scene.road, lines=()))
     result = Calibrator(scene.rig).add(*render(scene, np.random.default_rng(0)))
-    assert result.reason is RejectReason.NO_LINES_FOUND
+    assert result.reason is RejectReason.ROAD_NOT_SEEN
+    assert "neither the road surface nor a lane line is seen" in result.message
     assert result.attempts == ()

@@ -47,8 +47,9 @@ _HALF_WIDTH_M = 1.5 * LANE_WIDTH_M
 MAX_GAP_RAD = 0.01
 # The heading of a car in its lane is within a few degrees of the lane; edges across the road are not.
 MAX_YAW_RAD = float(np.radians(10.0))
-# Least votes of a row of a line that tells the yaw without another one: those of a stripe with a quarter of
-# the contrast of a full vote. Lines that chance makes in the texture of rendered roads have 0.15 at most.
+# Least votes in both images for each row of a line that tells the yaw without another one: those of a stripe
+# with an eighth of the contrast of a full vote. Lines that chance makes in the texture of rendered roads have
+# 0.15 at most.
 _LEAST_VOTES_PER_ROW = 0.25
 # Most pairs of lines that are returned.
 _MOST_PATTERNS = 3
