@@ -84,8 +84,8 @@ class TextureQuality:
 
     Attributes:
         sigmas: Texture common to both images over its standard error, for all cells together.
-        cell_share: Share of the road's sampled area, up to 15 m ahead, whose cells have texture and agree with the
-            plane.
+        cell_share: Share of the road's sampled area, up to 15 m ahead, whose cells have texture and agree
+            with the plane.
         pixel_share: Share of the samples that were used: neither saturated, nor paint, nor outliers.
         correlation: Correlation of both images after the alignment, with the means of the segments removed.
         noise_std: Standard deviations of height [m], pitch, roll [rad] caused by the images' noise alone.
