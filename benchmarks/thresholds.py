@@ -13,7 +13,7 @@ import numpy as np
 
 from stereo_selfcal import Calibrator, CalibratorConfig
 from stereo_selfcal.core import tolerances
-from stereo_selfcal.core.estimators import texture_alignment
+from stereo_selfcal.core.estimators import texture_fit
 from stereo_selfcal.core.evidence import cross_checks, kerb_face, measurements, profile
 from stereo_selfcal.core.lanes import line_geometry, matching
 from stereo_selfcal.core.search import solve, texture_guided_lines
@@ -79,8 +79,8 @@ THRESHOLDS = (
     Threshold("_OWN_LANE_M", solve),
     Threshold("AGREEMENT", tolerances),
     Threshold("MAX_NOISE_STD", tolerances),
-    Threshold("MIN_SIGMAS", texture_alignment),
-    Threshold("MIN_CELL_SHARE", texture_alignment),
+    Threshold("MIN_SIGMAS", texture_fit),
+    Threshold("MIN_CELL_SHARE", texture_fit),
     Threshold("MAX_GAP_RAD", texture_guided_lines),
     Threshold("MAX_YAW_RAD", texture_guided_lines),
 )

@@ -13,7 +13,7 @@ from ..estimators.coarse_road import CoarseRoad
 from ..estimators.lane_sweep import LaneSweep
 from ..estimators.line_covariance import Bends, LineFit
 from ..estimators.stripe_fit import StripeFit
-from ..estimators.texture_alignment import TextureFit
+from ..estimators.texture_fit import TextureFit
 from ..geometry.homography import horizon_row
 from ..geometry.pose import Extrinsics
 from ..lanes.hypotheses import Points

@@ -11,7 +11,8 @@ from ..config import CalibratorConfig
 from ..estimators.fitness import PatternFitness
 from ..estimators.line_covariance import LineFit, measure_bends, propagate
 from ..estimators.stripe_fit import StripeFit, refine
-from ..estimators.texture_alignment import TextureFit, align_texture
+from ..estimators.texture_alignment import align_texture
+from ..estimators.texture_fit import TextureFit
 from ..evidence.cross_checks import JudgedEstimate, cross_check_surface
 from ..evidence.estimate import Estimate, StagePoses
 from ..evidence.frame_evidence import Evidence, FrameObservations, Hypothesis
