@@ -38,6 +38,7 @@ SECTIONS = {
     "strips": "road_strips.strip_table",
     "road_times": "road_times.time_tables",
     "steady": "steady.steady_tables",
+    "scales": "scales.scale_tables",
     "second": "second.second_tables",
     "thresholds": "thresholds.threshold_table",
     "worlds": "worlds.world_tables",
@@ -83,6 +84,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--folder", type=Path, help="where tables and plots go")
     parser.add_argument("--seed", type=int, help="seed of the worlds of the second generator")
     parser.add_argument("--only", type=int, metavar="INDEX", help="write this one of them as a case")
+    parser.add_argument("--kind", help="the only kind of them that is drawn")
     parser.add_argument("--turned", action="store_true", help="draw turned right cameras among them, too")
     chosen = parser.parse_args(arguments)
     unknown = [name for name in chosen.sections if name not in SECTIONS]
@@ -92,7 +94,7 @@ def main(arguments: list[str]) -> int:
     sizes = {
         name: tuple(value) if isinstance(value, list) else value
         for name, value in vars(chosen).items()
-        if value not in (None, False, []) and name not in ("sections", "quick")
+        if value is not None and value is not False and value != [] and name not in ("sections", "quick")
     }
     if chosen.sources or chosen.road_step:
         # A part of the pairs does not replace what was measured on all of them.

@@ -75,33 +75,46 @@ ROWS = (
         ),
     ),
     Row(
-        ("2 Lines",),
+        ("2 Road surface",),
+        (
+            Box("estimators/coarse_road", ("a plane of dense", "disparities, at low", "resolution")),
+            Box(
+                "estimators/texture_alignment",
+                ("plane of the road", "surface, from there on"),
+                ("sampling", "road/cell_grid", "road/surface", "road/unevenness", "road/extent"),
+            ),
+            Box("evidence/road_surface", ("whether it locates", "the road")),
+        ),
+    ),
+    Row(
+        ("3 Lines",),
         (
             Box("lanes/stripe_points", ("left edges of stripes,", "row by row")),
-            Box("lanes/detector", ("lines of each image",), ("hough", "chains", "line_fit")),
-            Box("lanes/matching", ("lines that both", "cameras see"), ("lane_pair",)),
+            Box("search/lines_on_road", ("lines on the road", "surface, in both images")),
             Box(
-                "lanes/hypotheses",
-                ("pairs of boundaries", "of a lane"),
-                ("frame_checks", "line_geometry"),
+                "lanes/detector",
+                ("lines of the whole", "image"),
+                ("hough", "chains", "line_fit"),
+                alternative=True,
+            ),
+            Box(
+                "lanes/matching",
+                ("lines that both cameras", "see, and pairs of them"),
+                ("lane_pair", "hypotheses", "line_geometry", "frame_checks"),
+                alternative=True,
             ),
             Box("lanes/extra_lines", ("other lines of", "the same road")),
         ),
     ),
     Row(
-        ("3 Hypotheses",),
+        ("4 Hypotheses",),
         (
             Box("core/calibrator", ("one loop over the", "hypotheses of a frame")),
             Box("search/strategy", ("which hypotheses,", "in which order")),
-            Box(
-                "search/texture_guided_lines",
-                ("lines that are found", "only with the plane of", "the road surface"),
-                alternative=True,
-            ),
         ),
     ),
     Row(
-        ("4 Pose from", "the lines"),
+        ("5 Pose from", "the lines"),
         (
             Box("search/solve", ("one hypothesis through", "all stages")),
             Box("estimators/fitness", ("misfit of a pose",)),
@@ -114,7 +127,7 @@ ROWS = (
         each=True,
     ),
     Row(
-        ("5 Pose from", "the stripes"),
+        ("6 Pose from", "the stripes"),
         (
             Box(
                 "estimators/stripe_fit",
@@ -127,18 +140,13 @@ ROWS = (
                 ("conditions, evaluated", "after every stage"),
                 ("measurements", "frame_evidence"),
             ),
-            Box("evidence/cross_checks", ("enough texture: stage 6,", "too little: stage 7")),
+            Box("evidence/cross_checks", ("enough texture: stage 7,", "too little: stage 8")),
         ),
         each=True,
     ),
     Row(
-        ("6 Cross-check", "by texture"),
+        ("7 Cross-check", "by texture"),
         (
-            Box(
-                "estimators/texture_alignment",
-                ("plane of the road", "surface"),
-                ("sampling", "road/cell_grid", "road/surface"),
-            ),
             Box("evidence/lane_heights", ("heights of the lines", "over that surface")),
             Box("evidence/row_offset", ("rows of both images", "on the road")),
             Box("evidence/cue_fusion", ("weighted mean of lines", "and texture")),
@@ -147,16 +155,17 @@ ROWS = (
         branches=True,
     ),
     Row(
-        ("7 Checks of", "lines alone"),
+        ("8 Checks of", "lines alone"),
         (
             Box("evidence/stripe_border", ("grey values beside", "the stripes"), alternative=True),
             Box("evidence/kerb_face", ("heights of the edges", "of a stripe"), alternative=True),
             Box("evidence/horizon", ("rows of both images", "along the horizon"), alternative=True),
+            Box("estimators/lane_sweep", ("the faintest texture", "between the lines"), alternative=True),
         ),
         each=True,
     ),
     Row(
-        ("8 Uncertainty",),
+        ("9 Uncertainty",),
         (
             Box("evidence/nuisances", ("what is unknown", "besides the pose"), ("road/priors",)),
             Box("geometry/uncertainty", ("covariance as a sum", "of named terms"), ("evidence/estimate",)),
@@ -165,7 +174,7 @@ ROWS = (
         each=True,
     ),
     Row(
-        ("9 Result",),
+        ("10 Result",),
         (
             Box("core/results", ("pose and covariance, or", "the reason of a refusal")),
             Box("drive/fusion", ("mean over the frames", "of a drive")),
@@ -180,7 +189,9 @@ NOT_ON_THE_WAY = {
     "numerics/robust, numerics/linear, numerics/derivatives, numerics/statistics": "robust fits, equations "
     "that may have no solution, derivatives, medians",
     "geometry/pose, geometry/plane, geometry/rays, geometry/homography": "frames, signs and projections",
-    "search/diagnosis, search/both_images": "what the images of a refused frame show",
+    "search/refusal, search/diagnosis, search/both_images": "why a frame is refused",
+    "evidence/far_disparity, evidence/vergence, evidence/rig_unknowns, evidence/rig_measurements": "what is "
+    "unknown of the rig, and what shows it",
     "drive/drive, drive/motion, drive/changes": "the whole of a drive",
     "camera/topic_names, camera/camera_difference, drive/camera_changes": "topics, changes of cameras",
     "drive/drift, drive/watch, drive/states": "the watch over an active calibration",

@@ -36,6 +36,7 @@ class Options:
         processes: Processes that judge pairs.
         seed: Seed of the worlds of the second generator.
         only: The one of them that is written as a case, and not judged.
+        kind: The only kind of them that is drawn.
         turned: Whether worlds with a turned right camera are among them.
         folder: Where tables and plots go.
     """
@@ -63,6 +64,7 @@ class Options:
     processes: int = 2
     seed: int = 1
     only: int | None = None
+    kind: str | None = None
     turned: bool = False
     folder: Path = RESULTS
 

@@ -84,6 +84,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--seed", type=int, default=usual.seed, help="seed of the series")
     parser.add_argument("--processes", type=int, default=usual.processes, help="processes that judge them")
     parser.add_argument("--only", type=int, metavar="INDEX", help="write this one as a case")
+    parser.add_argument("--kind", help="the only kind that is drawn")
     parser.add_argument("--turned", action="store_true", help="draw turned right cameras among them, too")
     parser.add_argument("--folder", type=Path, default=usual.folder, help="where the tables go")
     options = replace(usual, **vars(parser.parse_args(arguments)))
@@ -98,7 +99,8 @@ def main(arguments: list[str]) -> int:
 def second_tables(options: Options) -> Iterator[Table]:
     """Judge worlds, and write each to a file as soon as it is known; or show a single one."""
     if options.only is not None:
-        write_case(draw(options.seed, options.only, turned=options.turned), options.folder / "second_cases")
+        world = draw(options.seed, options.only, turned=options.turned, kind=options.kind)
+        write_case(world, options.folder / "second_cases")
         return
     judged = list(_judged(options))
     yield summary(judged, options)
@@ -108,7 +110,7 @@ def second_tables(options: Options) -> Iterator[Table]:
 
 def _judged(options: Options) -> Iterator[Judged]:
     start = time.perf_counter()
-    judge = partial(judge_world, options.seed, options.turned)
+    judge = partial(judge_world, options.seed, options.turned, options.kind)
     with (options.folder / "second_worlds.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, [field.name for field in fields(Judged)], lineterminator="\n")
         writer.writeheader()
@@ -141,9 +143,9 @@ def _one_thread() -> None:
     cv2.setNumThreads(1)
 
 
-def judge_world(seed: int, turned: bool, index: int) -> Judged:
+def judge_world(seed: int, turned: bool, kind: str | None, index: int) -> Judged:
     """Render one world, calibrate it, and compare."""
-    world = draw(seed, index, turned=turned)
+    world = draw(seed, index, turned=turned, kind=kind)
     left, right = world.render()
     start = time.perf_counter()
     result = calibrate(left, right, world.rig)
@@ -227,10 +229,9 @@ def summary(judged: list[Judged], options: Options) -> Table:
         "Worlds of the second generator",
         ["worlds", "accepted", "wrong", "gross", "good", "good accepted", "good, low rig", "error / std"],
         f"{options.worlds} worlds, seed {options.seed}. Wrong: beyond {WRONG_STDS:g} reported standard "
-        f"deviations and {WRONG[0] * 1e3:g} mm, {WRONG[1]} or {WRONG[2]} deg; gross: beyond {GROSS[0] * 1e3:g}"
-        f" mm, {GROSS[1]} or {GROSS[2]} deg. Good: a fair road with paint of the own lane on 60 rows; the low "
-        "rigs have a column of their own. Error over standard deviation: root mean square of height, pitch "
-        "and roll of the good ones.",
+        f"deviations and {_triple(WRONG)}; gross: beyond {_triple(GROSS)}. Good: a fair road with paint of "
+        "the own lane on 60 rows; the low rigs have a column of their own. Error over standard deviation: "
+        "root mean square of height, pitch and roll of the good ones.",
     )
     good = [world for world in judged if world.good]
     low = [world for world in good if _LOW in world.tags.split()]
@@ -245,6 +246,10 @@ def summary(judged: list[Judged], options: Options) -> Table:
         " / ".join(number(value, 2) for value in _ratios(good)),
     )
     return table
+
+
+def _triple(limits: tuple[float, float, float]) -> str:
+    return f"{limits[0] * 1e3:g} mm, {limits[1]:g} deg of pitch or {limits[2]:g} deg of roll"
 
 
 def _share(worlds: list[Judged]) -> str:

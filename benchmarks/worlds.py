@@ -13,6 +13,7 @@ import numpy as np
 
 from stereo_selfcal import calibrate
 from stereo_selfcal.synth.renderer import Frame
+from stereo_selfcal.synth.world_recipes import INGREDIENTS
 from stereo_selfcal.synth.worlds import BAD_SHARE, GOOD_SHARE, World, random_world, render_world
 
 from .frames import READABLE, UNITS, Array, rms
@@ -110,7 +111,7 @@ def world_tables(options: Options) -> Iterator[Table]:
     """Count what is accepted and what is wrong, by verdict expected and by ingredient."""
     verdicts = judge_worlds(options.worlds)
     yield _by_expectation(verdicts, "worlds", f"{len(verdicts)} random worlds")
-    yield _by_ingredient(verdicts)
+    yield by_ingredient(verdicts)
     yield _faults(verdicts)
     fresh = judge_worlds(options.worlds, FRESH_SEED)
     yield _by_expectation(fresh, "worlds_fresh", f"{len(fresh)} worlds that nobody had looked at before")
@@ -148,11 +149,12 @@ def _by_expectation(verdicts: list[WorldVerdict], name: str, title: str) -> Tabl
     return table
 
 
-def _by_ingredient(verdicts: list[WorldVerdict]) -> Table:
+def by_ingredient(verdicts: list[WorldVerdict]) -> Table:
+    """Return the table of the same worlds by what is in them, rigs included."""
     table = Table(
         "worlds_ingredients",
         "The same by ingredient",
-        ["ingredient", *HEADER, "accepted of the good ones", "refused as"],
+        ["ingredient", "expected", *HEADER, "accepted of the good ones", "refused as"],
         "A world has up to five ingredients and counts for each of them.",
     )
     for name in sorted({name for verdict in verdicts for name in verdict.names}):
@@ -160,7 +162,8 @@ def _by_ingredient(verdicts: list[WorldVerdict]) -> Table:
         good = [verdict.accepted for verdict in group if verdict.expected == "accept"]
         reasons = Counter(verdict.reason for verdict in group if not verdict.accepted)
         told = ", ".join(f"{reason} {count}" for reason, count in reasons.most_common(TOP_REASONS))
-        table.add(name, *_counts(group), f"{sum(good)}/{len(good)}" if good else "-", told)
+        expected = INGREDIENTS[name].expected if name in INGREDIENTS else "-"
+        table.add(name, expected, *_counts(group), f"{sum(good)}/{len(good)}" if good else "-", told)
     return table
 
 

@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 
-from benchmarks.worlds import WorldVerdict, judge_world, world
+from benchmarks.worlds import WorldVerdict, by_ingredient, judge_world, world
+from stereo_selfcal.synth.world_recipes import INGREDIENTS
+from stereo_selfcal.synth.world_rigs import RIGS
+
+NOTHING = np.empty(0)
 
 
 def verdict(error, std, reason=""):
@@ -35,3 +39,20 @@ def test_world_is_judged_the_same_every_time():
     first, again = judge_world(3), judge_world(3)
     assert (first.names, first.reason) == (again.names, again.reason)
     np.testing.assert_array_equal(first.error, again.error)
+
+
+@pytest.mark.slow
+def test_worlds_are_drawn_from_all_ingredients_and_reported_by_each():
+    drawn = [world(index) for index in range(1200)]
+    names = {name for each in drawn for name in each.ingredients}
+    assert names == set(INGREDIENTS)
+    verdicts = [
+        WorldVerdict(
+            i, each.expected, (*each.ingredients, f"rig {each.rig_name}"), "no_lines_found", NOTHING, NOTHING
+        )
+        for i, each in enumerate(drawn)
+    ]
+    table = by_ingredient(verdicts)
+    rows = {row[0]: row for row in table.rows}
+    assert set(rows) - {"nothing else"} == names | {f"rig {name}" for name in RIGS}
+    assert rows["train_rails"][1] == "refuse"

@@ -128,7 +128,7 @@ def test_every_module_of_core_is_in_the_figure_or_beside_it():
 
 
 def test_stages_of_the_figure_are_sections_of_the_page():
-    headings = re.findall(r"^## (\d .+)$", METHOD, re.MULTILINE)
+    headings = re.findall(r"^## (\d+ .+)$", METHOD, re.MULTILINE)
     assert headings == [" ".join(row.title) for row in ROWS]
 
 

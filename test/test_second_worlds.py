@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from benchmarks.options import Options
+from benchmarks.second import Judged, by_kind, faults, judge_world, summary, write_case
 from benchmarks.second_worlds import draw, kinds
 from benchmarks.second_worlds.cameras import Mount, Turn, camera_pair, pose_over_plane
-from benchmarks.second_worlds.drafts import SIDES, Draft, everyday_sensor, ordinary
+from benchmarks.second_worlds.drafts import SIDES, Draft, everyday_sensor, ground, ordinary
+from benchmarks.second_worlds.objects import solid
 from benchmarks.second_worlds.raster import planes_before, rasterise
 from benchmarks.second_worlds.roads import Alignment
 from benchmarks.second_worlds.scenes import Scene
@@ -145,7 +150,8 @@ def _nearest(corners: np.ndarray, origin: np.ndarray, ray: np.ndarray) -> tuple[
     return best, which
 
 
-@pytest.mark.parametrize("kind", ["kerb_for_line", "rail_for_line", "kerb_beside"])
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["kerb_for_line", "rail_for_line", "slope_ahead", "curve", "crown"])
 def test_each_ray_sees_the_nearest_surface(kind: str) -> None:
     world = draw(11, 4, kind=kind)
     scene = world.scene
@@ -174,6 +180,31 @@ def test_each_ray_sees_the_nearest_surface(kind: str) -> None:
         assert differing <= 1  # a ray along a border
 
 
+def test_a_kerb_and_its_pavement_stand_above_the_plane_of_the_truth() -> None:
+    """What lies behind a kerb has the disparities of a plane that is higher by the kerb's face."""
+    draft = _draft()
+    face = 0.12
+    pavement = ground(0.3, 0.3, 0.004)
+    draft.edges_m["right"] = 1.6
+    draft.sides["right"] = [(0.0, face, solid(0.2)), (20.0, 0.0, pavement)]
+    draft.scenery = dict.fromkeys(SIDES, False)
+    scene = draft.scene()
+    height, pitch, roll = pose_over_plane(scene.mount, scene.road.plane()[0])
+    row, col = np.mgrid[300 : RIG.height, 0 : RIG.width]
+    left, right = _pair(scene)
+    part = slice(0, 50), slice(540, 630)  # of the rows from 300 on: all pavement
+    offsets = []
+    for above in (0.0, face):
+        disparity = _disparity((height - above, pitch, roll), col, row)
+        expected = _bicubic(right, col - disparity, row)[part]
+        slope = np.gradient(cv2.GaussianBlur(right, (0, 0), 1.0), axis=1)
+        gradient = _bicubic(slope, col - disparity, row)[part].ravel()
+        offsets.append(-(gradient @ (left[300:][part] - expected).ravel()) / (gradient @ gradient))
+    assert abs(offsets[1]) < 0.02
+    assert abs(offsets[0]) > 0.2
+
+
+@pytest.mark.slow
 def test_same_seed_same_bytes() -> None:
     first, second = draw(2, 7), draw(2, 7)
     for one, two in zip(first.render(), second.render(), strict=True):
@@ -248,8 +279,39 @@ def test_every_kind_can_be_drawn() -> None:
         assert ("turned" in world.tags) == (world.scene.turn != Turn())
 
 
+@pytest.mark.slow
 def test_about_half_of_the_worlds_are_good_and_none_is_turned() -> None:
     worlds = [draw(1, index) for index in range(150)]
     assert 0.35 < np.mean([world.good for world in worlds]) < 0.8
     assert all(world.scene.turn == Turn() for world in worlds)
     assert any("low_rig" in world.tags for world in worlds)
+
+
+@pytest.mark.slow
+def test_a_world_is_judged_and_written(tmp_path: Path) -> None:
+    judged = judge_world(1, False, None, 0)
+    world = draw(1, 0)
+    assert (judged.kind, judged.good) == (world.kind, world.good)
+    assert judged.accepted == (judged.error_mm is not None)
+    assert judged.accepted != bool(judged.reason)
+    case = write_case(world, tmp_path)
+    assert sorted(path.name for path in case.iterdir()) == ["case.json", "left.png", "right.png"]
+    numbers = json.loads((case / "case.json").read_text())
+    assert numbers["truth"]["height_m"] == world.truth.height_m
+    assert StereoRig.from_mapping(numbers["rig"]) == world.rig
+
+
+def test_wrong_and_gross_results_are_counted() -> None:
+    right = Judged(
+        *(0, "plain", "kitti", "", True, True, ""),
+        *(1.0, 0.1, 0.1, 2.0, 0.2, 0.2, 1.5, 0.0, 0.0, 90, 90),
+        *(False, False, 0.1),
+    )
+    wrong = replace(right, index=1, wrong=True, gross=True, good=False, error_mm=100.0)
+    refused = replace(right, index=2, accepted=False, tags="low_rig", reason="x", error_mm=None, std_mm=None)
+    answers = [right, wrong, refused]
+    row = summary(answers, Options()).rows[0]
+    assert row[-1] == "0.5 / 0.5 / 0.5"
+    assert row[:7] == ("3", "2", "1", "1", "2", "1 of 1 (100.0%)", "0 of 1 (0.0%)")
+    assert [cells[0] for cells in faults(answers).rows] == ["1"]
+    assert by_kind(answers).rows[0][-1] == "x 1"

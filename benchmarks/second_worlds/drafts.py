@@ -23,6 +23,10 @@ ROAD_LOOK = Look(Material.ROAD, 1.0, 0.0)
 Step = tuple[float, float, Look]
 
 
+# How many roads fall to a side so that water runs off, and how much: guidelines ask for 1.5 to 2.5 %.
+_FALLING, _FALL = 0.6, (0.005, 0.03)
+
+
 def sign(side: str) -> float:
     """Return on which side of zero a side lies across the lane."""
     return 1.0 if side == "left" else -1.0
@@ -43,6 +47,7 @@ class Draft:
         rig: The rig.
         mount: Where it is.
         lane_width_m: Width of the own lane.
+        narrow_m: By how much the strip is narrower of which the plane is the truth.
         lines: The own lane's lines by side.
         others: Stripes of other lanes.
         seams: Stripes below the paint.
@@ -60,7 +65,9 @@ class Draft:
         tags: Words about it.
         fair: Whether a calibration must answer, if the lines and the shape allow it.
         view_m: How far the own lane is seen.
-        openness: Whether something was put beside the road already, by side.
+        near_m: From where on it is seen.
+        scenery: Whether scenery may be put beside the road, by side.
+        one_side: Whether the paint of one side is enough, as the asphalt shows the rest.
     """
 
     rng: np.random.Generator
@@ -85,6 +92,9 @@ class Draft:
     tags: set[str] = field(default_factory=set)
     fair: bool = True
     view_m: float = 60.0
+    near_m: float = 0.3
+    one_side: bool = False
+    narrow_m: float = 0.0
     scenery: dict[str, bool] = field(default_factory=lambda: {"left": True, "right": True})
 
     @property
@@ -96,7 +106,16 @@ class Draft:
         """Return the shape of the road."""
         ends = [(-self.edges_m["right"], 0.0), (self.edges_m["left"], 0.0)]
         crown = tuple(self.crown or ends)
-        return Alignment(self.curvature_per_m, tuple(self.kinks), self.lane_width_m, crown)
+        return Alignment(self.curvature_per_m, tuple(self.kinks), self.lane_width_m - self.narrow_m, crown)
+
+    def at(self, t_m: float) -> Alignment:
+        """Return the shape of the road for what stands on the carriageway at a place across it."""
+        road = self.alignment()
+        return replace(road, base_m=float(road.section_m(np.array(t_m))))
+
+    def beside(self, side: str) -> Alignment:
+        """Return the shape of the road for what stands beyond an edge of the carriageway."""
+        return replace(self.alignment(), base_m=self.edge_height_m(side))
 
     def edge_height_m(self, side: str) -> float:
         """Return the height of the carriageway at its edge."""
@@ -238,7 +257,16 @@ def ordinary(rng: np.random.Generator, strength: float | None = None) -> Draft:
     for side in SIDES:
         draft.lines[side] = [paint(draft, sign(side) * width / 2)]
     _neighbours(draft)
+    if rng.random() < _FALLING:
+        draft.crown = roof(draft, float(rng.uniform(*_FALL)), float(rng.choice([draft.half_m, 50.0, -50.0])))
     return draft
+
+
+def roof(draft: Draft, fall: float, ridge_m: float) -> list[tuple[float, float]]:
+    """Return a cross-section that falls to both sides of a ridge; the middle of the lane is at height 0."""
+    ends = [-draft.edges_m["right"], draft.edges_m["left"]]
+    places = sorted({*ends, *([ridge_m] if ends[0] < ridge_m < ends[1] else [])})
+    return [(place, fall * (abs(ridge_m) - abs(place - ridge_m))) for place in places]
 
 
 def _neighbours(draft: Draft) -> None:
@@ -273,9 +301,9 @@ def everyday_sensor(draft: Draft) -> Sensor:
 def furnish(draft: Draft) -> None:
     """Put scenery beside the road where the kind has left room for it."""
     rng = draft.rng
-    road = draft.alignment()
     objects.hills(draft.builder, rng, float(rng.uniform(3, 40)))
     for side in SIDES:
+        road = draft.beside(side)
         if not draft.scenery[side]:
             continue
         edge = draft.edges_m[side]

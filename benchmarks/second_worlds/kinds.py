@@ -132,10 +132,9 @@ def kerb_beside(rng: np.random.Generator) -> Draft:
 def rail_beside(rng: np.random.Generator) -> Draft:
     """Painted lines, and a guard rail beyond one of them or both."""
     draft = ordinary(rng)
-    road = draft.alignment()
     for side in SIDES if rng.random() < 0.4 else (SIDES[int(rng.random() < 0.6)],):
         place = sign(side) * (draft.edges_m[side] + float(rng.uniform(0.1, 0.8)))
-        objects.guard_rail(draft.builder, road, place, rng)
+        objects.guard_rail(draft.builder, draft.beside(side), place, rng)
         draft.scenery[side] = False
     return draft
 
@@ -150,10 +149,11 @@ def noisy(rng: np.random.Generator) -> Draft:
 
 
 def noise_20(rng: np.random.Generator) -> Draft:
-    """Noise of 10 to 20 % of the range."""
+    """Noise of 10 to 20 % of the range: an answer is welcome."""
     draft = ordinary(rng)
     draft.sensor = replace(draft.sensor, noise=float(rng.uniform(25, 51)))
     draft.tags.add("heavy_noise")
+    draft.fair = False
     return draft
 
 

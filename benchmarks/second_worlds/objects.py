@@ -11,6 +11,7 @@ from .mesh import Look, Material, MeshBuilder
 from .roads import Alignment, Strip, add_strips
 
 _GAUGE_M = 1.435  # of railways: between the heads of the rails
+_DETAIL_M = 35.0  # cars further away have no wheels and lamps
 
 
 def solid(albedo: float, texture: float = 0.1, texel_m: float = 0.004, warmth: float = 0.0) -> Look:
@@ -28,9 +29,7 @@ def band(
     thin: bool = False,
 ) -> None:
     """Add a body along the road: its outline across the road, from place to place along it."""
-    step = 2.5 if road.curvature_per_m else 12.0
-    cuts = np.linspace(reach_m[0], reach_m[1], max(2, int((reach_m[1] - reach_m[0]) / step) + 1))
-    cuts = np.unique(np.concatenate([cuts, [k for k, _ in road.kinks if reach_m[0] < k < reach_m[1]]]))
+    cuts = road.cuts(*reach_m)
     for (t0, z0), (t1, z1) in itertools.pairwise(outline_m):
         one = road.world(cuts, np.array(t0), np.array(z0))
         two = road.world(cuts, np.array(t1), np.array(z1))
@@ -92,13 +91,9 @@ def cable(
     builder: MeshBuilder, road: Alignment, t_m: float, height_m: float, width_m: float, albedo: float
 ) -> None:
     """Add a cable along the road, which hangs between its masts."""
-    s = np.linspace(-3.0, 180.0, 62)
+    s = np.concatenate([np.arange(-3.0, 40.0, 3.9), np.arange(40.0, 180.0, 7.8)])
     sag = 0.25 * ((np.abs((s % 40.0) - 20.0) / 20.0) ** 2 - 1)
-    left = road.world(s, np.array(t_m + width_m / 2), height_m + sag)
-    right = road.world(s, np.array(t_m - width_m / 2), height_m + sag)
-    builder.add(
-        np.stack([left[:-1], left[1:], right[1:], right[:-1]], axis=1), solid(albedo, 0.02), thin=True
-    )
+    left = road.world(s, t_m, height_m + sag)
     down = np.array([0.0, 0.0, -width_m])
     builder.add(
         np.stack([left[:-1], left[1:], left[1:] + down, left[:-1] + down], axis=1),
@@ -132,6 +127,8 @@ def car(
         builder.box(foot + 0.28 * up, (length, width, 0.62), yaw, paint)
         _cabin(builder, foot + 0.9 * up, ahead, left, length, width, glass, paint)
         builder.box(foot + 0.12 * up, (length * 0.94, width * 0.9, 0.2), yaw, solid(0.03))
+    if s_m > _DETAIL_M:
+        return
     half = (3.9 if truck else length / 2) + 0.01
     for end in (-1, 1):
         for side in (-1, 1):
@@ -188,7 +185,7 @@ def tree(builder: MeshBuilder, foot: Array, rng: np.random.Generator) -> None:
         foot - np.array([0, 0, 0.2]), (0.3, 0.3, trunk + 1.2), 0.3, solid(0.1, 0.25, 0.006), thin=True
     )
     middle = foot + np.array([0, 0, trunk + rng.uniform(1.5, 2.5)])
-    rounds, around = 4, 7
+    rounds, around = 3, 6
     high = np.linspace(-np.pi / 2, np.pi / 2, rounds + 1)
     turn = np.arange(around + 1) * 2 * np.pi / around
     size = rng.uniform(0.75, 1.2, (rounds + 1, around + 1)) * rng.uniform(1.6, 2.8)
@@ -236,7 +233,7 @@ def hills(builder: MeshBuilder, rng: np.random.Generator, height_m: float) -> No
     low = np.concatenate([flat, np.full((len(angle), 1), -30.0)], axis=1)
     high = np.concatenate([flat, top[:, None]], axis=1)
     quads = np.stack([low[:-1], low[1:], high[1:], high[:-1]], axis=1)
-    builder.add(quads, solid(float(rng.uniform(0.1, 0.35)), 0.35, 0.08, 0.1))
+    builder.add(quads, solid(float(rng.uniform(0.1, 0.35)), 0.06, 0.31, 0.1))
 
 
 def snow_bank(
@@ -249,13 +246,13 @@ def snow_bank(
 ) -> None:
     """Add a bank of snow along the road, of uneven height."""
     out = np.sign(foot_m)
-    s = np.arange(-3.0, 120.0, 0.8)
+    s = np.cumsum(0.7 * 1.055 ** np.arange(42)) - 3.7
     rows: list[Array] = []
     for share, high in ((0.0, -0.03), (0.25, 0.6), (0.5, 1.0), (0.8, 0.9), (1.0, 0.7), (6.0, 0.5)):
         t = foot_m + out * (share * width_m + (rng.normal(0, 0.05, len(s)) if share < 2 else 0.0))
         z = height_m * (high + (rng.normal(0, 0.12, len(s)) if high > 0 else 0.0))
         rows.append(road.world(s, t, z))
-    look = solid(float(rng.uniform(0.6, 0.9)), 0.08, 0.01, -0.2)
+    look = solid(float(rng.uniform(0.45, 0.75)), 0.1, 0.01, -0.2)
     for one, two in itertools.pairwise(rows):
         first = np.stack([one[:-1], one[1:], two[1:], two[1:]], axis=1)
         second = np.stack([one[:-1], two[1:], two[:-1], two[:-1]], axis=1)

@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from stereo_selfcal import StereoRig
+
 from .cameras import Array, Array32, Camera
 from .mesh import Ints, Mesh
 
@@ -103,24 +105,37 @@ def _outlines(mesh: Mesh, camera: Camera) -> dict[int, _Outline]:
     rig = camera.rig
     optical = (mesh.corners_m - camera.centre_m) @ camera.optical_from_world.T
     ahead = optical[..., 2] > NEAR_M
-    result: dict[int, _Outline] = {}
-    for index in np.flatnonzero(ahead.any(axis=1)):
-        corners = optical[index] if ahead[index].all() else _cut(optical[index])
-        pixels = corners[:, :2] / corners[:, 2:] * (rig.fx, rig.fy) + (rig.cx, rig.cy)
-        low, high = pixels.min(axis=0), pixels.max(axis=0)
-        if high[0] < -1 or high[1] < -1 or low[0] > rig.width or low[1] > rig.height:
-            continue
-        step = np.roll(pixels, -1, axis=0) - pixels
-        length = np.hypot(step[:, 0], step[:, 1])
-        keep = length > 1e-9
-        if keep.sum() < 3:
-            continue
-        a, b = -step[keep, 1] / length[keep], step[keep, 0] / length[keep]
-        c = -(a * pixels[keep, 0] + b * pixels[keep, 1])
-        centre = pixels.mean(axis=0)
-        sign = np.sign(np.sum(a * centre[0] + b * centre[1] + c)) or 1.0
-        result[int(index)] = _Outline(pixels, np.stack([a, b, c], axis=1) * sign)
+    whole = np.flatnonzero(ahead.all(axis=1))
+    result = _seen(whole, optical[whole], rig)
+    for index in np.flatnonzero(ahead.any(axis=1) & ~ahead.all(axis=1)):
+        result |= _seen(np.array([index]), _cut(optical[index])[None], rig)
     return result
+
+
+def _seen(index: npt.NDArray[np.intp], optical: Array, rig: StereoRig) -> dict[int, _Outline]:
+    """Return the outlines of polygons before the camera of which something lies in the image."""
+    pixels = optical[..., :2] / optical[..., 2:] * (rig.fx, rig.fy) + (rig.cx, rig.cy)
+    low, high = pixels.min(axis=1), pixels.max(axis=1)
+    size = (rig.width, rig.height)
+    chosen = np.flatnonzero(((high >= -1) & (low <= size)).all(axis=1))
+    pixels = pixels[chosen]
+    step = np.roll(pixels, -1, axis=1) - pixels
+    length = np.hypot(step[..., 0], step[..., 1])
+    real = length > 1e-9
+    safe = np.where(real, length, 1.0)
+    a, b = -step[..., 1] / safe, step[..., 0] / safe
+    c = -(a * pixels[..., 0] + b * pixels[..., 1])
+    centre = pixels.mean(axis=1)
+    sign = np.sign((a * centre[:, 0:1] + b * centre[:, 1:2] + c).sum(axis=1, where=real))
+    # A corner given twice has no side between: 0 x + 0 y + 1 >= 0 holds everywhere.
+    sides = np.stack([a, b, c], axis=-1) * sign[:, None, None]
+    sides = np.where(real[..., None], sides, [0.0, 0.0, 1.0])
+    flat = (real.sum(axis=1) < 3) | (sign == 0)
+    return {
+        int(index[each]): _Outline(pixels[number], sides[number])
+        for number, each in enumerate(chosen)
+        if not flat[number]
+    }
 
 
 def _cut(corners: Array) -> Array:

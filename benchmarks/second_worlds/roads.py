@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from .mesh import Look, MeshBuilder
 NEAREST_M, FARTHEST_M = 3.0, 15.0
 _FAR_M = 400.0
 _BEHIND_M = -4.0
+_SAG_M = 0.006  # by which a bend may be drawn off its arc
 
 
 @dataclass(frozen=True)
@@ -44,12 +46,14 @@ class Alignment:
         kinks: Places along the road and by how much the slope grows there.
         lane_width_m: Width of the own lane, which lies about zero.
         crown: Falls of the own carriageway: (place across, height) from right to left, ascending.
+        base_m: Added to every height given to :meth:`world`, for what stands beside the carriageway.
     """
 
     curvature_per_m: float
     kinks: tuple[tuple[float, float], ...]
     lane_width_m: float
     crown: tuple[tuple[float, float], ...]
+    base_m: float = 0.0
 
     def rise_m(self, s: Array) -> Array:
         """Return the height of the road along it."""
@@ -71,7 +75,7 @@ class Alignment:
         if self.curvature_per_m:
             radius = 1 / self.curvature_per_m
             x, y = (radius - t) * np.sin(s / radius), radius - (radius - t) * np.cos(s / radius)
-        return np.stack([x, y, z + self.rise_m(s)], axis=-1)
+        return np.stack([x, y, z + self.rise_m(s) + self.base_m], axis=-1)
 
     def lane(self, x: Array32, y: Array32) -> tuple[Array32, Array32, Array32, Array32]:
         """Return where points lie along and across, and the direction (cos, sin) of the lane there."""
@@ -85,6 +89,18 @@ class Alignment:
         cos, sin = across / distance, sign * x / distance
         angle = np.arctan2(x, across)
         return angle * np.abs(radius), (np.abs(radius) - distance) * sign, cos, sin
+
+    def cuts(self, start_m: float, end_m: float) -> Array:
+        """Return places along the road between which it may be drawn flat."""
+        cuts = {start_m, end_m} | {place for place, _ in self.kinks if start_m < place < end_m}
+        if self.curvature_per_m:
+            radius = abs(1 / self.curvature_per_m)
+            end_m = min(end_m, 1.3 * radius)
+            step = math.sqrt(8 * _SAG_M * radius)
+            near, far = np.arange(start_m, min(end_m, 40.0), step), np.arange(40.0, end_m, 2 * step)
+            cuts = {cut for cut in cuts if cut <= end_m} | {end_m}
+            cuts |= {float(cut) for cut in np.concatenate([near, far])}
+        return np.array(sorted(cuts))
 
     def plane(self) -> tuple[tuple[float, float, float], float]:
         """Return the plane z = a + b x + c y of the own lane ahead, and how far the lane leaves it [m]."""
@@ -100,7 +116,7 @@ class Alignment:
 def add_strips(builder: MeshBuilder, road: Alignment, strips: list[Strip]) -> None:
     """Add the strips of a cross-section to a mesh; each is one smooth surface."""
     for strip in strips:
-        cuts = _cuts(road, strip.start_m, strip.end_m)
+        cuts = road.cuts(strip.start_m, strip.end_m)
         (t0, z0), (t1, z1) = strip.from_m, strip.to_m
         right = road.world(cuts, np.array(t0), np.array(z0))
         left = road.world(cuts, np.array(t1), np.array(z1))
@@ -120,15 +136,3 @@ def add_section(
     """Add a chain of strips from right to left, over the whole length."""
     strips = [Strip(a, b, look) for a, b, look in zip(points_m[:-1], points_m[1:], looks, strict=True)]
     add_strips(builder, road, strips)
-
-
-def _cuts(road: Alignment, start_m: float, end_m: float) -> Array:
-    """Return places along the road between which it is flat."""
-    cuts = {start_m, end_m} | {place for place, _ in road.kinks if start_m < place < end_m}
-    if road.curvature_per_m:
-        end_m = min(end_m, 1.3 / abs(road.curvature_per_m))
-        cuts = {cut for cut in cuts if cut <= end_m} | {end_m}
-        near = np.arange(start_m, min(end_m, 60.0), 2.5)
-        far = np.arange(60.0, end_m, 8.0)
-        cuts |= {float(cut) for cut in np.concatenate([near, far])}
-    return np.array(sorted(cuts))

@@ -56,7 +56,7 @@ def _rendered(
         light[flat], warmth[flat] = shade_ground(scene, points, material[flat] == Material.ROAD)
         _haze(scene, points, light, flat)
         if scene.wet:
-            gloss[flat] = _gloss(scene, points)
+            gloss[flat] = _gloss(scene, points) * (material[flat] == Material.ROAD)
     upright = np.flatnonzero(material >= Material.SOLID)
     if len(upright):
         points = points_of(mesh, camera, planes, samples, upright)

@@ -87,12 +87,14 @@ class Stack:
         top: First row of each level.
         rows: Texels of each level along the view.
         cols: Texels of each level across it.
+        first: Number of the first level, below 0 where nearer ones are finer along the view only.
     """
 
     atlas: Array32
     top: Array32
     rows: Array32
     cols: Array32
+    first: int
 
     def sample(self, along: Array32, across: Array32, level: Array32) -> Array32:
         """Return the texture at places given in tiles.
@@ -106,7 +108,7 @@ class Stack:
             return np.zeros(0, np.float32)
         along = along - np.floor(along)
         across = across - np.floor(across)
-        level = np.clip(level, 0, len(self.top) - 1.001)
+        level = np.clip(level - np.float32(self.first), 0, len(self.top) - 1.001)
         lower = level.astype(np.int32)
         share = level - lower
         first = self._tap(along, across, lower)
@@ -139,13 +141,14 @@ def stack(name: str, slope: int, offset: int) -> Stack:
         name: Name of the tile.
         slope: Doublings along the view for each across: 2 for a floor, of which a pixel sees a length
             that grows with the square of the distance; 1 for a wall.
-        offset: Doublings along the view at level 0.
+        offset: Doublings along the view at level 0. Levels below have as many texels across, and more along.
     """
     base = tile(name)
     levels: list[Array32] = []
-    for level in range(SIZE.bit_length() - 2):
+    first = -max(0, -(-offset // slope))
+    for level in range(first, SIZE.bit_length() - 2):
         rows = max(SIZE >> max(0, slope * level + offset), 4)
-        cols = max(SIZE >> level, 4)
+        cols = max(SIZE >> max(0, level), 4)
         smaller = (
             base
             if (rows, cols) == base.shape
@@ -162,4 +165,5 @@ def stack(name: str, slope: int, offset: int) -> Stack:
         (top + _PAD - 0.5).astype(np.float32),
         np.array([height - 2 * _PAD for height in heights], np.float32),
         np.array([level.shape[1] - 2 * _PAD for level in levels], np.float32),
+        first,
     )

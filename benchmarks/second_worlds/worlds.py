@@ -17,7 +17,10 @@ from .rigs import is_low
 from .scenes import Scene, Stripe
 from .sensors import Image
 from .shading import picture
+from .shapes import SHAPES
+from .streets import STREETS
 from .traps import TRAPS, TURNED
+from .weather import WEATHER
 
 # A road must be flat enough that its plane is defined [m].
 FLAT_M = 0.015
@@ -41,9 +44,10 @@ class World:
         rig_name: Name of its rig.
         scene: All that is rendered.
         fair: Whether its kind is one that a calibration must answer.
-        view_m: How far the own lane is seen.
+        reach_m: From where to where the own lane is seen.
         tags: Words about it.
         lines: The own lane's lines by side.
+        one_side: Whether the paint of one side is enough, as the asphalt shows the rest.
     """
 
     seed: int
@@ -52,9 +56,10 @@ class World:
     rig_name: str
     scene: Scene
     fair: bool
-    view_m: float
+    reach_m: tuple[float, float]
     tags: frozenset[str]
     lines: dict[str, tuple[Stripe, ...]]
+    one_side: bool
 
     @property
     def rig(self) -> StereoRig:
@@ -85,7 +90,8 @@ class World:
     def good(self) -> bool:
         """Whether a calibration must answer: a fair kind, paint in view, and a road that is flat enough."""
         rows = self.paint_rows
-        enough = rows["any"] >= LEAST_ROWS and min(rows[side] for side in SIDES) >= LEAST_ROWS_A_SIDE
+        both = min(rows[side] for side in SIDES) >= LEAST_ROWS_A_SIDE
+        enough = rows["any"] >= LEAST_ROWS and (both or self.one_side)
         return self.fair and enough and self.unevenness_m <= FLAT_M
 
     def render(self) -> tuple[Image, Image]:
@@ -109,7 +115,7 @@ class World:
         for side in SIDES:
             rows = np.zeros(camera.rig.height, bool)
             for line in self.lines.get(side, ()):
-                s = np.arange(0.3, self.view_m, _STEP_M)
+                s = np.arange(*self.reach_m, _STEP_M)
                 if line.dash_m:
                     s = s[np.mod(s - line.phase_m, line.dash_m + line.gap_m) < line.dash_m]
                 s = s[(s > line.start_m) & (s < line.end_m)]
@@ -133,7 +139,7 @@ def kinds(turned: bool = False) -> tuple[Kind, ...]:
     Args:
         turned: Whether those with a turned right camera are among them.
     """
-    return (*GOOD_KINDS, *TRAPS, *(TURNED if turned else ()))
+    return (*GOOD_KINDS, *SHAPES, *STREETS, *WEATHER, *TRAPS, *(TURNED if turned else ()))
 
 
 def draw(seed: int, index: int, *, turned: bool = False, kind: str | None = None) -> World:
@@ -166,7 +172,8 @@ def draw(seed: int, index: int, *, turned: bool = False, kind: str | None = None
         draft.rig_name,
         draft.scene(),
         draft.fair,
-        draft.view_m,
+        (draft.near_m, draft.view_m),
         frozenset(draft.tags),
         lines,
+        draft.one_side,
     )

@@ -7,7 +7,7 @@ import json
 import re
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -276,7 +276,7 @@ def _write_picture(path: Path, source: FrameSource, replay: Replay) -> None:
     if frame.problem:
         raise UsageError(f"--picture {path}: no frame can be shown ({frame.problem})")
     if replay.estimate.accepted:
-        shown = replace(replay.estimate, pattern=shown.pattern)
+        shown = replay.estimate.drawn_as(shown)
     picture = draw_overview(frame.left, frame.right, replay.rig, shown)
     _, content = cv2.imencode(".png", picture)
     write_atomically(path, content.tobytes())

@@ -15,14 +15,16 @@ from .config import CalibratorConfig
 from .drive.fusion import fuse_frames
 from .errors import shortened
 from .evidence.frame_evidence import FrameObservations
+from .evidence.road_surface import SurfaceCells
 from .lanes import frame_checks
 from .lanes.hypotheses import NoPattern, find_hypotheses, unused_lines
 from .lanes.lane_pair import LanePattern
+from .lanes.matching import Matches
 from .numerics.linear import is_covariance
 from .results import CalibrationResult, caught, rejected, result_of
 from .search.attempt import Attempt
 from .search.diagnosis import diagnose
-from .search.solve import solve
+from .search.solve import coarse_pose, solve
 from .search.strategy import FrameSearch, choose
 from .types import Image
 
@@ -123,7 +125,9 @@ class Calibrator:
             refusal, pattern = search.refusal(attempts)
             cause = diagnose(refusal, lines, pattern, frame, self.rig, self.config)
             result = replace(result, rejection=cause, message=cause.message, pattern=pattern)
-        return replace(result, unused_lines=unused_lines(lines, result.pattern))
+        if chosen is None:
+            result = _with_what_was_seen(result, lines.matches, frame)
+        return replace(result, unused_lines=unused_lines(lines, result.pattern, result.lane_line))
 
     def extract(self, left: Image, right: Image) -> LanePattern | NoPattern:
         """Extract the calibration pattern of one frame (paper section 2.2).
@@ -141,6 +145,20 @@ class Calibrator:
         frame = FrameObservations.from_images((left, right), self.rig, self.config)
         found = find_hypotheses(frame.points, frame.images, self.rig, self.config).patterns
         return found[0] if isinstance(found, list) else found
+
+
+def _with_what_was_seen(
+    result: CalibrationResult, matches: Matches, frame: FrameObservations
+) -> CalibrationResult:
+    """Return the result of a frame without an estimate, with the line and the part of the road it shows."""
+    in_both = [match for side in matches for match in side]
+    clearest = max(in_both, key=lambda match: match.votes, default=None)
+    return replace(
+        result,
+        stages=coarse_pose(frame).as_dict(),
+        surface=None if frame.surface is None else SurfaceCells.of(frame.surface.texture),
+        lane_line=None if clearest is None or result.pattern is not None else clearest.left.line,
+    )
 
 
 def _checked_stamp(stamp_s: float) -> float:

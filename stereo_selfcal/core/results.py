@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
+from .evidence.road_surface import SurfaceCells
 from .faults import Fault
 from .geometry.pose import Extrinsics
 from .geometry.uncertainty import UncertaintyTerm
@@ -33,6 +34,9 @@ class CalibrationResult:
         n_frames: Number of accepted frames behind the result.
         pattern: Lines and sampled points of the estimate, for pictures.
         unused_lines: Lines of the left camera that were found and are not in the pattern.
+        surface: The road surface that was seen, for pictures; None without one.
+        lane_line: Without a pair of lines, the clearest line of the left image that both cameras see on the
+            road, for pictures.
         genetic: Report of the genetic algorithm.
         gates: Readings of all gates up to the first one that refused.
         uncertainty: Terms of the covariance, one for each cause; their sum is the covariance. Empty when
@@ -55,6 +59,8 @@ class CalibrationResult:
     n_frames: int = 0
     pattern: LanePattern | None = None
     unused_lines: tuple[ImageLine, ...] = ()
+    surface: SurfaceCells | None = None
+    lane_line: ImageLine | None = None
     genetic: GeneticResult | None = None
     gates: tuple[GateReading, ...] = ()
     reservations: tuple[Reservation, ...] = ()
@@ -98,7 +104,19 @@ class CalibrationResult:
 
     def slim(self) -> CalibrationResult:
         """Return the result without its points and lines, which take as much memory as an image."""
-        return replace(self, pattern=None, unused_lines=(), genetic=None, attempts=())
+        return replace(self.without_pictures(), genetic=None, attempts=())
+
+    def drawn_as(self, frame: CalibrationResult) -> CalibrationResult:
+        """Return the result with the lines and the road surface of one frame, to draw it over that frame.
+
+        Args:
+            frame: Result of the frame.
+        """
+        return replace(self, pattern=frame.pattern, surface=frame.surface, lane_line=frame.lane_line)
+
+    def without_pictures(self) -> CalibrationResult:
+        """Return the result without what only pictures need: points, lines and cells."""
+        return replace(self, pattern=None, unused_lines=(), surface=None, lane_line=None)
 
 
 def result_of(chosen: Attempt | None, attempts: Sequence[Attempt], stamp_s: float) -> CalibrationResult:
@@ -116,6 +134,8 @@ def result_of(chosen: Attempt | None, attempts: Sequence[Attempt], stamp_s: floa
         stages=chosen.stages,
         stamp_s=stamp_s,
         pattern=chosen.pattern,
+        surface=chosen.surface,
+        lane_line=chosen.lane_line,
         genetic=chosen.genetic,
         gates=chosen.readings,
         attempts=tuple(attempts),

@@ -1,23 +1,39 @@
-"""The image of the left camera with what was found in it: points, lines, horizon and the grid of the road."""
+"""The image of a camera with what was found in it: road surface, points, lines, horizon, grid."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from ..core.camera.rig import StereoRig
+from ..core.evidence.road_surface import SurfaceCells
 from ..core.geometry.homography import horizon_row
 from ..core.geometry.pose import Extrinsics
 from ..core.lanes.lane_pair import ImageLine, LanePattern
 from ..core.results import CalibrationResult
 from ..core.types import Array, Image
-from .canvas import DARK, ORANGE, PURPLE, SKY_BLUE, VERMILION, WHITE, YELLOW, Canvas, dark_strip
+from .canvas import (
+    DARK,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    SKY_BLUE,
+    VERMILION,
+    WHITE,
+    YELLOW,
+    Canvas,
+    Colour,
+    dark_strip,
+)
 from .road_grid import draw_grid
+from .surface_cells import draw_cells
 
 _MAX_POINTS = 40  # more dots on a line would hide it
 _POLYLINE_POINTS = 32
+_LEGEND_SIZE = 0.9
 
 
 def shown_extrinsics(result: CalibrationResult) -> Extrinsics | None:
@@ -32,6 +48,48 @@ def fits(rig: StereoRig, *images: Image) -> bool:
     return all(image.shape == (rig.height, rig.width) for image in images)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawn:
+    """What is drawn over an image of the left camera; None or empty where there is none.
+
+    Attributes:
+        pose: Pose whose horizon and grid are drawn.
+        surface: The road surface.
+        pattern: The two lane lines, with extra lines.
+        lane_line: The single lane line of a frame without two.
+        other_lines: Other lines that were found.
+        stripes: (N, 2) image points [px] on stripes.
+    """
+
+    pose: Extrinsics | None = None
+    surface: SurfaceCells | None = None
+    pattern: LanePattern | None = None
+    lane_line: ImageLine | None = None
+    other_lines: tuple[ImageLine, ...] = ()
+    stripes: Array | None = None
+
+    @classmethod
+    def of(
+        cls,
+        left: Image,
+        rig: StereoRig | None,
+        result: CalibrationResult | None,
+        stripes: Array | None = None,
+    ) -> Drawn:
+        """Return what of a result can be drawn over an image; arguments as of :func:`draw_camera_view`."""
+        if result is None:
+            return cls(stripes=stripes)
+        fitting = rig is not None and fits(rig, left)
+        return cls(
+            shown_extrinsics(result) if fitting else None,
+            result.surface if fitting else None,
+            result.pattern,
+            result.lane_line,
+            result.unused_lines,
+            stripes,
+        )
+
+
 def draw_camera_view(
     left: Image,
     rig: StereoRig | None,
@@ -39,7 +97,7 @@ def draw_camera_view(
     scale: float = 1.0,
     stripes: Array | None = None,
 ) -> Image:
-    """Draw points, lines, horizon and road grid over the image of the left camera.
+    """Draw road surface, points, lines, horizon and road grid over the image of the left camera.
 
     Args:
         left: (H, W) uint8 image of the left camera, not empty.
@@ -51,61 +109,109 @@ def draw_camera_view(
     Returns:
         (scale H, scale W, 3) uint8 BGR.
     """
-    size = (round(left.shape[1] * scale), round(left.shape[0] * scale))
-    grey = cv2.resize(left, size, interpolation=cv2.INTER_LINEAR)
-    canvas = Canvas(np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), dtype=np.uint8), scale)
-    extrinsics = None if result is None else shown_extrinsics(result)
-    if extrinsics is not None and rig is not None and fits(rig, left):
-        draw_grid(canvas, rig, extrinsics)
-    if stripes is not None:
-        canvas.specks(stripes, ORANGE)
-    if extrinsics is not None and rig is not None and fits(rig, left):
+    canvas = canvas_of(left, scale)
+    drawn = Drawn.of(left, rig, result, stripes)
+    if drawn.surface is not None and rig is not None:
+        draw_cells(canvas, rig, drawn.surface)
+    if drawn.pose is not None and rig is not None:
+        draw_grid(canvas, rig, drawn.pose)
+    if drawn.stripes is not None:
+        canvas.specks(drawn.stripes, ORANGE)
+    if drawn.pose is not None and rig is not None:
         ends = np.array([0.0, rig.width - 1.0])
-        horizon = np.column_stack([ends, horizon_row(rig, extrinsics, ends)])
+        horizon = np.column_stack([ends, horizon_row(rig, drawn.pose, ends)])
         canvas.polyline(horizon, SKY_BLUE, 2 * canvas.thickness)
-    if result is None:
-        return canvas.pixels
-    above = 0.0 if result.pattern is None else float(result.pattern.vanishing_point[1])
-    for line in result.unused_lines:
+    above = _first_row(drawn, rig)
+    for line in drawn.other_lines:
         ends = np.array([max(above, line.rows.min()), line.rows.max()])
         if ends[1] > ends[0]:  # a line above the horizon is no line of the road
             canvas.polyline(np.column_stack([line.column_at(ends), ends]), ORANGE, canvas.thickness)
-    if result.pattern is not None:
-        _draw_pattern(canvas, result.pattern, left.shape[0])
+    if drawn.pattern is not None:
+        _draw_pattern(canvas, drawn.pattern, left.shape[0])
+    if drawn.lane_line is not None:
+        draw_line(canvas, drawn.lane_line, max(above, float(drawn.lane_line.rows.min())), left.shape[0])
     return canvas.pixels
 
 
-def legend(width: int, with_stripes: bool = False) -> Image:
-    """Return the strip that names the colours of the camera view."""
+def _first_row(drawn: Drawn, rig: StereoRig | None) -> float:
+    """Return the row above which no line is one of the road [px]: where lines meet, else the horizon."""
+    if drawn.pattern is not None:
+        return float(drawn.pattern.vanishing_point[1])
+    if drawn.pose is None or rig is None:
+        return 0.0
+    return max(float(horizon_row(rig, drawn.pose, rig.cx)), 0.0)
+
+
+def canvas_of(image: Image, scale: float) -> Canvas:
+    """Return an enlarged grey image to draw on."""
+    size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
+    grey = cv2.resize(image, size, interpolation=cv2.INTER_LINEAR)
+    return Canvas(np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), dtype=np.uint8), scale)
+
+
+def legend(width: int, drawn: Drawn) -> Image:
+    """Return the strip that names the colours of what is drawn in the camera view."""
+    lines = drawn.pattern is not None or drawn.lane_line is not None
+    entries: list[tuple[str, Colour]] = [("left camera:", WHITE)]
+    for text, colour, shown in (
+        (". stripe", ORANGE, drawn.stripes is not None),
+        ("o measured edge", WHITE, lines),
+        ("- lane line", VERMILION, lines),
+        ("- other line", ORANGE, bool(drawn.other_lines)),
+        ("- horizon", SKY_BLUE, drawn.pose is not None),
+        ("o lines meet", PURPLE, drawn.pattern is not None),
+        ("# road, 1 m x 5 m", YELLOW, drawn.pose is not None),
+        ("# road surface", GREEN, drawn.surface is not None and bool(drawn.surface.agrees.any())),
+        ("x beside it", VERMILION, drawn.surface is not None and _some_beside(drawn.surface)),
+    ):
+        if shown:
+            entries.append((text, colour))
+    if len(entries) == 1:
+        entries.append(("no line and no road surface was found", WHITE))
+    return legend_strip(width, entries)
+
+
+def legend_strip(width: int, entries: list[tuple[str, Colour]]) -> Image:
+    """Return a strip with words in their colours, smaller where they are many."""
     step = dark_strip(width, 1).line_height
     strip = dark_strip(width, 1.5 * step)
     x = 0.5 * step
-    entries = [
-        ("left camera:", WHITE),
-        ("o measured edge", WHITE),
-        ("- lane line", VERMILION),
-        ("- other line", ORANGE),
-        ("- horizon", SKY_BLUE),
-        ("o lines meet", PURPLE),
-        ("# road, 1 m x 5 m", YELLOW),
-    ]
-    if with_stripes:
-        entries[0] = (". stripe", ORANGE)
+    wanted = sum(strip.text_width(text) + step for text, _ in entries)
+    size = min(_LEGEND_SIZE, (width - 2 * x) / wanted)
     for text, colour in entries:
-        x += strip.text(text, x, step, colour, size=0.9) + step
+        x += strip.text(text, x, step, colour, size=size) + size * step
     return strip.pixels
+
+
+def _some_beside(surface: SurfaceCells) -> bool:
+    return bool(np.any(np.isfinite(surface.height_m) & ~surface.agrees))
 
 
 def _draw_pattern(canvas: Canvas, pattern: LanePattern, height: int) -> None:
     """Draw the lines of the left camera, the points they were measured at, and where they meet."""
     for line in pattern.lines[0]:
-        rows = np.linspace(float(pattern.vanishing_point[1]), height - 1.0, _POLYLINE_POINTS)
-        canvas.polyline(np.column_stack([line.column_at(rows), rows]), VERMILION, 2 * canvas.thickness)
-        for point in _some_points(line):
-            canvas.dot(point, 3.5, DARK)
-            canvas.dot(point, 2.5, WHITE)
+        draw_line(canvas, line, float(pattern.vanishing_point[1]), height)
     canvas.dot(pattern.vanishing_point, 7.0, DARK, 4 * canvas.thickness)
     canvas.dot(pattern.vanishing_point, 7.0, PURPLE, 2 * canvas.thickness)
+
+
+def draw_line(
+    canvas: Canvas, line: ImageLine, first_row: float, height: int, with_points: bool = True
+) -> None:
+    """Draw a lane line down to the bottom of the image.
+
+    Args:
+        canvas: The image.
+        line: The line.
+        first_row: Row where it begins [px].
+        height: Height of the image [px].
+        with_points: Whether to draw points it was measured at.
+    """
+    rows = np.linspace(first_row, height - 1.0, _POLYLINE_POINTS)
+    canvas.polyline(np.column_stack([line.column_at(rows), rows]), VERMILION, 2 * canvas.thickness)
+    for point in _some_points(line) if with_points else ():
+        canvas.dot(point, 3.5, DARK)
+        canvas.dot(point, 2.5, WHITE)
 
 
 def _some_points(line: ImageLine) -> Array:

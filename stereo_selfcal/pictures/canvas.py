@@ -70,6 +70,10 @@ class Canvas:
                 (a, b), size = self.position([start, end]).tolist(), thickness or self.thickness
                 cv2.line(self.pixels, a, b, colour, size, cv2.LINE_AA, _SHIFT)
 
+    def polygon(self, points: Array, colour: Colour) -> None:
+        """Fill a convex polygon through image points (N, 2) [px]."""
+        cv2.fillConvexPoly(self.pixels, self.position(points), colour, cv2.LINE_AA, _SHIFT)
+
     def dot(self, point: Array, radius_px: float, colour: Colour, thickness: int = -1) -> None:
         """Draw a dot, or with a positive thickness a ring."""
         radius = round(radius_px * self.thickness * (1 << _SHIFT))
@@ -82,6 +86,11 @@ class Canvas:
             columns, rows = (self.position(points) >> _SHIFT).T + np.array(offset)[:, None]
             inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
             self.pixels[rows[inside], columns[inside]] = colour
+
+    def text_width(self, text: str) -> int:
+        """Return how wide a text of size 1 is [px]."""
+        scale = TEXT_SCALE * self.pixels.shape[1] / MIN_WIDTH_PX
+        return int(cv2.getTextSize(text, FONT, scale, self.thickness)[0][0])
 
     def text(self, text: str, x: float, y: float, colour: Colour = WHITE, size: float = 1.0) -> int:
         """Write on a dark plate, the lower left corner at (x, y) of this picture; return the width [px]."""

@@ -9,8 +9,9 @@ from ..core.geometry.pose import Extrinsics
 from ..core.results import CalibrationResult
 from ..core.types import Array, Image
 from .birds_eye import BIRDS_EYE_ASPECT, draw_birds_eye
-from .camera_view import draw_camera_view, fits, legend, shown_extrinsics
+from .camera_view import Drawn, draw_camera_view, fits, legend, shown_extrinsics
 from .canvas import MIN_WIDTH_PX
+from .contradiction import contradicts, draw_contradiction
 from .verdict import StripContent, gate_strip, verdict_of, verdict_strip
 
 # A stream of pictures is looked at in a window and sent over a network: no wider than this.
@@ -19,6 +20,8 @@ MAX_STREAM_WIDTH_PX = 1280
 
 def draw_overview(left: Image, right: Image, rig: StereoRig, result: CalibrationResult) -> Image:
     """Compose verdict, camera view and bird's-eye view into one picture.
+
+    Where lines and road surface contradict each other, the right image shows both.
 
     Args:
         left: (H, W) uint8 image of the left camera.
@@ -31,9 +34,12 @@ def draw_overview(left: Image, right: Image, rig: StereoRig, result: Calibration
     """
     if left.size == 0:
         left = np.zeros((rig.height, rig.width), dtype=np.uint8)
-    view = draw_camera_view(left, rig, result, max(1.0, MIN_WIDTH_PX / left.shape[1]))
+    scale = max(1.0, MIN_WIDTH_PX / left.shape[1])
+    view = draw_camera_view(left, rig, result, scale)
     width = view.shape[1]
-    panels = [verdict_strip(verdict_of(result), width), view, legend(width)]
+    panels = [verdict_strip(verdict_of(result), width), view, legend(width, Drawn.of(left, rig, result))]
+    if contradicts(result):
+        panels += draw_contradiction(right, rig, result, scale)
     if result.gates:
         panels.append(gate_strip(result, width))
     extrinsics = shown_extrinsics(result)
@@ -63,7 +69,9 @@ def draw_debug_image(
     """
     view = draw_camera_view(left, rig, result, _stream_width(left) / left.shape[1], stripes)
     width = view.shape[1]
-    return np.vstack([verdict_strip(verdict, width), view, legend(width, with_stripes=True)])
+    return np.vstack(
+        [verdict_strip(verdict, width), view, legend(width, Drawn.of(left, rig, result, stripes))]
+    )
 
 
 def draw_fringes(

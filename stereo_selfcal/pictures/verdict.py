@@ -18,7 +18,7 @@ LINE_CHARACTERS = 95  # of a line of text across the picture
 _GATE_COLUMNS = 3
 _WHOLE = 100.0  # from here on three digits are a whole number
 _UNITS = {"standard deviations": "std"}  # what is too long for a column
-_GAP = 5 * " "  # between two components of a pose
+_GAP = 4 * " "  # between two components of a pose
 
 
 @dataclass(frozen=True, slots=True)

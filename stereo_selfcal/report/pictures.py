@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import base64
 import math
-from dataclasses import replace
 from typing import Any
 
 import cv2
+import numpy as np
 
 from ..core.drive.drive import clock
 from ..core.errors import SelfcalError
@@ -16,6 +16,7 @@ from ..core.types import Image
 from ..offline import FrameRow, FrameSource, Replay, look_again
 from ..pictures.birds_eye import draw_birds_eye
 from ..pictures.camera_view import draw_camera_view, shown_extrinsics
+from ..pictures.contradiction import contradicts, draw_contradiction
 from .choice import best_median_worst, ranked, refusals, segment_of
 
 # Pictures are looked at, not measured in: a third of the bytes of a PNG, and the fringes stay.
@@ -52,9 +53,12 @@ def _picture(source: FrameSource, replay: Replay, title: str, row: FrameRow) -> 
     if frame.left.size == 0:
         return entry | {"problem": frame.problem or "the image is empty"}
     if row.accepted:
-        result = replace(segment_of(row, replay.drive).estimate, pattern=result.pattern)
+        result = segment_of(row, replay.drive).estimate.drawn_as(result)
     scale = max(1.0, _MIN_PICTURE_PX / frame.left.shape[1])
     entry["overlay"] = _data_uri(draw_camera_view(frame.left, replay.rig, result, scale))
+    if contradicts(result):
+        parts = draw_contradiction(frame.right, replay.rig, result, scale)
+        entry["contradiction"] = _data_uri(np.vstack(parts)) if parts else ""
     entry["birds_eye"] = _birds_eye(frame.left, frame.right, replay, result)
     return entry
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from ..core.evidence.gates import GATES
 from ..core.lanes.frame_checks import FIND_LINES
 from ..core.rejection import RejectReason
+from ..core.search.refusal import FIND_ROAD, LOOK_AT_ROAD
 from ..offline import FrameRow
 
 # The remedies of the checks before there is an estimate; those of the gates are in GATES.
@@ -17,9 +18,10 @@ _BEFORE_GATES = {
     RejectReason.IMAGE_SIZES_DIFFER: "set both cameras to one size",
     RejectReason.RIG_SIZE_MISMATCH: "use the rig (CameraInfo) of these images",
     RejectReason.CAMERAS_SWAPPED: "exchange the topics of the left and the right image",
-    RejectReason.NO_LINES_FOUND: FIND_LINES,
-    RejectReason.LINES_NOT_MATCHED: "check that left and right are not swapped and the images are rectified, "
-    f"and {FIND_LINES}",
+    RejectReason.NO_LINES_FOUND: FIND_ROAD,
+    RejectReason.ROAD_NOT_SEEN: LOOK_AT_ROAD,
+    RejectReason.LINES_NOT_MATCHED: "check that the images are rectified and left and right not swapped; else "
+    f"{FIND_LINES}",
     RejectReason.LINES_NOT_CONVERGING: "the horizon must be in view: pitch the camera up",
     RejectReason.IMAGES_UPSIDE_DOWN: "turn the images by 180 deg, with a CameraInfo of them, and exchange "
     "left and right where the whole rig hangs upside down",

@@ -12,9 +12,9 @@ from ..offline import AttemptSummary, FrameRow
 from .choice import refusals
 
 FOUND_BY_IN_WORDS = {
-    FoundBy.HOUGH: "two lane lines through the edges of painted stripes",
-    FoundBy.ROAD: "two lane lines on the road that its surface shows",
-    FoundBy.SURFACE: "the road surface without two lane lines",
+    FoundBy.ROAD: "two lane lines on the road surface",
+    FoundBy.SURFACE: "the road surface, without a pair of lines",
+    FoundBy.HOUGH: "two lane lines of the whole image",
 }
 VERDICT_IN_WORDS = {
     Verdict.ACCEPTED: "accepted",
@@ -43,13 +43,13 @@ def tried(rows: Sequence[FrameRow]) -> list[dict[str, Any]]:
 
 
 def _steps(row: FrameRow) -> list[dict[str, str]]:
-    """Return the attempts with a frame; before them the search for lines, where the frame failed in that."""
+    """Return the attempts with a frame; after them the search for lines, where the frame failed in that."""
     if not row.attempts:
         return []
     steps = [_step(attempt) for attempt in row.attempts]
-    if row.rejection is not None and all(each.rejection != row.rejection for each in row.attempts):
+    if row.rejection is not None and all(each.reason != row.reason for each in row.attempts):
         lines = FOUND_BY_IN_WORDS[FoundBy.HOUGH]
-        steps.insert(0, _words(lines, "not found", row.reason or "", "", row.rejection.finding))
+        steps.append(_words(lines, "not found", row.reason or "", "", row.rejection.finding))
     return steps
 
 

@@ -22,7 +22,7 @@ from .ingredients_beside import (
     Kerb,
     Posts,
     Ridge,
-    Step,
+    RoadStep,
     Strand,
     Wall,
 )
@@ -48,10 +48,10 @@ __all__ = [
     "Posts",
     "Rain",
     "Ridge",
+    "RoadStep",
     "Sensor",
     "Shadow",
     "Shake",
-    "Step",
     "Strand",
     "Wall",
     "Wet",
@@ -117,7 +117,7 @@ class WorldScene:
     rails: tuple[GuardRail, ...] = ()
     barriers: tuple[Barrier, ...] = ()
     ridges: tuple[Ridge, ...] = ()
-    steps: tuple[Step, ...] = ()
+    steps: tuple[RoadStep, ...] = ()
     facades: tuple[Facade, ...] = ()
     cars: tuple[Car, ...] = ()
     walls: tuple[Wall, ...] = ()

@@ -170,7 +170,7 @@ class Ridge:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class RoadStep:
     """An edge along the road beyond which its surface, with the paint on it, is higher or lower.
 
     Attributes:

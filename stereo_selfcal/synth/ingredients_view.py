@@ -146,6 +146,7 @@ class Camera:
         photometry: Gain, offset, vignetting, blur, noise.
         lower_px: By how many rows its picture lies too low [px].
         turned_rad: Its rotation about its own axis against the rig [rad], > 0: right side down.
+        yaw_rad: Its rotation about the vertical of the rig [rad], > 0: it looks further left.
         glare: A bright patch, None for none.
         sensor: What is done to its picture behind the lens.
         rain: Drops before the lens, None for none.
@@ -154,6 +155,7 @@ class Camera:
     photometry: Photometry = field(default_factory=Photometry)
     lower_px: float = 0.0
     turned_rad: float = 0.0
+    yaw_rad: float = 0.0
     glare: Glare | None = None
     sensor: Sensor = field(default_factory=Sensor)
     rain: Rain | None = None

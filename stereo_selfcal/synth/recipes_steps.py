@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from .ingredients import Band, Kerb, Paint, Ridge, Step, WorldScene
+from .ingredients import Band, Kerb, Paint, Ridge, RoadStep, WorldScene
 from .recipe_tools import (
     Rng,
     border,
@@ -87,7 +87,7 @@ def low_shoulder(scene: WorldScene, rng: Rng) -> WorldScene | None:
         return None
     edge = outermost(scene, side) + side * float(rng.uniform(0.10, 0.5))
     drop = float(rng.uniform(0.03, 0.12))
-    step = Step(edge, -drop, float(rng.uniform(70, 140)), float(rng.uniform(4, 14)))
+    step = RoadStep(edge, -drop, float(rng.uniform(70, 140)), float(rng.uniform(4, 14)))
     return replace(scene, steps=(*scene.steps, step))
 
 
@@ -102,7 +102,7 @@ def edge_drop(scene: WorldScene, rng: Rng) -> WorldScene | None:
     up = 1 if rng.random() < 0.25 else -1
     height, face = up * float(rng.uniform(0.03, 0.09)), float(rng.uniform(40, 80))
     old = scene.asphalt_grey + float(rng.uniform(-15, 30))
-    step = Step(edge, height, old, scene.texture_amplitude, face)
+    step = RoadStep(edge, height, old, scene.texture_amplitude, face)
     return replace(scene, steps=(*scene.steps, step))
 
 

@@ -184,6 +184,24 @@ def turned(scene: WorldScene, rng: Rng) -> WorldScene:
     return replace(scene, right=replace(scene.right, turned_rad=turned_rad))
 
 
+def slightly_misaligned(scene: WorldScene, rng: Rng) -> WorldScene:
+    """The right picture 0.1 to 0.3 px too low or too high, as of rigs that are called rectified."""
+    lower_px = side_of_choice(rng) * float(rng.uniform(0.1, 0.3))
+    return replace(scene, right=replace(scene.right, lower_px=lower_px))
+
+
+def slightly_turned(scene: WorldScene, rng: Rng) -> WorldScene:
+    """The right camera turned about its own axis by 0.03 to 0.3 deg."""
+    turned_rad = side_of_choice(rng) * math.radians(float(rng.uniform(0.03, 0.3)))
+    return replace(scene, right=replace(scene.right, turned_rad=turned_rad))
+
+
+def looks_aside(scene: WorldScene, rng: Rng) -> WorldScene:
+    """The right camera turned about the vertical by 0.05 to 0.2 deg: every plane of disparities tilts."""
+    yaw_rad = side_of_choice(rng) * math.radians(float(rng.uniform(0.05, 0.2)))
+    return replace(scene, right=replace(scene.right, yaw_rad=yaw_rad))
+
+
 def swapped(scene: WorldScene, rng: Rng) -> WorldScene:
     """The pictures of the cameras exchanged."""
     del rng

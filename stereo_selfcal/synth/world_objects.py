@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from .ingredients import Barrier, Car, Facade, GuardRail, Wall, WorldScene
+from .ingredients import Barrier, Car, Facade, GuardRail, House, Wall, WorldScene
 from .renderer import Array, Picture
 from .world_light import lit
 from .world_rays import Layer, WorldRays, pixel_mean
@@ -109,30 +109,34 @@ def draw_facade(picture: Picture, scene: WorldScene, rays: WorldRays, facade: Fa
     seen = Upright.seen(rays, facade.d_m, 0.0, max(house.height_m for house in facade.houses))
     if seen is None:
         return
-    part = picture[slice(*seen.rows), slice(*seen.columns)]
-    along, over = (each.value.astype(np.float32) for each in (seen.along, seen.over))
-    size = np.maximum(seen.along.span, seen.over.span).astype(np.float32)
-    plaster = noise_pattern(scene.texture_seed + FACADE_SEED, WALL_CELLS_M, along, over, size)
     for house in facade.houses:
-        share = seen.along.between(house.begin_m, house.end_m) * seen.over.between(0.0, house.height_m)
-        share *= seen.meets
-        if not share.any():
-            continue
-        grey = house.grey + house.texture_amplitude * plaster.astype(np.float64)
-        grey += seen.over.between(0.0, PLINTH_M) * (0.7 * house.grey - grey)
-        grey += seen.over.above(house.height_m - CORNICE_M) * (1.2 * house.grey - grey)
-        # As many windows as fit in, with frames around them; none cut by the end of the house.
-        room_m = house.end_m - house.begin_m
-        every = room_m / max(round(room_m / house.window_every_m), 1)
-        wide, high = 0.45 * every, 0.55 * house.floor_m
-        first, sill = house.begin_m + (every - wide) / 2, 0.3 * house.floor_m
-        in_rows = seen.over.between(PLINTH_M, house.height_m - CORNICE_M)
-        for border_m, pane in ((FRAME_M, 1.3 * house.grey), (0.0, house.window_grey)):
-            window = seen.along.periodic(first - border_m, wide + 2 * border_m, every)
-            window *= seen.over.periodic(sill - border_m, high + 2 * border_m, house.floor_m)
-            grey += window * in_rows * (pane - grey)
-        grey *= lit(scene, seen.along.value, facade.d_m)
-        part += (share * (grey - part)).astype(np.float32)
+        front = seen.section(house.begin_m, house.end_m)
+        if front is not None:
+            part = picture[slice(*front.rows), slice(*front.columns)]
+            share = front.along.between(house.begin_m, house.end_m) * front.over.between(0.0, house.height_m)
+            light = lit(scene, front.along.value, facade.d_m)
+            part += (share * front.meets * (_front(scene, front, house) * light - part)).astype(np.float32)
+
+
+def _front(scene: WorldScene, front: Upright, house: House) -> Array:
+    """Return the grey levels of the front of a house by day."""
+    along, over = (each.value.astype(np.float32) for each in (front.along, front.over))
+    size = np.maximum(front.along.span, front.over.span).astype(np.float32)
+    plaster = noise_pattern(scene.texture_seed + FACADE_SEED, WALL_CELLS_M, along, over, size)
+    grey: Array = house.grey + house.texture_amplitude * plaster.astype(np.float64)
+    grey += front.over.between(0.0, PLINTH_M) * (0.7 * house.grey - grey)
+    grey += front.over.above(house.height_m - CORNICE_M) * (1.2 * house.grey - grey)
+    # As many windows as fit in, with frames around them; none cut by the end of the house.
+    room_m = house.end_m - house.begin_m
+    every = room_m / max(round(room_m / house.window_every_m), 1)
+    wide, high = 0.45 * every, 0.55 * house.floor_m
+    first, sill = house.begin_m + (every - wide) / 2, 0.3 * house.floor_m
+    in_rows = front.over.between(PLINTH_M, house.height_m - CORNICE_M)
+    for border_m, pane in ((FRAME_M, 1.3 * house.grey), (0.0, house.window_grey)):
+        window = front.along.periodic(first - border_m, wide + 2 * border_m, every)
+        window *= front.over.periodic(sill - border_m, high + 2 * border_m, house.floor_m)
+        grey += window * in_rows * (pane - grey)
+    return grey
 
 
 def draw_car(picture: Picture, scene: WorldScene, rays: WorldRays, car: Car) -> None:

@@ -53,7 +53,8 @@ class WorldRays:
         half_m = rig.baseline_m / 2 if side == "left" else -rig.baseline_m / 2
         self.centre_m: Array = np.array([0.0, scene.lateral_offset_m, pose.height_m])
         self.centre_m += half_m * lane_from_rig[:, 1]
-        self.lane_from_camera: Array = lane_from_rig @ rotation(camera.turned_rad, 0.0, 0.0)
+        rig_from_camera = rotation(0.0, 0.0, camera.yaw_rad) @ rotation(camera.turned_rad, 0.0, 0.0)
+        self.lane_from_camera: Array = lane_from_rig @ rig_from_camera
         self.rig, self.shape, self.lower_px, self._shake = rig, scene.shape, camera.lower_px, scene.shake
         forward, left, up = self.lane_from_camera.T
         self._per_u, self._per_v = -left / rig.fx, -up / rig.fy

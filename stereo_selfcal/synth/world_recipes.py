@@ -40,6 +40,7 @@ _PARTS = {"crown": "crown", "crown_in_lane": "crown", "opposite_lane_only": "cro
 _EXPOSURE = ("exposures_differ", "over_exposed", "under_exposed")
 _PARTS |= dict.fromkeys(("fine_texture", "no_line_textured", "one_line_textured"), "texture")
 _PARTS |= {"night": "weather", "wet": "weather", "rain": "weather", "night_rain": "weather"}
+_PARTS |= dict.fromkeys(("misaligned", "slightly_misaligned"), "rows")
 _PARTS |= dict.fromkeys(_EXPOSURE, "exposure") | dict.fromkeys(("soft_focus", "blurred"), "focus")
 
 
@@ -113,6 +114,7 @@ NEWER_GOOD: tuple[Ingredient, ...] = (
         road.yellow_paint,
         view.bayer,
         view.jpeg,
+        view.slightly_misaligned,
         view.night,
         view.wet,
         view.rain,
@@ -146,6 +148,8 @@ NEWER_BAD: tuple[Ingredient, ...] = (
         steps.kerbs_for_lines,
         steps.edge_drop,
         steps.train_rails,
+        view.slightly_turned,
+        view.looks_aside,
     ),
 )
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .ingredients import Kerb, Ridge, Step, WorldScene
+from .ingredients import Kerb, Ridge, RoadStep, WorldScene
 from .world_rays import Layer, Single, WorldRays, pixel_mean
 from .world_surface import ground, light, noise_pattern
 
@@ -40,7 +40,7 @@ def with_kerb(
 
 
 def with_step(
-    surface: Single, scene: WorldScene, rays: WorldRays, first: int, layer: Layer, step: Step
+    surface: Single, scene: WorldScene, rays: WorldRays, first: int, layer: Layer, step: RoadStep
 ) -> Single:
     """Return the ground with another level of it beyond a step."""
     side = 1 if step.edge_m > scene.lateral_offset_m else -1

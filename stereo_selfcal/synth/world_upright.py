@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .world_rays import FARTHEST_M, Array, WorldRays
+from .world_rays import FARTHEST_M, Array, Mask, WorldRays
 
 # Nearer than this nothing is drawn [m]: a rail beside the camera would fill the picture.
 NEAREST_M = 0.3
@@ -88,7 +88,7 @@ class Upright:
     columns: tuple[int, int]
     along: Linear
     over: Linear
-    meets: Array
+    meets: Mask
 
     @classmethod
     def seen(cls, rays: WorldRays, d_m: float, low_m: float, high_m: float) -> Upright | None:
@@ -130,7 +130,7 @@ class Upright:
         rows: tuple[int, int],
         columns: tuple[int, int],
         depth: Array,
-        meets: Array,
+        meets: Mask,
     ) -> Upright:
         ahead, sideways, rise = rays.directions(np.arange(*columns), np.arange(*rows)[:, None])
         sideways = np.where(np.abs(sideways) < 1e-9, 1e-9, sideways)
@@ -143,6 +143,22 @@ class Upright:
             along.append(per_s)
             over.append(depth * (per_pixel[2] - rise / sideways * per_pixel[1]) - slope * per_s)
         return cls(rows, columns, Linear(s, *along), Linear(z - ground, *over), meets)
+
+    def section(self, begin_m: float, end_m: float) -> Upright | None:
+        """Return the columns of it that show a part of the road; None where there are none."""
+        at, half = self.along.value, self.along.span
+        inside = self.meets & (at > begin_m - half) & (at < end_m + half)
+        columns = np.flatnonzero(inside.any(axis=0))
+        if not columns.size:
+            return None
+        first, last = int(columns[0]), int(columns[-1]) + 1
+        part = slice(first, last)
+        along, over = (
+            Linear(each.value[:, part], each.per_u[:, part], each.per_v[:, part])
+            for each in (self.along, self.over)
+        )
+        shown = (self.columns[0] + first, self.columns[0] + last)
+        return Upright(self.rows, shown, along, over, self.meets[:, part])
 
     def over_curve(self, lift_m: Array, slope: Array) -> Linear:
         """Return the heights over a curve in the plane.

@@ -83,11 +83,17 @@ def test_random_roads(calibrated, seed, noise):
 
 @pytest.mark.parametrize("noise", [0.05, 0.10, 0.20])
 def test_error_is_what_the_standard_deviation_says(calibrated, noise):
-    """RMS of error over standard deviation: 1 if the claim is right; 12 values give it to 20 %."""
+    """RMS of error over standard deviation: 1 if the claim is right; 12 values give it to 20 %.
+
+    That by noise alone: the paint is parallel, and the cameras are those of their calibration.
+    """
     ratios = []
     for seed in range(4):
         scene, result = calibrated(seed, noise)
-        ratios.append((result.extrinsics.as_array() - scene.extrinsics.as_array()) / result.std.as_array())
+        (of_noise,) = (term.covariance for term in result.uncertainty if term.name == "noise")
+        error = result.extrinsics.as_array() - scene.extrinsics.as_array()
+        ratios.append(error / np.sqrt(np.diag(of_noise)))
+        assert np.all(np.abs(error) < result.std.as_array())
     # Two of these 20 % on the claim, and as much again as the claim itself may be off (test_uncertainty).
     assert 0.4 < np.sqrt(np.mean(np.square(ratios))) < 2.0
 
@@ -97,7 +103,7 @@ def test_accepted_result_is_complete(calibrated):
     assert result.reason is None
     assert result.rejection is None
     assert result.n_frames == 1
-    assert list(result.stages) == ["genetic", "closed_form", "refined"]
+    assert list(result.stages)[-3:] == ["genetic", "closed_form", "refined"]
     assert result.stages["refined"] == result.extrinsics
     np.testing.assert_array_equal(result.covariance, result.covariance.T)
     assert np.all(np.linalg.eigvalsh(result.covariance) > 0)
@@ -235,11 +241,12 @@ def test_memory_does_not_grow_by_patterns(rendered):
     assert result.pattern is not None
     assert calibrator.estimate.pattern is None
     assert calibrator.estimate.genetic is None
-    # One frame as it is kept: 16 numbers and a sentence; the last full result comes on top once.
+    # One frame as it is kept: the terms of its uncertainty and a sentence; the last full result comes on top
+    # once.
     first = len(pickle.dumps(calibrator))
     for _ in range(4):
         calibrator.add(left, right)
-    assert len(pickle.dumps(calibrator)) - first < 4 * 2000
+    assert len(pickle.dumps(calibrator)) - first < 4 * 2500
 
 
 # --- every refusal -----------------------------------------------------------------------------------
@@ -274,9 +281,9 @@ def test_refuses_images_of_another_size_than_the_rigs(rendered):
 def test_refuses_a_road_without_two_lines(rendered, offsets):
     scene = rendered(2, 0.01)[0]
     road = Road(lines=tuple(LaneLine(offset) for offset in offsets))
-    missing = "right" if offsets == (1.75,) else "left"
+    missing = {(): "no lane line", (1.75,): "no right lane line", (-1.75,): "no left lane line"}[offsets]
     result = calibrate(*rendered_as(scene, road=road), scene.rig)
-    assert_refused(result, RejectReason.NO_LINES_FOUND, f"no {missing} lane line", "at least 40 px")
+    assert_refused(result, RejectReason.NO_LINES_FOUND, missing, "at least 40 px")
 
 
 def test_refuses_one_camera_that_sees_no_lines(rendered):
@@ -292,7 +299,7 @@ def test_refuses_a_single_short_dash(rendered):
     dashes = tuple(LaneLine(y, dash_m=2.0, gap_m=40.0, phase_m=7.0) for y in (1.75, -1.75))
     result = calibrate(*rendered_as(scene, road=Road(lines=dashes)), scene.rig)
     assert_refused(result, RejectReason.NO_LINES_FOUND)
-    assert 0 < result.rejection.value < 40
+    assert result.rejection.value < 40
 
 
 def test_refuses_swapped_and_equal_images(rendered):
@@ -328,7 +335,7 @@ def test_refuses_a_bend(rendered, curvature_per_m, side):
         result, RejectReason.LINES_NOT_STRAIGHT, f"to the {side}", "at least 1000 m", "straight road"
     )
     assert result.rejection.value == pytest.approx(abs(1 / curvature_per_m), rel=0.15)
-    assert result.stages.keys() == {"genetic"}
+    assert result.stages.keys() - {"coarse"} == {"genetic"}
 
 
 def test_refuses_images_that_are_a_row_off(rendered):
@@ -349,7 +356,7 @@ def test_refuses_images_that_are_not_rectified(rendered, rows):
     )
     assert result.rejection.threshold == pytest.approx(1 / (1 + 1e-4))
     assert result.rejection.value < result.rejection.threshold
-    assert result.stages.keys() == {"genetic"}
+    assert result.stages.keys() - {"coarse"} == {"genetic"}
 
 
 EDGES = [
@@ -367,7 +374,7 @@ def test_refuses_an_estimate_at_the_edge_of_the_search_space(rendered, name, box
         result, RejectReason.SEARCH_SPACE_EDGE, f"best {name}, ", "is at the edge", "widen search.*"
     )
     assert result.rejection.threshold == pytest.approx(limit)
-    assert result.stages.keys() == {"genetic"}
+    assert result.stages.keys() - {"coarse"} == {"genetic"}
 
 
 def test_extract_returns_the_pattern_or_the_refusal(rendered):

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from stereo_selfcal import Calibrator, CalibratorConfig, RejectReason
-from stereo_selfcal.core.evidence import cross_checks
+from stereo_selfcal.core.evidence import cross_checks, road_surface
+from stereo_selfcal.core.rejection import Bound, NotFitted
 from stereo_selfcal.core.search import solve
 from stereo_selfcal.core.tolerances import AGREEMENT
 from stereo_selfcal.synth.renderer import render
@@ -71,7 +72,7 @@ def raised(monkeypatch, height_m):
 
 @pytest.mark.parametrize("beyond_too", [True, False])
 def test_lines_on_another_plane_than_the_asphalt_are_refused(monkeypatch, beyond_too):
-    """Than that between them alone, or than all of it."""
+    """Than that between them alone, or than all of it; where the surface did not show the way to them."""
     scene, images = coarse_asphalt(12.0)
     align = cross_checks.align_texture
 
@@ -82,7 +83,8 @@ def test_lines_on_another_plane_than_the_asphalt_are_refused(monkeypatch, beyond
         return replace(fit, extrinsics=replace(fit.extrinsics, height_m=fit.extrinsics.height_m + down_m))
 
     monkeypatch.setattr(cross_checks, "align_texture", lower)
-    monkeypatch.setattr(solve, "line_on_road", lambda *_: None)
+    few = NotFitted("cells whose height is known", 3, Bound.LEAST, 6)
+    monkeypatch.setattr(road_surface, "align_texture", lambda *_: few)
     assert Calibrator(scene.rig, LINES_ALONE).add(*images).accepted
     result = Calibrator(scene.rig).add(*images)
     assert result.reason is RejectReason.TEXTURE_DISAGREES
@@ -105,7 +107,7 @@ def test_the_asphalt_stands_with_one_line_where_two_contradict_it(monkeypatch):
     raised(monkeypatch, 0.07)
     result = Calibrator(scene.rig).add(*images)
     assert result.accepted
-    assert list(result.stages) == ["textured"]
+    assert list(result.stages) == ["coarse", "textured"]
     assert "one line only" in result.message
     difference = result.extrinsics.as_array() - scene.extrinsics.as_array()
     assert np.all(np.abs(difference) < AGREEMENT)
@@ -126,9 +128,23 @@ def test_one_line_and_asphalt_are_a_road(gone):
     assert np.all(np.abs(difference) < AGREEMENT)
 
 
-def test_asphalt_without_any_line_is_refused():
-    """Where a road leads is known by its lines alone; and grass has texture, too."""
+def test_a_road_without_any_line_is_an_estimate_whose_yaw_is_unknown():
+    """Where a road leads is known by its lines alone."""
     scene, _ = coarse_asphalt(12.0)
     scene = replace(scene, road=replace(scene.road, lines=()))
     result = Calibrator(scene.rig).add(*render(scene, np.random.default_rng(0)))
-    assert not result.accepted
+    assert result.accepted, result.message
+    assert result.lane_yaw_rad is None and result.pattern is None
+    assert list(result.stages) == ["coarse", "textured"]
+    assert result.notes == ("from the road surface alone, without a lane line",)
+    difference = np.abs(result.extrinsics.as_array() - scene.extrinsics.as_array())
+    assert np.all(difference < AGREEMENT) and np.all(difference < 4.0 * result.std.as_array())
+
+
+def test_a_bare_road_without_any_line_is_not_seen():
+    scene, _ = coarse_asphalt(0.0)
+    scene = replace(scene, road=replace(scene.road, lines=()))
+    result = Calibrator(scene.rig).add(*render(scene, np.random.default_rng(0)))
+    assert result.reason is RejectReason.ROAD_NOT_SEEN
+    assert "neither the road surface nor a lane line is seen" in result.message
+    assert result.attempts == ()

@@ -20,10 +20,10 @@ RIG = SCENE.scene.rig
 
 @pytest.fixture
 def faulty(monkeypatch):
-    def find_hypotheses(*_):
+    def choose_none(*_):
         raise IndexError("index 9 is out of\nbounds")
 
-    monkeypatch.setattr(calibrator_module, "find_hypotheses", find_hypotheses)
+    monkeypatch.setattr(calibrator_module, "choose", choose_none)
 
 
 def test_a_fault_refuses_the_frame_and_says_what_happened_in_one_line(faulty):
@@ -38,7 +38,7 @@ def test_a_fault_refuses_the_frame_and_says_what_happened_in_one_line(faulty):
     )
     assert "\n" not in result.message
     assert result.message.endswith("the other frames are not affected")
-    assert "find_hypotheses" in result.fault.trace and "Traceback" in result.fault.trace
+    assert "choose_none" in result.fault.trace and "Traceback" in result.fault.trace
     assert calibrator.estimate is result
 
 

@@ -13,7 +13,7 @@ BEND = Rejection(
 )
 NO_PAIR = Rejection(RejectReason.LINES_NOT_MATCHED, "lines", 1, Bound.LEAST, 2, "", "wipe the lens")
 BENT = AttemptSummary(FoundBy.HOUGH, Verdict.REFUSED, BEND, "straight lane")
-ALONE = AttemptSummary(FoundBy.CHAINS, Verdict.UNCONFIRMED, comment="the texture does not confirm it")
+ON_ROAD = AttemptSummary(FoundBy.ROAD, Verdict.REFUSED, BEND, "straight lane")
 SURFACE = AttemptSummary(FoundBy.SURFACE, Verdict.NOT_FITTED, comment="no line lies in it")
 
 
@@ -28,43 +28,43 @@ def test_every_way_and_every_verdict_has_words():
 
 
 def test_attempts_are_told_in_order_with_verdict_check_value_and_limit():
-    (frame,) = tried([refused(BEND, (BENT, ALONE, SURFACE), "7.png")])
+    (frame,) = tried([refused(BEND, (ON_ROAD, SURFACE, BENT), "7.png")])
     assert (frame["reason"], frame["frame"], frame["without"]) == ("lines_not_straight", "7.png", 0)
+    bent = {
+        "verdict": "refused",
+        "reason": "lines_not_straight",
+        "gate": "straight lane",
+        "why": "The lines bend: 300 m, at least 1000 m needed",
+    }
     assert frame["steps"] == [
+        {"lines": "Two lane lines on the road surface", **bent},
         {
-            "lines": "Two lane lines through the edges of painted stripes",
-            "verdict": "refused",
-            "reason": "lines_not_straight",
-            "gate": "straight lane",
-            "why": "The lines bend: 300 m, at least 1000 m needed",
-        },
-        {
-            "lines": "Two lane lines through edges that are connected",
-            "verdict": "not confirmed",
-            "reason": "",
-            "gate": "",
-            "why": "The texture does not confirm it",
-        },
-        {
-            "lines": "The texture of the road surface and one line on it",
+            "lines": "The road surface, without a pair of lines",
             "verdict": "no estimate",
             "reason": "",
             "gate": "",
             "why": "No line lies in it",
         },
+        {"lines": "Two lane lines of the whole image", **bent},
     ]
 
 
-def test_a_search_for_lines_that_failed_comes_before_what_was_tried_instead():
-    (frame,) = tried([refused(NO_PAIR, (ALONE,))])
+def test_a_search_for_lines_that_failed_comes_after_the_road_surface():
+    (frame,) = tried([refused(NO_PAIR, (SURFACE,))])
     first, second = frame["steps"]
-    assert (first["verdict"], first["reason"]) == ("not found", "lines_not_matched")
-    assert first["why"] == "Lines: 1, at least 2 needed"
-    assert second["verdict"] == "not confirmed"
+    assert first["verdict"] == "no estimate"
+    assert (second["verdict"], second["reason"]) == ("not found", "lines_not_matched")
+    assert second["why"] == "Lines: 1, at least 2 needed"
+
+
+def test_what_a_refusal_says_beside_that_of_its_attempt_is_no_attempt():
+    more = BEND.followed_by("a line lies on one side", "go straight")
+    (frame,) = tried([refused(more, (BENT,))])
+    assert [step["verdict"] for step in frame["steps"]] == ["refused"]
 
 
 def test_the_frame_that_is_told_is_one_with_attempts_and_the_others_are_counted():
-    rows = [refused(NO_PAIR, (ALONE,) if index == 1 else (), f"{index}.png") for index in range(7)]
+    rows = [refused(NO_PAIR, (SURFACE,) if index == 1 else (), f"{index}.png") for index in range(7)]
     (frame,) = tried(rows)
     assert (frame["frame"], frame["frames"], frame["without"]) == ("1.png", 7, 6)
 
@@ -80,5 +80,5 @@ def test_accepted_frames_are_not_told():
 
 
 def test_each_reason_has_a_frame_the_most_frequent_first():
-    rows = [refused(BEND, (BENT,)), refused(NO_PAIR, (ALONE,)), refused(NO_PAIR, (SURFACE,))]
+    rows = [refused(BEND, (BENT,)), refused(NO_PAIR, (SURFACE,)), refused(NO_PAIR, (SURFACE,))]
     assert [frame["reason"] for frame in tried(rows)] == ["lines_not_matched", "lines_not_straight"]

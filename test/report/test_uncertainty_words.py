@@ -60,7 +60,7 @@ def test_the_table_has_every_term_in_columns_of_one_precision_and_the_sum():
     table = uncertainty_table(TERMS_OF_A_DRIVE)
     assert table["headings"] == ["Height [mm]", "Pitch [deg]", "Roll [deg]"]
     rows = {row["cause"]: row for row in table["rows"]}
-    assert next(iter(rows)) == "Residual error of the camera pair's own calibration"
+    assert next(iter(rows)) == "Distortion of the disparities that the calibration leaves"
     assert rows["Noise of the pixels"]["cells"] == ["0.10", "0.0010", "0.010"]
     assert rows["Noise of the pixels"]["share"] == "< 1 %"
     assert rows["Unevenness of the road along the lane"]["cells"] == ["3.00", "0.0300", "0.090"]

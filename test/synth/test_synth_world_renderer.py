@@ -266,6 +266,23 @@ def test_turned_camera_turns_its_picture_about_the_principal_point():
     np.testing.assert_allclose(turned, [c * straight[0] + s * straight[1], c * straight[1] - s * straight[0]])
 
 
+def test_camera_that_looks_further_left_sees_everything_further_right():
+    yaw = math.radians(0.2)
+    scene = world(right=replace(SHARP, yaw_rad=yaw))
+    points = [(8.0, 1.0, 0.0), (60.0, -2.0, 0.0)]
+    turned, straight = WorldRays(scene, "right").project(points), pixels(scene, "right", points)
+    # Along a circle about the vertical of the rig, its distance to the camera's axis in focal lengths.
+    angle = np.arctan((straight[:, 0] - PAPER_RIG.cx) / PAPER_RIG.fx) + yaw
+    np.testing.assert_allclose(turned[:, 0], PAPER_RIG.cx + PAPER_RIG.fx * np.tan(angle), atol=1e-6)
+    assert (turned[:, 0] - straight[:, 0] > 1.7).all()
+    assert scene.truth() == world().truth()
+    picture = render_side(replace(scene, paints=(line(1.75, 0.3),)), "right")
+    u, v = WorldRays(scene, "right").project([(9.0, 1.75, 0.0)])[0]
+    beside = WorldRays(scene, "right").project([(9.1, 1.75, 0.0)])[0]
+    column = u + (round(v) - v) * (beside[0] - u) / (beside[1] - v)
+    assert middle_of_bright(picture, round(v), column) == pytest.approx(column, abs=0.3)
+
+
 def test_cameras_swapped_glare_and_noise():
     scene = world(paints=(line(-1.75), line(1.75)))
     left, right = render_scene(scene, np.random.default_rng(0))

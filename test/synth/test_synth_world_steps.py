@@ -17,7 +17,7 @@ from stereo_selfcal.synth.ingredients import (
     Kerb,
     Paint,
     Ridge,
-    Step,
+    RoadStep,
     WorldScene,
 )
 from stereo_selfcal.synth.road_shape import RoadShape
@@ -102,7 +102,7 @@ def test_rail_of_a_railway_below_the_camera_shows_its_top_alone():
 @pytest.mark.parametrize("side", [-1, 1])
 def test_line_beyond_an_edge_of_asphalt_is_on_the_level_there(side, height_m):
     line = Paint(LaneLine(side * 1.75, 0.2, grey=220.0))
-    step = Step(side * 1.5, height_m, 120.0, 0.0, face_grey=30.0)
+    step = RoadStep(side * 1.5, height_m, 120.0, 0.0, face_grey=30.0)
     scene = world(paints=(line,), steps=(step,))
     check_edge(scene, side * 1.65, height_m, 120.0, 220.0)
     check_edge(scene, side * 1.85, height_m, 220.0, 120.0)
@@ -181,7 +181,7 @@ def test_sleepers_lie_between_the_rails():
     "changes",
     [
         {"ridges": (Ridge(0.7),)},
-        {"steps": (Step(1.5, -0.05),)},
+        {"steps": (RoadStep(1.5, -0.05),)},
         {"facades": (Facade(5.0, (House(5.0, 9.0, 6.0),)),)},
     ],
 )
@@ -194,4 +194,4 @@ def test_kerb_as_high_as_the_camera_is_refused():
     with pytest.raises(ConfigError, match="height_m"):
         world("robot", kerbs=(Kerb(2.0, 0.5),))
     with pytest.raises(ConfigError, match="height_m"):
-        world("robot", steps=(Step(2.0, 0.5),))
+        world("robot", steps=(RoadStep(2.0, 0.5),))

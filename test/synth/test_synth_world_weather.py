@@ -48,7 +48,8 @@ def centre(picture, u, v, reach=8):
     part = picture[first[1] : first[1] + 2 * reach + 1, first[0] : first[0] + 2 * reach + 1].astype(float)
     part = part - np.median(part)
     rows, columns = np.indices(part.shape)
-    return first + np.array([(columns * part).sum(), (rows * part).sum()]) / part.sum(), part.sum()
+    total = max(part.sum(), 1e-9)
+    return first + np.array([(columns * part).sum(), (rows * part).sum()]) / total, total
 
 
 def test_headlights_light_the_road_ahead():

@@ -21,7 +21,7 @@ from stereo_selfcal.synth.worlds import (
     render_world,
 )
 
-N_DRAWS = 400
+N_DRAWS = 1200
 
 
 @pytest.fixture(scope="module")

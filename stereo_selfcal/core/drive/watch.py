@@ -199,7 +199,7 @@ class Watch:
             step_s = result.stamp_s - self._last_stamp_s
             self._time_s += min(step_s, _LONGEST_STEP_S) if step_s > 0.0 else _LONGEST_STEP_S
         self._last_stamp_s = result.stamp_s
-        self._results.append(replace(result, pattern=None, unused_lines=(), genetic=None, gates=()))
+        self._results.append(replace(result.without_pictures(), genetic=None, gates=()))
         old = self._series
         series = FrameSeries(
             np.append(old.times_s, self._time_s),

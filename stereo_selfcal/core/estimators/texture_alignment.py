@@ -84,7 +84,8 @@ class TextureQuality:
 
     Attributes:
         sigmas: Texture common to both images over its standard error, for all cells together.
-        cell_share: Share of the road's sampled area whose cells have texture and agree with the plane.
+        cell_share: Share of the road's sampled area, up to 15 m ahead, whose cells have texture and agree with the
+            plane.
         pixel_share: Share of the samples that were used: neither saturated, nor paint, nor outliers.
         correlation: Correlation of both images after the alignment, with the means of the segments removed.
         noise_std: Standard deviations of height [m], pitch, roll [rad] caused by the images' noise alone.
@@ -412,10 +413,11 @@ def _report(
     jac_pose_plane = jacobian_pose_wrt_plane(plane, rig)
     noise = np.sqrt(np.diag(jac_pose_plane @ surface.noise_covariance @ jac_pose_plane.T))
     terms = (UncertaintyTerm(name, each) for name, each in surface.covariance_terms.items())
-    agreeing = surface.weights * grid.cell_area
+    # A car ahead hides the road beyond it: that is no disagreement. The nearer stretch has to be seen.
+    counted = np.where(surface.on_road & (grid.cell_xy[:, 0] <= STRETCHES_M[0][1]), grid.cell_area, 0.0)
     quality = TextureQuality(
         sigmas=cells.sigmas,
-        cell_share=float(agreeing.sum() / grid.cell_area[surface.on_road].sum()),
+        cell_share=float(surface.weights @ counted) / max(float(counted.sum()), 1e-9),
         pixel_share=float(cells.weights.sum()) / grid.n_samples,
         correlation=correlation,
         noise_std=(float(noise[0]), float(noise[1]), float(noise[2])),

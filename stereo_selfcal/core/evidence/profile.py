@@ -9,6 +9,7 @@ that fits the road 5 to 20 m ahead.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,6 +39,7 @@ _HEIGHT_STD_M, _BEND_STD_PER_M = 0.3, 1e-3
 # of two kinds of roads is greatest with 0.1 % for 80 to 85 %, and 0.4 % for the others.
 _SHARP_STD, _GENTLE_STD = 0.01, 0.001
 _SHARP_SHARE = 0.1
+_GREATEST_EXPONENT = 700.0  # of a floating-point number
 # Edges of paint are straight to a tenth of a pixel: no block of rows is taken as more accurate than that.
 EDGE_STD_PX = 0.1
 # One step of least squares sees an edge only as far as it is smeared, about a pixel. It underestimates larger
@@ -61,7 +63,7 @@ class SlopeChange:
     """What a profile says of the road 5 to 20 m ahead, under one prior.
 
     Attributes:
-        probability: Probability of that prior, given what is seen.
+        probability: Probability of that prior, given what is seen; of a sharp road, no less than before.
         change: (2,) height [m] and pitch [rad] of the plane 5 to 20 m ahead, minus those of the fit.
         covariance: (2, 2) of the change.
     """
@@ -265,10 +267,13 @@ def _slope_changes(information: Array, moment: Array, jac_change: Array) -> tupl
         determinants = np.linalg.slogdet(prior)[1] - np.linalg.slogdet(information + prior)[1]
         log_weights.append(np.log(share) + 0.5 * (float(moment @ solution) + determinants))
         posteriors.append((solution, np.linalg.inv(information + prior)))
-    weights = np.exp(np.array(log_weights) - max(log_weights))
+    # A road may bend beyond the part that is seen to be flat: that makes no road a gentle one.
+    sharp = max(
+        _SHARP_SHARE, 1.0 / (1.0 + math.exp(min(log_weights[0] - log_weights[1], _GREATEST_EXPONENT)))
+    )
     return tuple(
-        SlopeChange(float(weight), jac_change @ solution, jac_change @ covariance @ jac_change.T)
-        for weight, (solution, covariance) in zip(weights / weights.sum(), posteriors, strict=True)
+        SlopeChange(weight, jac_change @ solution, jac_change @ covariance @ jac_change.T)
+        for weight, (solution, covariance) in zip((1.0 - sharp, sharp), posteriors, strict=True)
     )
 
 

@@ -4,12 +4,47 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
 from ..estimators.coarse_road import CoarseRoad, find_coarse_road
 from ..estimators.texture_alignment import MIN_CELL_SHARE, MIN_SIGMAS, TextureFit, align_texture
+from ..geometry.pose import Extrinsics
 from ..rejection import Bound, NotFitted
-from ..types import Image
+from ..road.extent import OUTLIER_WEIGHT
+from ..types import Floats, Image, Mask
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceCells:
+    """The road surface that was aligned, in cells of a metre or more, for pictures.
+
+    Attributes:
+        pose: Pose over its plane.
+        xy_m: (C, 2) middles of the cells on the road [m].
+        height_m: (C,) heights over the plane [m]; NaN without texture.
+        weight: (C,) 0 ... 1: whether the cell agrees with the plane.
+    """
+
+    pose: Extrinsics
+    xy_m: Floats
+    height_m: Floats
+    weight: Floats
+
+    @classmethod
+    def of(cls, fit: TextureFit | NotFitted | None) -> SurfaceCells | None:
+        """Return the cells of an alignment; None without one."""
+        if fit is None or isinstance(fit, NotFitted):
+            return None
+        cells = (fit.cells_xy_m, fit.cells_height_m, fit.cells_weight)
+        return cls(fit.extrinsics, *(each.astype(np.float32) for each in cells))
+
+    @property
+    def agrees(self) -> Mask:
+        """(C,) whether a cell has texture that lies in the plane."""
+        agrees: Mask = np.isfinite(self.height_m) & (self.weight > OUTLIER_WEIGHT)
+        return agrees
 
 
 @dataclass(frozen=True, slots=True, eq=False)

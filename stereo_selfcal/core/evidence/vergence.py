@@ -9,19 +9,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import product
+from itertools import combinations
 
 import numpy as np
 
 from ..camera.rig import StereoRig
-from ..geometry.plane import DisparityPlane, PlaneCamera, plane_from_pose
+from ..geometry.plane import PlaneCamera, plane_from_pose
 from ..geometry.pose import Extrinsics
-from ..geometry.rays import pixel_rays
-from ..lanes.lane_pair import ImageLine
 from ..lanes.line_geometry import height_and_offset_m
-from ..lanes.matching import Match, Matches
+from ..lanes.matching import Matches
 from ..road.priors import MAX_LANE_WIDTH_M, MIN_LANE_WIDTH_M, PAINT_ANGLE_STD_RAD, VERGENCE_STD_RAD
 from ..tolerances import EXCLUDED_SIGMAS, WRONG
+from ..types import Array, Mask
 from .far_disparity import MOST_TURN_RAD, FarDisparity
 from .rig_unknowns import response_of_surface
 
@@ -30,6 +29,10 @@ from .rig_unknowns import response_of_surface
 _FEW_EQUAL, _MANY_EQUAL = 2.5, 3.5
 # Least likeness of the two lines of a lane in both images for them to contradict the surface.
 _LEAST_LIKENESS = 0.9
+# Least votes of them, over those of the clearest line: a dashed line is painted over a third of its length.
+_LEAST_VOTES = 0.3
+# Lines are parallel within this many standard deviations of their paint; nearer ones tell no horizon.
+_PARALLEL_STDS, _LEAST_SPAN_M = 3.0, 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,26 +52,28 @@ class Vergence:
     by_lines: bool
 
 
-def vergence_std_rad(far: FarDisparity | None, rig: StereoRig) -> float:
+def vergence_std_rad(far: FarDisparity | None, rig: StereoRig, turns: tuple[Vergence, ...] = ()) -> float:
     """Return the standard deviation of the right camera's turn about the vertical [rad].
 
-    It is that of calibrations, unless what is far away shows more: a negative disparity surely, a positive
-    one as far as it is the same in many directions.
+    It is that of calibrations, unless more is seen: what is far away has a negative disparity, or the same
+    positive one in many directions; or lines are parallel under a turn only.
 
     Args:
         far: The disparity of what is farthest away; None where nothing is seen.
         rig: Intrinsics and baseline.
+        turns: What is measured of the turn.
     """
-    if far is None:
-        return VERGENCE_STD_RAD
-    seen_rad = far.disparity_px / rig.fx * (1.0 if far.disparity_px < 0.0 else _infinitely_far(far))
-    expected = VERGENCE_STD_RAD**2 + (far.std_px / rig.fx) ** 2
-    return math.sqrt(VERGENCE_STD_RAD**2 + max(seen_rad**2 - expected, 0.0))
+    seen = [(each.yaw_rad, each.std_rad) for each in turns]
+    if far is not None:
+        part = 1.0 if far.disparity_px < 0.0 else _infinitely_far(far)
+        seen.append((part * far.disparity_px / rig.fx, far.std_px / rig.fx))
+    excess = [value**2 - std**2 - VERGENCE_STD_RAD**2 for value, std in seen]
+    return math.sqrt(VERGENCE_STD_RAD**2 + max(0.0, *excess, 0.0))
 
 
 def measure_vergence(
     far: FarDisparity | None, lines: Matches, rig: StereoRig, extrinsics: Extrinsics
-) -> Vergence | None:
+) -> tuple[Vergence, ...]:
     """Measure how the right camera has turned, by what is far away and by lane lines on the road surface.
 
     Args:
@@ -78,7 +83,7 @@ def measure_vergence(
         extrinsics: Pose over the road surface.
 
     Returns:
-        What contradicts the calibration most, in its own standard deviations; None where neither tells.
+        What each of them tells; the clearest contradiction of the calibration comes first.
     """
     wrong_rad = _wrong_rad(rig, extrinsics)
     found = []
@@ -89,7 +94,7 @@ def measure_vergence(
     by_lines = _by_lines(lines, rig, extrinsics, wrong_rad)
     if by_lines is not None and not _denied(by_lines, far, rig):
         found.append(by_lines)
-    return max(found, key=lambda each: abs(each.yaw_rad) / each.std_rad, default=None)
+    return tuple(sorted(found, key=lambda each: -abs(each.yaw_rad) / each.std_rad))
 
 
 def _infinitely_far(far: FarDisparity) -> float:
@@ -103,57 +108,103 @@ def _wrong_rad(rig: StereoRig, extrinsics: Extrinsics) -> float:
     return float(np.min(WRONG / np.maximum(response, np.finfo(np.float64).eps)))
 
 
-def _by_lines(lines: Matches, rig: StereoRig, extrinsics: Extrinsics, wrong_rad: float) -> Vergence | None:
-    """Return the turn by the clearest two lines of a lane; None where two lines confirm the road surface."""
-    plane = plane_from_pose(extrinsics, rig)
-    clearest: tuple[float, Vergence] | None = None
-    for first, second in product(*lines):
-        width_m = abs(_offset_m(first, plane, rig) - _offset_m(second, plane, rig))
-        turn = _where_they_meet(first.left.line, second.left.line, width_m, rig, extrinsics, wrong_rad)
-        if turn is None:
-            continue
-        if abs(turn.yaw_rad) <= max(wrong_rad, EXCLUDED_SIGMAS * turn.std_rad):
-            return None
-        alike = min(first.similarity, second.similarity) > _LEAST_LIKENESS
-        if alike and MIN_LANE_WIDTH_M <= width_m <= MAX_LANE_WIDTH_M and abs(turn.yaw_rad) < MOST_TURN_RAD:
-            votes = first.votes + second.votes
-            clearest = clearest if clearest is not None and clearest[0] >= votes else (votes, turn)
-    return None if clearest is None else clearest[1]
+@dataclass(frozen=True, slots=True, eq=False)
+class _Bundle:
+    """Lines on the road surface, as they meet its horizon, in the left image.
 
+    Lines that are parallel on a road meet in one point. Its row is that of the true horizon; the horizon of
+    the surface they meet in columns that grow with their slopes, by the rows between both.
 
-def _offset_m(match: Match, plane: DisparityPlane, rig: StereoRig) -> float:
-    return height_and_offset_m(match.left.line, match.right.line, plane, rig)[1]
-
-
-def _where_they_meet(
-    first: ImageLine,
-    second: ImageLine,
-    width_m: float,
-    rig: StereoRig,
-    extrinsics: Extrinsics,
-    wrong_rad: float,
-) -> Vergence | None:
-    """Return the turn under which two lines of the left image, ``width_m`` apart on the road, are parallel.
-
-    Where parallel lines meet is infinitely far away, so the disparity of the road surface there is an error.
-    None where they do not meet.
+    Attributes:
+        columns: (N,) where they meet the horizon of the surface [px].
+        slopes: (N,) columns by which each line moves for a row below that horizon.
+        variances: (N,) of the columns, by the fit and by paint that is not parallel.
+        offsets_m: (N,) how far left of the camera they lie.
+        votes: (N,) how clear they are.
+        alike: (N,) whether both cameras see the same line, and clearly.
+        px_per_row: Growth of the surface's disparity by the row.
     """
-    apart = first.slope - second.slope
-    if not abs(apart) > np.finfo(np.float32).eps or not width_m > 0.0:
+
+    columns: Array
+    slopes: Array
+    variances: Array
+    offsets_m: Array
+    votes: Array
+    alike: Mask
+    px_per_row: float
+
+    def parallel(self, rows: float, column: float) -> Mask:
+        """Whether each line leads to a column of a horizon that lies so many rows below the surface's."""
+        off = self.columns + self.slopes * rows - column
+        near: Mask = np.abs(off) < _PARALLEL_STDS * np.sqrt(self.variances)
+        return near
+
+    def fitted(self, chosen: Mask) -> tuple[float, float]:
+        """Return the rows from the horizon of the surface down to where lines meet, and their variance."""
+        weights = 1.0 / self.variances[chosen]
+        slopes, columns = self.slopes[chosen], self.columns[chosen]
+        slopes = slopes - np.average(slopes, weights=weights)
+        information = float(weights @ slopes**2)
+        return -float(weights @ (slopes * columns)) / information, 1.0 / information
+
+    def spans_lane(self, chosen: Mask) -> bool:
+        """Whether lines lie far enough apart to tell where they meet."""
+        return bool(chosen.any()) and float(np.ptp(self.offsets_m[chosen])) >= _LEAST_SPAN_M
+
+
+def _bundle(lines: Matches, rig: StereoRig, extrinsics: Extrinsics) -> _Bundle:
+    """Return the lines as they meet the horizon of the road surface."""
+    middle = plane_from_pose(extrinsics, rig)
+    plane = middle.of_camera(PlaneCamera.LEFT, rig)
+    ahead, aside, down = plane.coefficients
+    # The horizon is where the disparity is zero: a straight line of the image, tilted by the roll.
+    tilt = -aside / down * rig.fy / rig.fx
+    at_column_0 = rig.cy + ahead / down * rig.fy - tilt * rig.cx
+    found = []
+    for match in (each for side in lines for each in side):
+        line = match.left.line
+        row = (at_column_0 + tilt * (line.u_mid - line.slope * line.v_mid)) / (1.0 - tilt * line.slope)
+        by_fit = np.array([1.0, row - line.v_mid])
+        variance = by_fit @ line.covariance @ by_fit + (rig.fx * PAINT_ANGLE_STD_RAD) ** 2 / 2.0
+        offset_m = height_and_offset_m(line, match.right.line, middle, rig)[1]
+        column = float(line.column_at(np.array(row)))
+        by_row = line.slope / (1.0 - tilt * line.slope)
+        found.append((column, by_row, variance, offset_m, match.votes, match.similarity))
+    columns, slopes, variances, offsets_m, votes, similarity = np.array(found).reshape(-1, 6).T
+    alike = (similarity > _LEAST_LIKENESS) & (votes >= _LEAST_VOTES * votes.max(initial=0.0))
+    return _Bundle(columns, slopes, variances, offsets_m, votes, alike, -float(down) / rig.fy)
+
+
+def _by_lines(lines: Matches, rig: StereoRig, extrinsics: Extrinsics, wrong_rad: float) -> Vergence | None:
+    """Return the turn under which the lines of a lane are parallel; None where lines confirm the surface.
+
+    Lines confirm the surface where two of them are parallel on it that are not parallel under the turn.
+    """
+    bundle = _bundle(lines, rig, extrinsics)
+    best: Mask | None = None
+    for first, second in combinations(range(len(bundle.columns)), 2):
+        width_m = abs(float(bundle.offsets_m[first] - bundle.offsets_m[second]))
+        both_alike = bool(bundle.alike[first] and bundle.alike[second])
+        if not (both_alike and MIN_LANE_WIDTH_M <= width_m <= MAX_LANE_WIDTH_M):
+            continue
+        two = np.isin(np.arange(len(bundle.columns)), (first, second))
+        rows = bundle.fitted(two)[0]
+        chosen = (
+            bundle.parallel(rows, float(bundle.columns[first] + bundle.slopes[first] * rows)) & bundle.alike
+        )
+        if best is None or bundle.votes[chosen].sum() > bundle.votes[best].sum():
+            best = chosen
+    if best is None:
         return None
-    u0, v0 = first.u_mid, first.v_mid
-    row = v0 + (float(second.column_at(np.array(v0))) - u0) / apart
-    column = float(first.column_at(np.array(row)))
-    plane = plane_from_pose(extrinsics, rig, PlaneCamera.LEFT)
-    disparity = float(plane.disparities(pixel_rays(rig, np.array(column), np.array(row))))
-    by_row = abs(float(plane.coefficients[2])) / rig.fy
-    # Lines at an angle on the road meet that much above or below the horizon, by their distance over the
-    # height; and the row where they meet is as uncertain as their columns there.
-    by_paint = PAINT_ANGLE_STD_RAD * extrinsics.height_m / width_m * rig.fy
-    columns = [np.array([1.0, row - line.v_mid]) for line in (first, second)]
-    variances = [at @ line.covariance @ at for at, line in zip(columns, (first, second), strict=True)]
-    std_px = by_row * math.sqrt(by_paint**2 + float(sum(variances)) / apart**2)
-    return Vergence(-disparity / rig.fx, std_px / rig.fx, wrong_rad, by_lines=True)
+    confirming = [bundle.parallel(0.0, float(column)) for column in bundle.columns]
+    if any(bundle.spans_lane(each) and bool((each & ~best).any()) for each in confirming):
+        return None
+    rows, variance = bundle.fitted(best)
+    to_rad = bundle.px_per_row / rig.fx
+    yaw_rad = -rows * to_rad
+    if abs(yaw_rad) > MOST_TURN_RAD:  # no calibration is that far off: such lines are not parallel
+        return None
+    return Vergence(yaw_rad, math.sqrt(variance) * to_rad, wrong_rad, by_lines=True)
 
 
 def _denied(by_lines: Vergence, far: FarDisparity | None, rig: StereoRig) -> bool:

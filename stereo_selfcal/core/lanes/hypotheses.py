@@ -146,9 +146,12 @@ def _refit(
     return MatchedLines.of(lines, matched.votes)
 
 
-def unused_lines(found: LaneHypotheses, pattern: LanePattern | None) -> tuple[ImageLine, ...]:
-    """Return the lines of the left camera that were found and are not in the pattern."""
-    used = [] if pattern is None else pattern.lines[0]
+def unused_lines(
+    found: LaneHypotheses, pattern: LanePattern | None, lane_line: ImageLine | None = None
+) -> tuple[ImageLine, ...]:
+    """Return the lines of the left camera that were found, without those that are drawn as lane lines."""
+    used = [] if pattern is None else list(pattern.lines[0])
+    used += [] if lane_line is None else [lane_line]
     lines = [candidate.line for side in found.candidates[0] for candidate in side]
     return tuple(line for line in lines if not any(line.is_same_stripe(other) for other in used))
 

@@ -96,7 +96,6 @@ def fit_reweighted(
     n: int,
     how: Reweighting,
     scale_of: Callable[[Array], float | Array],
-    start: Array | None = None,
 ) -> RobustFit[Solution] | NotFitted:
     """Fit by iteratively reweighted least squares: the residuals of a fit give the weights of the next one.
 
@@ -106,12 +105,11 @@ def fit_reweighted(
         n: Number of observations, at least one.
         how: Rounds and limits.
         scale_of: Takes residuals (N,) and returns their scale: one number, or one for each residual (N,).
-        start: (N,) weights of the very first fit; None: all are equal.
 
     Returns:
         The last fit, or the reason why one of the fits is undetermined.
     """
-    weights: Array = np.ones(n) if start is None else start
+    weights: Array = np.ones(n)
     scale: float | Array = 1.0
     for i in range(how.absolute_rounds + how.rounds):
         found = fit(weights, scale)

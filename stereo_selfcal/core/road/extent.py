@@ -13,28 +13,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..numerics.linear import solve_linear
-from ..numerics.robust import (
-    TUKEY_SIGMAS,
-    Reweighting,
-    fit_reweighted,
-    scale_by_median,
-    tukey_weights,
-)
+from ..numerics.robust import TUKEY_SIGMAS, scale_by_median, tukey_weights
 from ..numerics.statistics import median
 from ..rejection import Bound, NotFitted
 from ..types import Array, Indices, Mask
 
-# Standard deviations of the height of what begins at a step: gutters, seams and dropped kerbs are 2 to 5 cm
-# high, kerbs 6 to 18 cm. Each cell beyond it deviates further, as verges are no planes.
-_STEP_STDS_M, _BESIDE_STD_M = (0.03, 0.15), 0.03
+# Standard deviation of the height of what begins at a step: kerbs are 6 to 18 cm high. Each cell beyond it
+# deviates further, as verges are no planes.
+_STEP_STD_M, _BESIDE_STD_M = 0.15, 0.03
 # A step within the few metres beside a lane is taken as rare as one in twenty, so that it needs evidence.
 _STEP_LOG_ODDS = math.log(20.0)
 _LEAST_STRIPS = 2  # of a road: with one, the roll is open
 
 OUTLIER_WEIGHT = 0.5  # Tukey's weight at 2.5 robust standard deviations
 LEAST_WEIGHT = 1e-3  # so the variance of an outlier is at most a thousand times its squared distance
-_REWEIGHTING = Reweighting(rounds=8, least_weight=LEAST_WEIGHT**2)
+_ROUNDS = 8  # of reweighting
+_LEAST_COUNT = LEAST_WEIGHT**2  # least weight in the fit: it keeps the equations regular
 # Planes through three cells that are tried: with 60 % of outliers, all but one in 10 000 of such draws hold a
 # triple without any.
 _N_TRIPLES = 200
@@ -74,40 +68,46 @@ def find_extent(
         middle: Strip of the camera's path, which is road.
     """
     sigma = np.sqrt(noise + np.diag(road))
-    best: tuple[float, Extent] | None = None
     first, last = int(strip.min()), int(strip.max())
-    for strips in [(i, j) for i in range(first, middle + 1) for j in range(middle, last + 1)]:
-        inside = (strip >= strips[0]) & (strip <= strips[1])
-        if strips[1] - strips[0] + 1 < _LEAST_STRIPS:
-            continue
-        robust = _robust_weights(heights, design, sigma, inside)
-        if isinstance(robust, NotFitted):
-            continue
-        weights, off = robust
+    extents = [
+        (i, j)
+        for i in range(first, middle + 1)
+        for j in range(middle, last + 1)
+        if j - i + 1 >= _LEAST_STRIPS
+    ]
+    insides = np.array([(strip >= i) & (strip <= j) for i, j in extents]).reshape(-1, len(strip))
+    rows, target = design / sigma[:, None], heights / sigma
+    starts = [_most_agreed(rows[inside], target[inside]) for inside in insides]
+    chosen = [k for k, start in enumerate(starts) if not isinstance(start, NotFitted)]
+    if not chosen:
+        return NotFitted(_ENOUGH, 0, Bound.LEAST, 1)
+    planes = np.array([starts[k] for k in chosen])
+    all_weights, residuals = _robust_fits(rows, target, insides[chosen], planes)
+    best: tuple[float, Extent] | None = None
+    for k, weights, off in zip(chosen, all_weights, residuals * sigma, strict=True):
+        strips, inside = extents[k], insides[k]
         # An outlier gets a larger variance, so that it counts less. The variances of the other cells stay as
         # they are; otherwise unevenness of the road would be treated as noise.
         outlier = weights < OUTLIER_WEIGHT
         variances = noise + np.where(outlier, off**2 / np.maximum(weights, LEAST_WEIGHT), 0.0)
-        known = road + np.diag(np.where(inside, variances, noise))
-        n_steps = (strips[0] > first) + (strips[1] < last)
-        likelihood = max(
-            _log_likelihood(heights, design, known + _beyond(strip, strips, step_std_m))
-            for step_std_m in (_STEP_STDS_M if n_steps else _STEP_STDS_M[:1])
+        likelihood = _log_likelihood(
+            heights, design, road + _beyond(strip, strips) + np.diag(np.where(inside, variances, noise))
         )
-        likelihood -= _STEP_LOG_ODDS * n_steps
+        likelihood -= _STEP_LOG_ODDS * ((strips[0] > first) + (strips[1] < last))
         if best is None or likelihood > best[0]:
-            no_road = noise + (_STEP_STDS_M[-1] / LEAST_WEIGHT) ** 2
+            no_road = noise + (_STEP_STD_M / LEAST_WEIGHT) ** 2
             best = (
                 likelihood,
                 Extent(strips, np.where(inside, weights, 0.0), np.where(inside, variances, no_road)),
             )
-    return NotFitted(_ENOUGH, 0, Bound.LEAST, 1) if best is None else best[1]
+    assert best is not None  # there are extents
+    return best[1]
 
 
-def _beyond(strip: Indices, strips: tuple[int, int], step_std_m: float) -> Array:
+def _beyond(strip: Indices, strips: tuple[int, int]) -> Array:
     """Return the covariance (S, S) that a step on either side adds to the heights beyond it."""
     left, right = (strip < strips[0]).astype(float), (strip > strips[1]).astype(float)
-    steps = step_std_m**2 * (np.outer(left, left) + np.outer(right, right))
+    steps = _STEP_STD_M**2 * (np.outer(left, left) + np.outer(right, right))
     added: Array = steps + np.diag(_BESIDE_STD_M**2 * (left + right))
     return added
 
@@ -122,33 +122,30 @@ def _log_likelihood(heights: Array, design: Array, covariance: Array) -> float:
     return float(-log_determinant - 0.5 * scales[-1] ** 2)
 
 
-def _robust_weights(
-    heights: Array, design: Array, sigma: Array, inside: Mask
-) -> tuple[Array, Array] | NotFitted:
-    """Return the weights (S,) and the residuals (S,) of a robust fit: an MM-estimate (Yohai, 1987).
+def _robust_fits(rows: Array, target: Array, insides: Mask, planes: Array) -> tuple[Array, Array]:
+    """Fit a plane robustly to each extent, from a first one: MM-estimates (Yohai, 1987), all at once.
 
-    Of planes through three cells each, the one that most cells agree with is the start (MSAC: Torr and
-    Zisserman, 2000).
+    Args:
+        rows: (S, 3) derivative of the cells' heights by the parameters of a plane, in standard deviations.
+        target: (S,) heights, in standard deviations.
+        insides: (E, S) cells of each extent.
+        planes: (E, 3) first planes.
+
+    Returns:
+        Robust weights (E, S), 0 ... 1, and residuals (E, S) in standard deviations.
     """
-    rows, target = design[inside] / sigma[inside, None], heights[inside] / sigma[inside]
-    start = _most_agreed(rows, target)
-    if isinstance(start, NotFitted):
-        return start
-    agreeing = tukey_weights(((target - rows @ start) / TUKEY_SIGMAS) ** 2, _REWEIGHTING.least_weight)
-
-    def fit(weights: Array, _: object) -> tuple[Array, Array] | NotFitted:
-        weighted = rows.T * weights
-        plane = solve_linear(weighted @ rows, weighted @ target, _ENOUGH)
-        if isinstance(plane, NotFitted):
-            return plane
-        return plane, target - rows @ plane
-
-    found = fit_reweighted(fit, len(target), _REWEIGHTING, _scale, agreeing)
-    if isinstance(found, NotFitted):
-        return found
-    all_weights, residuals = np.zeros(len(heights)), np.zeros(len(heights))
-    all_weights[inside], residuals[inside] = found.weights, found.residuals * sigma[inside]
-    return all_weights, residuals
+    products = rows[:, :, None] * rows[:, None, :]
+    residuals = target - planes @ rows.T
+    scale = np.ones(len(insides))
+    for _ in range(_ROUNDS):
+        weights = insides * tukey_weights((residuals / (TUKEY_SIGMAS * scale[:, None])) ** 2, _LEAST_COUNT)
+        normal = np.tensordot(weights, products, axes=1)
+        normal = normal + np.finfo(float).eps * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+        planes = np.linalg.solve(normal, ((weights * target) @ rows)[..., None])[..., 0]
+        residuals = target - planes @ rows.T
+        scale = np.array([_scale(each[inside]) for each, inside in zip(residuals, insides, strict=True)])
+    weights = insides * tukey_weights((residuals / (TUKEY_SIGMAS * scale[:, None])) ** 2, _LEAST_COUNT)
+    return weights, residuals
 
 
 def _most_agreed(rows: Array, target: Array) -> Array | NotFitted:

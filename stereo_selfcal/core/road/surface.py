@@ -36,6 +36,7 @@ _LEAST_CELLS = 6  # twice the number of a plane's parameters
 # wheels, of the lane with its shoulders, or of both lanes of a road: how their planes differ from that of the
 # lane, as far as it is seen or follows from the road's usual shape, is an uncertainty.
 STRETCHES_M = ((3.0, 15.0), (5.0, 20.0))
+NEAREST_STRETCH_M = (3.0, 10.0)  # on which the car stands, and most pixels lie
 OTHER_HALF_WIDTHS_M = (1.0, 2.5, 4.0)
 
 
@@ -77,7 +78,9 @@ class LanePoints:
     middle: int
 
     def planes(self, strips: tuple[int, int], half_width_m: float) -> Array:
-        """Return the matrices (2, 3, T) that give the plane of each stretch from the heights of all points.
+        """Return the matrices (3, 3, T) that give the plane of each stretch from the heights of all points.
+
+        They are those of ``STRETCHES_M``, and then that of the nearest one.
 
         Args:
             strips: First and last strip of the road; points beyond them do not count.
@@ -89,8 +92,9 @@ class LanePoints:
         if len(np.unique(self.aside_m[within])) < _LEAST_COLUMNS:
             within = on_road
         ahead = self.xy[:, 0]
-        matrices = np.zeros((len(STRETCHES_M), self.design.shape[1], len(ahead)))
-        for matrix, (begin_m, end_m) in zip(matrices, STRETCHES_M, strict=True):
+        stretches_m = (*STRETCHES_M, NEAREST_STRETCH_M)
+        matrices = np.zeros((len(stretches_m), self.design.shape[1], len(ahead)))
+        for matrix, (begin_m, end_m) in zip(matrices, stretches_m, strict=True):
             inside = within & (ahead >= begin_m) & (ahead <= end_m)
             matrix[:, inside] = np.linalg.pinv(self.design[inside])
         return matrices
@@ -292,7 +296,7 @@ def _solve_lane(
     Returns:
         Heights of the cells to the plane of the lane (3, S); deviations of the road at cells and points to
         the error of that plane (3, S + T); and the same to the differences of the planes of other parts from
-        it (8, 3, S + T), for the predicted differences and for their errors.
+        it (12, 3, S + T), for the predicted differences and for their errors.
     """
     n = len(x)
     what = "heights of the cells that are independent"
@@ -307,7 +311,7 @@ def _solve_lane(
     # Heights of the lane over that plane, predicted from what remains of the cells' heights.
     to_lane = predicted - (predicted @ x) @ to_plane
     of_lane = lane.planes(strips, HALF_LANE_WIDTH_M)
-    plane = of_lane.mean(axis=0)
+    plane = of_lane[: len(STRETCHES_M)].mean(axis=0)
     of_others = [lane.planes(strips, half_m) for half_m in OTHER_HALF_WIDTHS_M]
     apart = np.concatenate([of_lane, *of_others]) - plane
     solve: Array = to_plane + plane @ to_lane

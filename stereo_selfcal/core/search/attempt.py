@@ -7,8 +7,9 @@ from enum import Enum
 
 from ..evidence.estimate import Estimate, StagePoses
 from ..evidence.frame_evidence import FoundBy, Hypothesis
+from ..evidence.road_surface import SurfaceCells
 from ..geometry.pose import Extrinsics
-from ..lanes.lane_pair import LanePattern
+from ..lanes.lane_pair import ImageLine, LanePattern
 from ..numerics.genetic import GeneticResult
 from ..rejection import GateReading, Rejection, RejectReason
 
@@ -38,6 +39,8 @@ class Attempt:
         estimate: The pose with its uncertainty; None where the hypothesis was refused or not fitted.
         lane_curvature_per_m: Curvature of the lane [1/m], > 0: bends left; None where it was not measured.
         genetic: Report of the genetic algorithm; None where it did not run.
+        surface: The road surface the lines were compared with, or that is the estimate; None without one.
+        lane_line: The line of the left image that tells the yaw of an estimate without a pair of lines.
     """
 
     hypothesis: Hypothesis
@@ -49,6 +52,8 @@ class Attempt:
     estimate: Estimate | None = None
     lane_curvature_per_m: float | None = None
     genetic: GeneticResult | None = None
+    surface: SurfaceCells | None = None
+    lane_line: ImageLine | None = None
 
     @property
     def accepted(self) -> bool:
@@ -82,4 +87,4 @@ class Attempt:
 
     def slim(self) -> Attempt:
         """Return the attempt without points and lines, which take as much memory as an image."""
-        return replace(self, hypothesis=self.hypothesis.slim(), genetic=None)
+        return replace(self, hypothesis=self.hypothesis.slim(), genetic=None, surface=None, lane_line=None)

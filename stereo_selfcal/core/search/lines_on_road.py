@@ -47,6 +47,10 @@ _HALF_WIDTH_M = 1.5 * LANE_WIDTH_M
 MAX_GAP_RAD = 0.01
 # The heading of a car in its lane is within a few degrees of the lane; edges across the road are not.
 MAX_YAW_RAD = float(np.radians(10.0))
+# Least votes in both images for each row of a line that tells the yaw without another one: those of a stripe
+# with an eighth of the contrast of a full vote. Lines that chance makes in the texture of rendered roads have
+# 0.15 at most.
+_LEAST_VOTES_PER_ROW = 0.25
 # Most pairs of lines that are returned.
 _MOST_PATTERNS = 3
 
@@ -177,7 +181,21 @@ def _in_right_camera(line: ImageLine, plane: DisparityPlane, rig: StereoRig) -> 
 
 
 def yaw_of_line(matches: Matches, road_pose: Extrinsics, rig: StereoRig) -> float | None:
-    """Return the yaw of the camera against the clearest line on a road [rad]; None without one.
+    """Return the yaw of the camera against the clearest line on a road [rad]; None without a clear one.
+
+    The line is that of :func:`lane_line`.
+
+    Args:
+        matches: Lines that both cameras see on the road.
+        road_pose: Pose over the road surface.
+        rig: Intrinsics and baseline.
+    """
+    line = lane_line(matches, road_pose, rig)
+    return None if line is None else _yaw(line, plane_from_pose(road_pose, rig), rig)
+
+
+def lane_line(matches: Matches, road_pose: Extrinsics, rig: StereoRig) -> ImageLine | None:
+    """Return the clearest line of the left image that runs along a road; None without one.
 
     Args:
         matches: Lines that both cameras see on the road.
@@ -186,9 +204,9 @@ def yaw_of_line(matches: Matches, road_pose: Extrinsics, rig: StereoRig) -> floa
     """
     plane = plane_from_pose(road_pose, rig)
     for match in sorted((each for side in matches for each in side), key=lambda m: -m.votes):
-        yaw = _yaw(match.left.line, plane, rig)
-        if abs(yaw) <= MAX_YAW_RAD:
-            return yaw
+        clear = match.votes >= _LEAST_VOTES_PER_ROW * match.left.line.n_rows
+        if clear and abs(_yaw(match.left.line, plane, rig)) <= MAX_YAW_RAD:
+            return match.left.line
     return None
 
 

@@ -15,8 +15,8 @@ from ..lanes.hypotheses import LaneHypotheses, NoPattern
 from ..rejection import NotFitted, Rejection, RejectReason
 from .attempt import Attempt
 
-_FIND_ROAD = "drive on in daylight, lens clean, where the road has texture or painted lines on both sides"
-_LOOK_AT_ROAD = "check that both cameras look at the road, in daylight and with a clean lens"
+FIND_ROAD = "drive on in daylight, lens clean, where the road has texture or painted lines on both sides"
+LOOK_AT_ROAD = "check that both cameras look at the road, in daylight and with a clean lens"
 # Of these, the refusal also says what the road surface lacks: a road that is seen needs no lines.
 _MISSING_LINES = (RejectReason.NO_LINES_FOUND, RejectReason.LINES_NOT_MATCHED)
 
@@ -55,8 +55,8 @@ def without_pair(
     tried = of_surface(attempts)
     of_lines = of_road or of_image
     if tried is not None:
-        return of_lines.followed_by(f"the road surface alone is no estimate: {tried.message}", _FIND_ROAD)
-    remedy = _FIND_ROAD if of_lines.remedy == FIND_LINES else of_lines.remedy
+        return of_lines.followed_by(f"the road surface alone is no estimate: {tried.message}", FIND_ROAD)
+    remedy = FIND_ROAD if of_lines.remedy == FIND_LINES else of_lines.remedy
     return of_lines.followed_by(surface.described, remedy)
 
 
@@ -80,7 +80,7 @@ def road_not_seen(lacking: NotFitted, of_lines: Rejection) -> Rejection:
         lacking.bound,
         lacking.limit,
         lacking.unit,
-        _LOOK_AT_ROAD,
+        LOOK_AT_ROAD,
     )
 
 

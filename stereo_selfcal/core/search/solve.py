@@ -23,19 +23,21 @@ from ..evidence.nuisances import (
 )
 from ..evidence.profile import measure_profile
 from ..evidence.rig_unknowns import response_of_lines, response_of_surface, rig_terms
+from ..evidence.road_surface import SurfaceCells
 from ..evidence.row_offset import vertical_offset
-from ..evidence.vergence import measure_vergence
+from ..evidence.vergence import Vergence, measure_vergence, vergence_std_rad
 from ..geometry.homography import SIDES
 from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, merge_terms
 from ..lanes.closed_form import contradictions, solve_plane
 from ..lanes.lane_pair import LanePattern
+from ..lanes.matching import Matches
 from ..numerics.genetic import GeneticResult, maximise_each
 from ..numerics.linear import is_covariance, rank_of
 from ..rejection import Bound, GateReading, NotFitted, Rejection, fitted
 from ..reservations import Reservation, ReservationKind
 from .attempt import Attempt, Verdict
-from .lines_on_road import yaw_of_line
+from .lines_on_road import lane_line, yaw_of_line
 
 # The strip under the car, left and right of the camera [m]: lanes are a quarter of a metre wider, at least.
 _OWN_STRIP_M = (-1.0, 1.0)
@@ -59,9 +61,12 @@ def solve(
     """
     if hypothesis.pattern is not None:
         return _sound(_solve_lines(hypothesis, hypothesis.pattern, frame, rig, config))
-    if hypothesis.texture is None:
+    texture = hypothesis.texture
+    if texture is None:
         raise ValueError("a hypothesis needs a pair of lines or the texture of the road surface")
-    return _sound(_solve_surface(hypothesis, hypothesis.texture, frame, rig, config))
+    attempt = _sound(_solve_surface(hypothesis, texture, frame, rig, config))
+    line = lane_line(hypothesis.other_lines, texture.extrinsics, rig)
+    return replace(attempt, surface=SurfaceCells.of(texture), lane_line=line)
 
 
 def _sound(attempt: Attempt) -> Attempt:
@@ -95,14 +100,14 @@ def _solve_lines(
     genetic = _search(fitness, config)
     pose = Extrinsics.from_array(genetic.best)
     misfit_px = float(np.sqrt(np.max(fitness.errors(genetic.best[None]))))
-    poses = replace(_coarse(frame), genetic=pose)
+    poses = replace(coarse_pose(frame), genetic=pose)
     evidence = Evidence(
         config,
         pose,
         genetic.fitness,
         misfit_px,
         hypothesis.below,
-        vergence=measure_vergence(frame.far, ([], []), rig, pose),
+        vergence=_clearest_turn(hypothesis, frame, pose, rig),
     )
     readings, refusal = evaluate_gates(evidence)
     if refusal:
@@ -144,8 +149,10 @@ def _solve_lines(
         estimate, poses, evidence, readings, response_of_lines(fit, pattern, rig, frame.vergence_std_rad)
     )
     checked = cross_check_surface(lines, hypothesis, pattern, frame, rig)
+    surface = SurfaceCells.of(checked.evidence.texture)
     if checked.rejection is not None:
-        return _refused(hypothesis, checked.rejection, checked.readings, checked.poses, genetic)
+        refused = _refused(hypothesis, checked.rejection, checked.readings, checked.poses, genetic)
+        return replace(refused, surface=surface)
     return Attempt(
         hypothesis,
         Verdict.ACCEPTED,
@@ -154,11 +161,29 @@ def _solve_lines(
         estimate=checked.estimate,
         lane_curvature_per_m=bends.lateral_per_m,
         genetic=genetic,
+        surface=surface,
     )
 
 
-def _coarse(frame: FrameObservations) -> StagePoses:
-    """Return the poses that are known before a hypothesis: that of the dense disparities."""
+def _clearest_turn(
+    hypothesis: Hypothesis, frame: FrameObservations, pose: Extrinsics, rig: StereoRig
+) -> Vergence | None:
+    """Return what contradicts the calibration of the cameras most, for lines of a hypothesis.
+
+    Lines that were found without the road surface do not tell: their own plane is one they are parallel on.
+    """
+    lines: Matches = ([], [])
+    if hypothesis.texture is not None:
+        lines, pose = hypothesis.other_lines, hypothesis.texture.extrinsics
+    return next(iter(measure_vergence(frame.far, lines, rig, pose)), None)
+
+
+def coarse_pose(frame: FrameObservations) -> StagePoses:
+    """Return the poses that are known before a hypothesis: that of the dense disparities.
+
+    Args:
+        frame: Images, and what is known of them without a hypothesis.
+    """
     if frame.surface is None or isinstance(frame.surface.coarse, NotFitted):
         return StagePoses()
     return StagePoses(coarse=frame.surface.coarse.extrinsics)
@@ -195,17 +220,19 @@ def _solve_surface(
     config: CalibratorConfig,
 ) -> Attempt:
     """Take the pose over the road surface, without a pair of lines; a line on it tells the yaw."""
-    poses = replace(_coarse(frame), textured=texture.extrinsics)
+    poses = replace(coarse_pose(frame), textured=texture.extrinsics)
     yaw = yaw_of_line(hypothesis.other_lines, texture.extrinsics, rig)
     seen = Reservation(ReservationKind.NO_LINE_CONFIRMS if yaw is None else ReservationKind.ONE_LINE_ONLY)
-    of_rig = response_of_surface(rig, texture.extrinsics, frame.vergence_std_rad)
+    turns = measure_vergence(frame.far, hypothesis.other_lines, rig, texture.extrinsics)
+    vergence_std = vergence_std_rad(frame.far, rig, turns)
+    of_rig = response_of_surface(rig, texture.extrinsics, vergence_std)
     terms = merge_terms((*texture.terms, *rig_terms(of_rig)))
     estimate = Estimate(texture.extrinsics, terms, yaw, (seen,))
     evidence = Evidence(
         config,
         texture=texture,
         std=np.sqrt(np.diag(estimate.covariance)),
-        vergence=measure_vergence(frame.far, hypothesis.other_lines, rig, texture.extrinsics),
+        vergence=next(iter(turns), None),
     )
     readings, refusal = evaluate_gates(evidence)
     if refusal:

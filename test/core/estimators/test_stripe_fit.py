@@ -359,12 +359,13 @@ def test_a_road_below_the_image_gives_no_fit(horizon):
 def test_stages_in_their_order_and_the_refined_one_is_the_result(rendered, calibrated):
     scene, left, right = rendered(1, NOISE)
     _, result = calibrated(1, NOISE)
-    assert list(result.stages) == ["genetic", "closed_form", "refined"]  # too little texture for a fourth
+    assert list(result.stages)[-3:] == ["genetic", "closed_form", "refined"]  # too little texture for more
     assert result.extrinsics == result.stages["refined"]
     np.testing.assert_array_equal(result.genetic.best, result.stages["genetic"].as_array())
     again = refine((left, right), result.pattern, scene.rig, result.stages["genetic"])
     assert result.extrinsics == again.extrinsics
-    np.testing.assert_array_equal(result.covariance, again.covariance)
+    (of_noise,) = (term.covariance for term in result.uncertainty if term.name == "noise")
+    np.testing.assert_allclose(of_noise, again.covariance, rtol=1e-12)
     assert result.lane_yaw_rad == again.lane_yaw_rad
     assert not any("refined" in note for note in result.notes)
 
@@ -375,7 +376,7 @@ def test_lines_that_cannot_be_refined_do_not_stand_alone(rendered, monkeypatch):
     result = calibrate(left, right, scene.rig)
     assert result.reason is RejectReason.LINE_NOT_PAINTED
     assert "both edges" in result.message
-    assert list(result.stages) == ["genetic", "closed_form"]
+    assert list(result.stages)[-2:] == ["genetic", "closed_form"]
 
 
 def test_without_refinement_the_genetic_result_stands_where_the_asphalt_confirms_it(monkeypatch):
@@ -385,7 +386,7 @@ def test_without_refinement_the_genetic_result_stands_where_the_asphalt_confirms
     monkeypatch.setattr(solve, "refine", lambda *_: NotFitted("blocks of rows", 3, Bound.LEAST, 12))
     result = calibrate(*images, scene.rig)
     assert result.accepted
-    assert list(result.stages) == ["genetic", "closed_form", "textured", "combined"]
+    assert list(result.stages) == ["coarse", "genetic", "closed_form", "textured", "combined"]
     assert result.stages["genetic"] == refined.stages["genetic"]
     assert np.all(
         np.abs(result.extrinsics.as_array() - refined.extrinsics.as_array()) < refined.std.as_array()

@@ -68,6 +68,14 @@ def test_one_lane_has_no_crown():
     assert not crown_covariance(None).any()
 
 
+def test_lanes_that_may_lie_between_two_lines_make_no_step():
+    """From the lines of one lane to those of three: the standard deviation of roll, every centimetre."""
+    widths = np.arange(3.5, 11.0, 0.01)
+    stds = [math.sqrt(crown_covariance(fit([width - 1.7, -1.7], [0.0, 0.0]))[2, 2]) for width in widths]
+    assert stds[0] == 0.0 and stds[-1] > 0.015
+    assert np.all(np.diff(stds) >= 0.0) and np.diff(stds).max() < math.radians(0.02)
+
+
 def test_half_a_lane_shows_half_of_it():
     """An arrow in the middle of the lane stands for a line; the other half may slope otherwise."""
     half = np.sqrt(np.diag(crown_covariance(fit([0.05, -1.2], [0.0, 0.0]))))

@@ -10,15 +10,17 @@ from refusal_words import assert_says_everything
 
 from stereo_selfcal import CalibratorConfig, Extrinsics, RejectReason
 from stereo_selfcal.core.estimators.coarse_road import CoarseRoad
+from stereo_selfcal.core.estimators.lane_sweep import LaneSweep
 from stereo_selfcal.core.estimators.line_covariance import Bends, LineFit
 from stereo_selfcal.core.estimators.stripe_fit import StripeFit
 from stereo_selfcal.core.estimators.texture_alignment import TextureFit, TextureQuality
-from stereo_selfcal.core.evidence.frame_evidence import Evidence
+from stereo_selfcal.core.evidence.frame_evidence import Contradictor, Evidence
 from stereo_selfcal.core.evidence.gates import GATES, evaluate_gates
 from stereo_selfcal.core.evidence.kerb_face import EdgeStep
 from stereo_selfcal.core.evidence.profile import Profile
 from stereo_selfcal.core.evidence.row_offset import VerticalOffset
 from stereo_selfcal.core.evidence.stripe_border import StripeBorder
+from stereo_selfcal.core.evidence.vergence import Vergence
 from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
 from stereo_selfcal.core.lanes.line_geometry import BelowPlane, HeightOverLane
 from stereo_selfcal.core.rejection import Bound
@@ -50,6 +52,15 @@ ASPHALT = TextureFit(
 DENSE = CoarseRoad(POSE, np.diag([0.01, 1e-3, 2e-3]) ** 2, share=0.8, matched_share=0.9, scale=2)
 
 
+def swept(*planes, elsewhere=0.0):
+    """Return a sweep in which both images agree under (height, roll) by so many standard deviations."""
+    heights_m, rolls_rad = np.linspace(1.0, 2.0, 101), np.linspace(-0.15, 0.15, 61)
+    sigmas = np.full((101, 61), elsewhere)
+    for height_m, roll_rad, of_plane in planes:
+        sigmas[np.argmin(np.abs(heights_m - height_m)), np.argmin(np.abs(rolls_rad - roll_rad))] = of_plane
+    return LaneSweep(heights_m, rolls_rad, sigmas)
+
+
 def over(*values_m, std_m=0.0):
     return tuple(HeightOverLane(value_m, std_m) for value_m in values_m)
 
@@ -78,9 +89,11 @@ GOOD = Evidence(
     stripes_fitted=True,
     inner_line_height=HeightOverLane(0.005, 0.002),
     std=np.array([0.003, 1e-4, 1e-3]),
-    difference_std=np.array([0.004, 2e-4, 1.5e-3]),
+    contradictors=(Contradictor(POSE, np.diag([0.004, 2e-4, 1.5e-3]) ** 2),),
+    vergence=Vergence(math.radians(0.01), math.radians(0.005), math.radians(0.05), by_lines=True),
     own_strip=ASPHALT,
     coarse=DENSE,
+    sweep=swept((POSE.height_m, POSE.roll_rad, 9.0)),
 )
 MM, DEG = 1e3, math.degrees(1.0)
 
@@ -150,9 +163,12 @@ BAD = {
     "halves_agree": {"texture": replace(ASPHALT, halves=((np.array([0.1, 0.0, 0.0]), np.full(3, 1e-4)),))},
     "strip_agrees": {"own_strip": replace(ASPHALT, extrinsics=replace(POSE, height_m=1.54))},
     "dense_agrees": {"coarse": replace(DENSE, extrinsics=replace(POSE, height_m=1.6))},
+    "faint_texture_agrees": {"sweep": swept((1.6, 0.0, 9.0))},
     "surface_agrees": {
-        "texture": replace(ASPHALT, extrinsics=replace(POSE, height_m=1.6)),
-        "own_strip": None,
+        "contradictors": (Contradictor(replace(POSE, height_m=1.6), np.diag([0.004, 2e-4, 1.5e-3]) ** 2),)
+    },
+    "parallel_cameras": {
+        "vergence": Vergence(math.radians(-0.2), math.radians(0.01), math.radians(0.05), by_lines=True)
     },
     "lines_on_surface": {"surface_heights": over(0.1, 0.0)},
 }
@@ -188,6 +204,9 @@ def test_gates_without_evidence_are_not_read_and_those_of_before_not_again():
             std=None,
             wide_profile=None,
             coarse=None,
+            sweep=None,
+            contradictors=(),
+            vergence=None,
         )
     )
     assert [reading.name for reading in first] == ["plausible", "fitness"]
@@ -295,7 +314,7 @@ def test_cameras_that_contradict_each_other():
 )
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_refinement_stays_near_the_lines(axis, limit, scale, sign):
-    without = {"texture": None, "surface_heights": (), "vertical": None, "coarse": None}
+    without = {"texture": None, "surface_heights": (), "vertical": None, "coarse": None, "sweep": None}
     near, far = (replace(REFINED, extrinsics=moved(axis, sign * part * limit)) for part in (0.99, 1.01))
     assert refusal(refined=near, **without) is None
     rejection = refusal(refined=far, **without)
@@ -398,24 +417,45 @@ def only(axis, value, others):
 @pytest.mark.parametrize(("axis", "limit", "scale"), WRONG)
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_lines_and_asphalt_agree_within_the_tolerance(axis, limit, scale, sign):
-    def off(by, std=GOOD.difference_std):
-        texture = replace(ASPHALT, extrinsics=moved(axis, sign * by))
-        return refusal(texture=texture, own_strip=None, difference_std=std)
+    def off(by, std=0.001 * limit):
+        seen = Contradictor(moved(axis, sign * by), np.diag(only(axis, std, [0.004, 2e-4, 1.5e-3])) ** 2)
+        alike = GOOD.contradictors
+        return [refusal(contradictors=order) for order in ((seen, *alike), (*alike, seen))]
 
-    assert off(0.99 * limit) is None
-    assert_refuses(
-        off(1.01 * limit), RejectReason.TEXTURE_DISAGREES, 1.01 * limit * scale, limit * scale, "kerb"
-    )
-    # One that is less certain excludes what is five of its standard deviations off.
-    unsure = only(axis, 0.25 * limit, GOOD.difference_std)
-    assert off(1.24 * limit, unsure) is None
-    assert_refuses(
-        off(1.26 * limit, unsure),
-        RejectReason.TEXTURE_DISAGREES,
-        1.26 * limit * scale,
-        1.25 * limit * scale,
-        "kerb",
-    )
+    assert off(0.99 * limit) == [None, None]
+    for rejection in off(1.01 * limit):
+        limits = 1.01 * limit * scale, limit * scale
+        assert_refuses(rejection, RejectReason.TEXTURE_DISAGREES, *limits, "kerb")
+    # A less certain one excludes what is as unlikely as five standard deviations: chi squared of 31.8.
+    excluded = math.sqrt(31.8) * 0.25
+    assert off(0.99 * excluded * limit, 0.25 * limit) == [None, None]
+    assert None not in off(1.01 * excluded * limit, 0.25 * limit)
+
+
+def test_all_three_numbers_together_exclude_lines():
+    """None of them alone does, by its own deviation: height and pitch go together in what is known."""
+    std = np.array([0.02, math.radians(0.2), math.radians(0.4)])
+    correlated = np.outer(std, std) * [[1.0, 0.95, 0.0], [0.95, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    for sign, excluded in ((1.0, False), (-1.0, True)):
+        pose = Extrinsics.from_array(POSE.as_array() + np.array([0.065, sign * math.radians(0.4), 0.0]))
+        rejection = refusal(contradictors=(Contradictor(pose, correlated),))
+        assert (rejection is not None) == excluded
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("by_lines", [True, False])
+def test_cameras_that_are_not_parallel(sign, by_lines):
+    """By what makes a pose over the surface wrong, or five standard deviations of the turn."""
+
+    def turned(degrees, std_deg=0.005):
+        yaw_rad, std_rad = math.radians(sign * degrees), math.radians(std_deg)
+        return refusal(vergence=Vergence(yaw_rad, std_rad, math.radians(0.05), by_lines))
+
+    assert turned(0.049) is None
+    words = "lane lines are parallel" if by_lines else "farther than infinity", "right camera looks"
+    assert_refuses(turned(0.051), RejectReason.IMAGES_NOT_RECTIFIED, 0.051, 0.05, *words)
+    assert turned(0.099, 0.02) is None and turned(0.101, 0.02) is not None
+    assert refusal(vergence=None) is None
 
 
 @pytest.mark.parametrize(("axis", "limit", "scale"), WRONG)
@@ -425,7 +465,7 @@ def test_dense_disparities_exclude_what_is_wrong(axis, limit, scale, sign):
 
     def off(by, std):
         coarse = CoarseRoad(moved(axis, sign * by), np.diag(only(axis, std, 1e-4)) ** 2, 0.8, 0.9, 2)
-        return refusal(coarse=coarse, std=only(axis, 0.2 * limit, GOOD.std))
+        return refusal(coarse=coarse, std=only(axis, 0.2 * limit, GOOD.std), sweep=None)
 
     assert off(1.09 * limit, 0.1 * limit) is None
     of_both = 5.0 * math.hypot(0.1, 0.2)
@@ -455,6 +495,24 @@ def test_halves_of_the_surface_agree(axis, limit, scale, sign, place):
     assert off(1.24 * limit, 0.25 * limit) is None
     assert off(1.26 * limit, 0.25 * limit) is not None
     assert off(1.26 * limit, own_strip=None) is None  # with lines, the profile along them tells
+
+
+@pytest.mark.parametrize(("height_m", "roll_rad"), [(0.07, 0.0), (-0.07, 0.0), (0.0, 0.03), (0.0, -0.03)])
+def test_the_faintest_texture_excludes_lines_by_five_deviations(height_m, roll_rad):
+    """Those of a plane that is wrong if theirs is right, or five standard deviations of the lines off."""
+    at = POSE.height_m + height_m, POSE.roll_rad + roll_rad
+    here = POSE.height_m, POSE.roll_rad
+    assert refusal(sweep=swept((*at, 4.9))) is None
+    rejection = refusal(sweep=swept((*at, 5.1)))
+    words = f"the texture between the lane lines is that of a plane {at[0]:.3f} m below", "kerb"
+    assert_refuses(rejection, RejectReason.TEXTURE_DISAGREES, 5.1, 5.0, *words)
+    # Both images agree under the plane of the lines, too: by half as well, the other may be a pattern.
+    assert refusal(sweep=swept((*at, 9.0), (*here, 4.4))).value == pytest.approx(math.sqrt(81.0 - 4.4**2))
+    assert refusal(sweep=swept((*at, 9.0), (*here, 4.6))) is None
+    # A plane that is not wrong, or that lines so uncertain do not exclude, contradicts nothing.
+    assert refusal(sweep=swept((POSE.height_m + height_m / 2.0, POSE.roll_rad + roll_rad / 2.0, 9.0))) is None
+    assert refusal(sweep=swept((*at, 9.0)), std=np.array([0.02, 1e-4, 0.01])) is None
+    assert refusal(sweep=None) is None
 
 
 @pytest.mark.parametrize(

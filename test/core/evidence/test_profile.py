@@ -228,3 +228,44 @@ def test_a_wide_look_takes_edges_of_a_window():
     assert wide.bent
     assert wide.heights_m[4] == pytest.approx(0.01 * 7.0, rel=0.15)
     assert narrow.stds_m[4] > 5.0 * wide.stds_m[4]
+
+
+# --- what it leaves open -------------------------------------------------------------------------------
+
+
+def stds_of_change(profile):
+    return np.sqrt(np.diag(profile.seen_change + profile.unseen_change))
+
+
+def test_a_road_not_seen_at_all_is_one_of_two_kinds():
+    """Its slope changes by 0.1 % a node on nine of ten roads, and by 1 % on the others."""
+    profile = profile_of(seen(), usable=np.zeros((2, 2, len(ROWS)), bool))
+    gentle, sharp = profile.kinds
+    assert (gentle.probability, sharp.probability) == (pytest.approx(0.9), pytest.approx(0.1))
+    np.testing.assert_allclose(profile.seen_change, 0.0, atol=1e-15)
+    expected = 0.9 * gentle.covariance + 0.1 * sharp.covariance
+    np.testing.assert_allclose(profile.unseen_change, expected)
+    assert np.all(np.diag(gentle.covariance) < np.diag(sharp.covariance))
+
+
+def test_a_bend_that_is_seen_tells_the_kind_of_road():
+    """A gentle road cannot do that, so what is not seen of it is uncertain as that of a sharp one."""
+    flat, bent = profile_of(seen(), information=1e4), profile_of(seen(kink(0.008, 10.0)), information=1e4)
+    assert bent.kinds[1].probability > 0.9
+    # What is seen to be flat may bend beyond.
+    assert flat.kinds[1].probability == pytest.approx(0.1)
+    assert bent.seen_change[1, 1] > 0.002**2
+    np.testing.assert_allclose(sum(kind.probability for kind in bent.kinds), 1.0)
+
+
+def test_farther_and_farther_seen_it_is_known_better_without_a_step():
+    """Rows are taken away one by one, from those 28 m ahead on."""
+    stds = []
+    for first in range(len(ROWS) - 10):
+        usable = np.ones((2, 2, len(ROWS)), bool)
+        usable[..., :first] = False
+        stds.append(stds_of_change(profile_of(seen(), usable=usable)))
+    assert np.all(np.diff(stds, axis=0) > -1e-6) and np.all(stds[-1] > 5.0 * stds[0])
+    # With what else is unknown of a pose from two lines on this rig, there is no step by half.
+    whole = np.hypot(stds, [0.012, math.radians(0.12)])
+    assert np.all(whole[1:] / whole[:-1] < 1.5)

@@ -78,3 +78,36 @@ def test_roughness_of_drawn_roads_is_found(road, roughness):
         for heights in drawn
     ]
     assert 0.5 < np.median(found) / roughness < 2.0
+
+
+def found_on_cells(heights, noise_m, metres):
+    """Return the unevenness that heights of cells a metre apart show."""
+    x, y = cells_a_metre_apart()
+    design = np.column_stack([np.ones_like(x), x, y])
+    kernel, profile = module.unit_covariances(np.column_stack([x, y]))
+    return module.estimate_unevenness(heights, design, np.full(x.size, noise_m**2), profile, kernel, metres)
+
+
+def cells_a_metre_apart():
+    return [grid.ravel() for grid in np.meshgrid(np.arange(6.0, 26.0), np.arange(-2.0, 2.1))]
+
+
+@pytest.mark.parametrize(("bump_m", "uneven"), [(0.0, False), (0.02, True)])
+def test_a_plane_is_told_from_a_road(bump_m, uneven):
+    """Cells a metre apart, 2 mm of noise; a hump of 2 cm that is 8 m long is no noise."""
+    x, _ = cells_a_metre_apart()
+    rng = np.random.default_rng(0)
+    heights = 0.002 * rng.standard_normal(x.size) + bump_m * np.exp(-0.5 * ((x - 12.0) / 2.0) ** 2)
+    assert found_on_cells(heights, 0.002, np.full(x.size, 0.05)).uneven == uneven
+
+
+@pytest.mark.parametrize(("bump_m", "uneven"), [(0.0, False), (0.02, True)])
+def test_interpolation_does_not_make_a_plane_a_road(bump_m, uneven):
+    """Hardly any noise, and disparities that interpolation between pixels leaves 0.02 px off."""
+    x, _ = cells_a_metre_apart()
+    metres = 0.002 * x  # a pixel of disparity is 5 cm of height 25 m ahead
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        heights = 0.02 * metres * rng.standard_normal(x.size)
+        heights += bump_m * np.exp(-0.5 * ((x - 12.0) / 2.0) ** 2)
+        assert found_on_cells(heights, 0.0001, metres).uneven == uneven
