@@ -23,7 +23,7 @@ from ..geometry.pose import Extrinsics, road_from_camera_rotation
 from ..geometry.rays import pixel_rays
 from ..numerics.statistics import SIGMA_OVER_MAD
 from ..rejection import Bound, NotFitted
-from ..types import Array, Floats, Image, Indices
+from ..types import Array, Floats, Image, Indices, Mask
 
 # Band of the texture: what is finer is noise, what is coarser is shade. Standard deviations [px].
 _FINE_PX, _COARSE_PX = 1.0, 2.5
@@ -81,11 +81,28 @@ class LaneSweep:
             pose: The pose.
             reach: Differences of height [m], pitch and roll [rad] up to which a plane is near to it.
         """
-        near = np.abs(self.heights_m - pose.height_m)[:, None] <= reach[0]
-        near = near & (np.abs(self.rolls_rad - pose.roll_rad) <= reach[2])
-        of_near = max(float(self.sigmas[near].max(initial=0.0)), 0.0)
+        return self._surpassing(self._near(pose, reach))
+
+    def confirming_sigmas(self, pose: Extrinsics, reach: Array) -> float:
+        """Return by how many standard deviations a plane near a pose excludes all that are not near to it.
+
+        Args:
+            pose: The pose.
+            reach: Differences of height [m], pitch and roll [rad] up to which a plane is near to it.
+        """
+        return self._surpassing(~self._near(pose, reach))
+
+    def _near(self, pose: Extrinsics, reach: Array) -> Mask:
+        near: Mask = (np.abs(self.heights_m - pose.height_m)[:, None] <= reach[0]) & (
+            np.abs(self.rolls_rad - pose.roll_rad) <= reach[2]
+        )
+        return near
+
+    def _surpassing(self, which: Mask) -> float:
+        """Return by how many standard deviations the best plane surpasses the best one of some."""
+        of_these = max(float(self.sigmas[which].max(initial=0.0)), 0.0)
         most = float(self.sigmas.max())
-        return 0.0 if of_near > self.alike * most else float(np.sqrt(max(most, 0.0) ** 2 - of_near**2))
+        return 0.0 if of_these > self.alike * most else float(np.sqrt(max(most, 0.0) ** 2 - of_these**2))
 
 
 def sweep_lane(

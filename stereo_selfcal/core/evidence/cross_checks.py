@@ -26,6 +26,8 @@ from ..lanes.line_geometry import HeightOverLane, lane_in_road
 from ..rejection import GateReading, NotFitted, Rejection, fitted
 from ..reservations import ReservationKind
 from ..road.cell_grid import CELL_WIDTH_M
+from ..road.priors import KERB_DOUBT_STD_M
+from ..tolerances import EXCLUDED_SIGMAS, MAX_LINE_HEIGHT_M, WRONG
 from ..types import Array
 from .cue_fusion import combine, difference_covariance
 from .estimate import Estimate, StagePoses
@@ -201,6 +203,8 @@ def _cross_check_lines_only(
     estimate = lines.estimate.with_terms(
         UncertaintyTerm("crown", crown_covariance(evidence.refined)), *rig_terms(lines.line_response)
     )
+    if evidence.config.texture.check:
+        evidence = replace(evidence, sweeps=_sweep_between(estimate, pattern, frame, rig))
     if evidence.refined is not None and evidence.profile is not None:
         if not evidence.profile.sees_ahead:  # also where it is bent
             estimate = estimate.with_reservation(ReservationKind.SLOPE_AHEAD_UNKNOWN)
@@ -208,9 +212,14 @@ def _cross_check_lines_only(
         evidence = replace(evidence, borders=borders)
         certain = {border.line for border in borders if not border.doubtful}
         doubtful = [line for line in range(2) if line not in certain]
+        # What lies between the lines may exclude all kerbs but those too low for a wrong result.
+        low = any(
+            sweep.confirming_sigmas(estimate.pose, WRONG) >= EXCLUDED_SIGMAS for sweep in evidence.sweeps
+        )
+        kerb_std_m = MAX_LINE_HEIGHT_M if low else KERB_DOUBT_STD_M
         estimate = estimate.with_terms(
             UncertaintyTerm("slope_unseen", unseen_slope_covariance(evidence.profile)),
-            UncertaintyTerm("kerb", kerb_covariance(pattern, rig, estimate.pose, doubtful)),
+            UncertaintyTerm("kerb", kerb_covariance(pattern, rig, estimate.pose, doubtful, kerb_std_m)),
         )
         if doubtful:
             estimate = estimate.with_reservation(ReservationKind.KERB_NOT_EXCLUDED)
@@ -228,7 +237,6 @@ def _cross_check_lines_only(
         evidence,
         inner_line_height=between,
         vertical=fitted(vertical) or fitted(horizon_offset(frame.images, rig, estimate.pose)),
-        sweeps=_sweep_between(estimate, pattern, frame, rig) if evidence.config.texture.check else (),
     )
     return replace(lines, estimate=estimate, evidence=evidence).judged()
 

@@ -22,10 +22,10 @@ _TILT_SIGMAS = 4.0
 def read_sweep(evidence: Evidence) -> Reading | None:
     """Read how surely texture or tracks between the lines exclude that the road is near their plane."""
     line_pose = evidence.line_pose
-    if not evidence.sweeps or line_pose is None or evidence.std is None:
+    if not evidence.sweeps or line_pose is None:
         return None
-    reach = np.maximum(WRONG, EXCLUDED_SIGMAS * evidence.std)
-    excluding = [sweep.excluding_sigmas(line_pose, reach) for sweep in evidence.sweeps]
+    # What is unknown of both cameras is the same for the lines and for what lies between them.
+    excluding = [sweep.excluding_sigmas(line_pose, WRONG) for sweep in evidence.sweeps]
     value = max(excluding)
     height_m, _ = evidence.sweeps[int(np.argmax(excluding))].best
     what = (

@@ -26,7 +26,6 @@ from ..road.priors import (
     PAINT_ANGLE_STD_RAD,
 )
 from ..road.unevenness import RoadUnevenness, unit_covariances
-from ..tolerances import MAX_LINE_HEIGHT_M
 from ..types import Array
 from .profile import Profile
 
@@ -88,30 +87,30 @@ def road_shape_terms(
 
 
 def kerb_covariance(
-    pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics, doubtful: Sequence[int]
+    pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics, doubtful: Sequence[int], std_m: float
 ) -> Array:
     """Return the covariance (3, 3) that possible kerbs add to an estimate from two boundaries.
 
-    Each doubtful boundary is a painted line or the lowest kerb, at even odds.
+    A doubtful boundary is a painted line or a kerb, at even odds. Kerbs on both sides of a lane have one
+    height: two doubtful boundaries are one doubt.
 
     Args:
         pattern: The lines.
         rig: Intrinsics and baseline.
         extrinsics: The estimate from them.
         doubtful: Indices of the boundaries that may be kerbs.
+        std_m: Standard deviation of the height of such a boundary: half that of a kerb.
     """
-    covariance = np.zeros((3, 3))
     plane = plane_from_pose(extrinsics, rig)
     jac_pose_plane = jacobian_pose_wrt_plane(plane, rig)
     rays = rays_of_lines(pattern.boundaries, rig)
     solve = np.linalg.pinv(np.concatenate(rays))
-    for line in doubtful:
-        # A kerb higher by e has a disparity greater by e / metres. At even odds, e scatters by half of it.
-        jac_disparities_height = [
-            plane.disparities(ray) / extrinsics.height_m * (i == line) for i, ray in enumerate(rays)
-        ]
-        change = jac_pose_plane @ solve @ np.concatenate(jac_disparities_height) * MAX_LINE_HEIGHT_M
-        covariance += np.outer(change, change)
+    # A kerb higher by e has a disparity greater by e / metres.
+    jac_disparities_height = [
+        plane.disparities(ray) / extrinsics.height_m * (i in doubtful) for i, ray in enumerate(rays)
+    ]
+    change = jac_pose_plane @ solve @ np.concatenate(jac_disparities_height) * std_m
+    covariance: Array = np.outer(change, change)
     return covariance
 
 

@@ -33,4 +33,7 @@ VERGENCE_STD_RAD = math.radians(0.01)
 # Standard deviation of the angle between painted lines. On the plane of the road surface, the lines of 12
 # recorded roads meet at an angle of 5 mrad (RMS). Such a lane is 5 cm wider after 10 m.
 PAINT_ANGLE_STD_RAD = 0.005
+# Standard deviation of the height of a line that is paint or a kerb, at even odds: half the height of a kerb,
+# of which the lowest have 6 cm, and usual ones 12 cm.
+KERB_DOUBT_STD_M = 0.06
 HALF_LANE_WIDTH_M = 1.75  # half the width of a usual lane
