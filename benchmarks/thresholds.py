@@ -14,7 +14,7 @@ import numpy as np
 from stereo_selfcal import Calibrator, CalibratorConfig
 from stereo_selfcal.core import tolerances
 from stereo_selfcal.core.estimators import texture_fit
-from stereo_selfcal.core.evidence import cross_checks, kerb_face, measurements, profile
+from stereo_selfcal.core.evidence import cross_checks, kerb_face, measurements, profile, rig_measurements
 from stereo_selfcal.core.lanes import line_geometry, matching
 from stereo_selfcal.core.search import lines_on_road, solve
 
@@ -58,8 +58,7 @@ THRESHOLDS = (
     Threshold("_MIN_LANE_M", measurements),
     Threshold("_MAX_BLUR_PX", measurements),
     Threshold("_MAX_CLIPPED", measurements),
-    Threshold("_MAX_VERTICAL_PX", measurements),
-    Threshold("_SHAPE_SIGMAS", measurements),
+    Threshold("_MAX_VERTICAL_PX", rig_measurements),
     Threshold("_MAX_BORDER_STEP", measurements),
     Threshold("_MAX_HALF_DIFFERENCE", measurements),
     Threshold("_MAX_NARROW_STEP", measurements),
