@@ -16,7 +16,8 @@ from stereo_selfcal.core import tolerances
 from stereo_selfcal.core.estimators import texture_fit
 from stereo_selfcal.core.evidence import cross_checks, kerb_face, measurements, profile, rig_measurements
 from stereo_selfcal.core.lanes import line_geometry, matching
-from stereo_selfcal.core.search import lines_on_road, solve
+from stereo_selfcal.core.road import priors
+from stereo_selfcal.core.search import lines_on_road
 
 from .options import Options
 from .road_pairs import pairs_of
@@ -76,7 +77,7 @@ THRESHOLDS = (
     Threshold("_LEAST_CONTRAST_RATIO", kerb_face),
     Threshold("REACH_PX", profile),
     Threshold("_INSET_M", cross_checks),
-    Threshold("_OWN_STRIP_M", solve),
+    Threshold("HALF_STRIP_M", priors),
     Threshold("AGREEMENT", tolerances),
     Threshold("MAX_NOISE_STD", tolerances),
     Threshold("MIN_SIGMAS", texture_fit),

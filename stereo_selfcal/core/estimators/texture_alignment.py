@@ -26,7 +26,7 @@ from ..numerics.robust import TUKEY_SIGMAS, tukey_weights
 from ..rejection import Bound, NotFitted
 from ..road.cell_grid import FAR_M, HALF_WIDTH_M, SampleGrid, lay_out_samples, strip_of
 from ..road.extent import OUTLIER_WEIGHT
-from ..road.priors import HALF_LANE_WIDTH_M
+from ..road.priors import HALF_LANE_WIDTH_M, HALF_STRIP_M
 from ..road.surface import (
     OTHER_HALF_WIDTHS_M,
     STRETCHES_M,
@@ -35,7 +35,7 @@ from ..road.surface import (
     Surface,
     fit_surface,
 )
-from ..types import Array, Floats, Image
+from ..types import Array, Floats, Image, Mask
 from .sampling import blur_images, half_disparity, sample, sample_positions, usable_samples, warp
 from .texture_fit import TextureFit, TextureQuality
 
@@ -162,7 +162,7 @@ def _align(
                 return NotFitted("change of disparity in a pass", step_px, Bound.MOST, _MOST_STEP_PX, "px")
             plane = plane.moved(surface.plane)
     assert grid is not None and isinstance(surface, Surface)  # there are passes
-    return _report(rig, plane, grid, surface, cells, _correlation(*grey, cells.weights, grid))
+    return _report(rig, plane, grid, surface, cells, layout[0], _correlation(*grey, cells.weights, grid))
 
 
 def _lane_points(plane: DisparityPlane, rig: StereoRig, layout: _Layout) -> LanePoints:
@@ -332,6 +332,7 @@ def _report(
     grid: SampleGrid,
     surface: Surface,
     cells: _CellDisplacements,
+    lane_yaw_rad: float,
     correlation: float,
 ) -> TextureFit:
     """Return the fit from the results of the last pass."""
@@ -340,10 +341,12 @@ def _report(
     noise = np.sqrt(np.diag(jac_pose_plane @ surface.noise_covariance @ jac_pose_plane.T))
     terms = (UncertaintyTerm(name, each) for name, each in surface.covariance_terms.items())
     # A car ahead hides the road beyond it: that is no disagreement. The nearer stretch has to be seen.
-    counted = np.where(surface.on_road & (grid.cell_xy[:, 0] <= STRETCHES_M[0][1]), grid.cell_area, 0.0)
+    near = surface.on_road & (grid.cell_xy[:, 0] <= STRETCHES_M[0][1])
+    under_car = np.abs(grid.cell_xy[:, 1] + np.tan(lane_yaw_rad) * grid.cell_xy[:, 0]) <= HALF_STRIP_M
     quality = TextureQuality(
         sigmas=cells.sigmas,
-        cell_share=float(surface.weights @ counted) / max(float(counted.sum()), 1e-9),
+        cell_share=_agreeing_share(surface, grid, near),
+        strip_share=_agreeing_share(surface, grid, near & under_car),
         pixel_share=float(cells.weights.sum()) / grid.n_samples,
         correlation=correlation,
         noise_std=(float(noise[0]), float(noise[1]), float(noise[2])),
@@ -365,3 +368,9 @@ def _report(
             for half in surface.halves
         ),
     )
+
+
+def _agreeing_share(surface: Surface, grid: SampleGrid, which: Mask) -> float:
+    """Return which share of the area of some cells agrees with the plane, 0 ... 1."""
+    area = grid.cell_area * which
+    return float(surface.weights @ area) / max(float(area.sum()), 1e-9)

@@ -27,6 +27,7 @@ class TextureQuality:
         pixel_share: Share of the samples that were used: neither saturated, nor paint, nor outliers.
         correlation: Correlation of both images after the alignment, with the means of the segments removed.
         noise_std: Standard deviations of height [m], pitch, roll [rad] caused by the images' noise alone.
+        strip_share: As ``cell_share``, of the strip under the car alone: what is beside it may be a pavement.
     """
 
     sigmas: float
@@ -34,6 +35,7 @@ class TextureQuality:
     pixel_share: float
     correlation: float
     noise_std: tuple[float, float, float]
+    strip_share: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

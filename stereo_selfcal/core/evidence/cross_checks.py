@@ -120,13 +120,13 @@ def cross_check_surface(
         texture=fit if common else None,
         contradictors=tuple(
             _contradictor(estimate, each, lines, frame, rig)
-            for each in (fit if common else None, None if frame.surface is None else frame.surface.located)
+            for each in (fit if common else None, None if frame.surface is None else frame.surface.seen)
             if each is not None
         ),
     )
     lines = replace(lines, estimate=estimate, evidence=evidence)
     if fit is not None and common and sufficiency >= 1.0:
-        return _cross_check_on_surface(lines, pattern, fit, frame, rig)
+        return _cross_check_on_surface(lines, pattern, fit, frame, rig, hypothesis.texture)
     if config.texture.required:
         evidence = replace(evidence, texture_sufficiency=sufficiency)
     lacking = f"too little texture{' between the lines' if common else ''}"
@@ -168,9 +168,23 @@ def _align_between(
 
 
 def _cross_check_on_surface(
-    lines: JudgedEstimate, pattern: LanePattern, fit: TextureFit, frame: FrameObservations, rig: StereoRig
+    lines: JudgedEstimate,
+    pattern: LanePattern,
+    fit: TextureFit,
+    frame: FrameObservations,
+    rig: StereoRig,
+    searched: TextureFit | None,
 ) -> JudgedEstimate:
-    """Check whether lines and road surface agree, and combine them."""
+    """Check whether lines and road surface agree, and combine them.
+
+    Args:
+        lines: The estimate from lines.
+        pattern: The lines.
+        fit: The alignment of the road surface.
+        frame: Images, and what is known of them without a hypothesis.
+        rig: Intrinsics and baseline.
+        searched: The alignment on which the lines were looked for; None where they were found without one.
+    """
     evidence, pose, yaw = lines.evidence, lines.estimate.pose, lines.estimate.lane_yaw_rad
     evidence = replace(
         evidence,
@@ -178,6 +192,8 @@ def _cross_check_on_surface(
         vertical=fitted(vertical_offset(frame.images, rig, fit.extrinsics, yaw or 0.0))
         or fitted(horizon_offset(frame.images, rig, fit.extrinsics)),
     )
+    if searched is not None and frame.surface is not None:
+        evidence = replace(evidence, own_strip=fitted(frame.surface.strip))
     poses = replace(lines.poses, textured=fit.extrinsics)
     checked = replace(lines, poses=poses, evidence=evidence).judged()
     if checked.rejection is not None:

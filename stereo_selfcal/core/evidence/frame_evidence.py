@@ -161,7 +161,9 @@ class Evidence:
         inner_line_height: Height of a line between the boundaries over their plane.
         std: (3,) standard deviations of the estimate [m, rad, rad].
         contradictors: What else shows the road, and excludes lines that differ too much from it.
-        own_strip: The alignment of the strip under the car alone, for an estimate without lines.
+        kerb_heights: Heights of a plane without lines over the surface of the own lane, at its two sides:
+            they have to exclude a kerb.
+        own_strip: The alignment of the strip under the car alone.
         coarse: Plane of the dense disparities, for an estimate that rests on the lines alone.
         sweeps: Planes under which the faintest texture and the tracks between the lines agree, for such an
             estimate.
@@ -189,6 +191,7 @@ class Evidence:
     inner_line_height: HeightOverLane | None = None
     std: Array | None = None
     contradictors: tuple[Contradictor, ...] = ()
+    kerb_heights: tuple[HeightOverLane, ...] = ()
     own_strip: TextureFit | None = None
     coarse: CoarseRoad | None = None
     sweeps: tuple[LaneSweep, ...] = ()

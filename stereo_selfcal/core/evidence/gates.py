@@ -251,6 +251,13 @@ GATES: tuple[Gate, ...] = (
         measurements.read_halves_difference,
     ),
     Gate(
+        "no_kerb_beside",
+        "no kerb beside the lane",
+        RejectReason.TEXTURE_DISAGREES,
+        "the surface may be that of a pavement: drive on, to where the lane itself has texture",
+        measurements.read_kerb_heights,
+    ),
+    Gate(
         "strip_agrees",
         "strip under the car agrees",
         RejectReason.TEXTURE_DISAGREES,

@@ -13,10 +13,11 @@ from ..geometry.plane import plane_from_pose
 from ..geometry.pose import Extrinsics, road_from_camera_rotation
 from ..geometry.rays import LEAST_DISPARITY_PX
 from ..lanes.lane_pair import LanePattern
-from ..lanes.line_geometry import HeightOverLane, lane_in_road, rays_of_lines
+from ..lanes.line_geometry import N_ROWS, HeightOverLane, lane_in_road, rays_of_lines
 from ..numerics.linear import solve_linear
 from ..rejection import NotFitted
 from ..road.extent import LEAST_WEIGHT
+from ..road.priors import MIN_LANE_WIDTH_M
 from ..road.unevenness import unit_covariances
 from ..tolerances import KERB_SIGMAS, MAX_LINE_HEIGHT_M
 from ..types import Array
@@ -45,6 +46,44 @@ def heights_over_surface(
     inner = (right_m < aside) & (aside < left_m)
     lines = _heights_along(pattern, rig, line_pose, texture.extrinsics)
     return tuple(_height_over_cells(*along, texture, inner) for along in lines)
+
+
+def heights_over_strip(
+    road_pose: Extrinsics, strip: TextureFit, rig: StereoRig
+) -> tuple[HeightOverLane, HeightOverLane]:
+    """Return the height of a plane over the road under the car, at both sides of a lane.
+
+    The plane may be that of a pavement beside the lane. It is compared with the surface of the strip under
+    the car, extrapolated to the sides of the narrowest lane.
+
+    Args:
+        road_pose: Pose over the plane of a wider part of the road surface.
+        strip: Alignment of the strip under the car alone.
+        rig: Intrinsics and baseline.
+    """
+    known = np.isfinite(strip.cells_height_m)
+    ahead_m = strip.cells_xy_m[known, 0]
+    # Points at equal steps of image rows, as those of a line.
+    rows = np.linspace(1.0 / ahead_m.max(), 1.0 / ahead_m.min(), N_ROWS)
+    to_camera = road_from_camera_rotation(strip.extrinsics.pitch_rad, strip.extrinsics.roll_rad)
+    sides = (
+        np.column_stack([1.0 / rows, np.full(N_ROWS, side_m)])
+        for side_m in (MIN_LANE_WIDTH_M / 2.0, -MIN_LANE_WIDTH_M / 2.0)
+    )
+    left, right = (_plane_over_strip(side, to_camera, road_pose, strip, rig) for side in sides)
+    return left, right
+
+
+def _plane_over_strip(
+    positions_m: Array, to_camera: Array, road_pose: Extrinsics, strip: TextureFit, rig: StereoRig
+) -> HeightOverLane:
+    """Return the mean height of a plane over the strip's surface at positions (N, 2) on the road [m]."""
+    height_m = strip.extrinsics.height_m
+    ray = np.column_stack([positions_m, np.full(len(positions_m), -height_m)]) @ to_camera
+    ray /= ray[:, :1]
+    seen, expected = (plane_from_pose(each, rig).disparities(ray) for each in (road_pose, strip.extrinsics))
+    heights_m = (seen - expected) * height_m / seen
+    return _height_over_cells(heights_m, seen**2.0, positions_m, strip, np.isfinite(strip.cells_height_m))
 
 
 def _height_over_cells(

@@ -15,7 +15,15 @@ from ..estimators.stripe_fit import BLUR_MAX_PX
 from ..geometry.pose import POSE_COMPONENTS
 from ..numerics.linear import solve_linear
 from ..rejection import Bound, NotFitted
-from ..tolerances import AGREEMENT, EXCLUDED_CHI2_3, EXCLUDED_SIGMAS, MAX_DIFFERENCE, MAX_LINE_HEIGHT_M, WRONG
+from ..tolerances import (
+    AGREEMENT,
+    EXCLUDED_CHI2_3,
+    EXCLUDED_SIGMAS,
+    KERB_SIGMAS,
+    MAX_DIFFERENCE,
+    MAX_LINE_HEIGHT_M,
+    WRONG,
+)
 from ..types import Array
 from .frame_evidence import Evidence
 from .stripe_border import EDGE_REMAINDER
@@ -276,6 +284,19 @@ def read_halves_difference(evidence: Evidence) -> Reading | None:
         for difference, std in evidence.texture.halves
     ]
     return max(readings, key=lambda each: each.value / each.threshold)
+
+
+def read_kerb_heights(evidence: Evidence) -> Reading | None:
+    """Read how far the plane of an estimate may lie above or below the surface of the own lane."""
+    if not evidence.kerb_heights:
+        return None
+    most_m = max(abs(each.value_m) + KERB_SIGMAS * each.std_m for each in evidence.kerb_heights)
+    limit_m = 2.0 * MAX_LINE_HEIGHT_M
+    what = (
+        "the road surface between the sides of the own lane leaves room for a kerb beside it: with two "
+        "standard deviations, a height of {value}"
+    )
+    return Reading(what, 1e3 * most_m, Bound.MOST, 1e3 * limit_m, "mm", most_m <= limit_m)
 
 
 def read_strip_difference(evidence: Evidence) -> Reading | None:

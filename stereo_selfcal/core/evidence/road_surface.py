@@ -14,7 +14,10 @@ from ..estimators.texture_fit import MIN_CELL_SHARE, MIN_SIGMAS, TextureFit
 from ..geometry.pose import Extrinsics
 from ..rejection import Bound, NotFitted
 from ..road.extent import OUTLIER_WEIGHT
+from ..road.priors import HALF_STRIP_M
 from ..types import Floats, Image, Mask
+
+_LEAST_STRIP_SHARE = 0.5  # of the road under the car: most of it lies in the plane, or that is another one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,10 +58,13 @@ class RoadSurface:
     Attributes:
         coarse: Plane of the dense disparities; or why there is none.
         texture: Alignment of the texture, from that plane on; or why there is none.
+        strip: Alignment of the strip under the car alone, from there on; or why there is none. A pavement
+            beside the lane is not the road, and its texture may have determined the plane.
     """
 
     coarse: CoarseRoad | NotFitted
     texture: TextureFit | NotFitted
+    strip: TextureFit | NotFitted
 
     @property
     def clear_plane(self) -> CoarseRoad | None:
@@ -66,19 +72,37 @@ class RoadSurface:
         return None if isinstance(self.coarse, NotFitted) or not self.coarse.clear else self.coarse
 
     @property
-    def located(self) -> TextureFit | None:
-        """The alignment, where both images show the same texture on enough of the road; else None."""
+    def seen(self) -> TextureFit | None:
+        """The alignment, where both images show the same texture on enough of the road; else None.
+
+        Most of the strip under the car agrees with it. So it may exclude lines.
+        """
         if isinstance(self.texture, NotFitted) or not self.texture.common_texture:
             return None
-        return self.texture
+        return self.texture if self.texture.quality.strip_share >= _LEAST_STRIP_SHARE else None
+
+    @property
+    def located(self) -> TextureFit | None:
+        """The alignment, where the strip under the car alone can be aligned, too; else None."""
+        own = not isinstance(self.strip, NotFitted) and self.strip.common_texture
+        return self.seen if own else None
 
     @property
     def lacking(self) -> NotFitted | None:
         """Why the surface does not locate the road, with value and limit; None where it does."""
+        if self.located is not None:
+            return None
         for found in (self.coarse, self.texture):
             if isinstance(found, NotFitted):
                 return found
-        return None if self.located is not None else too_little_texture(self.texture)
+        assert isinstance(self.texture, TextureFit)
+        if not self.texture.common_texture:
+            return too_little_texture(self.texture)
+        if self.seen is None:
+            what = "part of the road under the car whose texture lies in the plane of the road surface"
+            share = 100 * self.texture.quality.strip_share
+            return NotFitted(what, share, Bound.LEAST, 100 * _LEAST_STRIP_SHARE, "%")
+        return too_little_texture(self.strip)
 
     @property
     def described(self) -> str:
@@ -90,6 +114,8 @@ class RoadSurface:
             return f"the road surface is not seen: {lacking.reason}"
         if isinstance(self.texture, NotFitted):
             return f"the texture of the road surface does not align in both images: {lacking.reason}"
+        if self.seen is not None:
+            return f"the road surface under the car alone does not align: {lacking.reason}"
         return f"too little of the road surface is seen: {lacking.reason}"
 
 
@@ -119,5 +145,9 @@ def find_road_surface(images: tuple[Image, Image], rig: StereoRig, config: Calib
     """
     coarse = find_coarse_road(images, rig, config.search, config.seed)
     if isinstance(coarse, NotFitted):
-        return RoadSurface(coarse, coarse)
-    return RoadSurface(coarse, align_texture(images, rig, coarse.extrinsics))
+        return RoadSurface(coarse, coarse, coarse)
+    texture = align_texture(images, rig, coarse.extrinsics)
+    if isinstance(texture, NotFitted):
+        return RoadSurface(coarse, texture, texture)
+    strip = align_texture(images, rig, texture.extrinsics, limits_m=(-HALF_STRIP_M, HALF_STRIP_M))
+    return RoadSurface(coarse, texture, strip)

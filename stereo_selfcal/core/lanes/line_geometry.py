@@ -16,7 +16,7 @@ from ..types import Array
 from .lane_pair import ImageLine, LanePattern
 
 _DEPTH_SIGMAS = 3.0  # a line is surely below a plane by this many standard deviations
-_N_ROWS = 8  # rows in which a line is evaluated: enough, as it has two parameters
+N_ROWS = 8  # rows in which a line is evaluated: enough, as it has two parameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +99,7 @@ def height_std_m(
 
 def _rows_of(left: ImageLine, right: ImageLine, rig: StereoRig) -> tuple[Array, Array, Array]:
     """Return rows (N,), rays (1, y, z) from the middle of the baseline (N, 3), disparities (N,) [px]."""
-    v = np.linspace(max(left.rows.min(), right.rows.min()), min(left.rows.max(), right.rows.max()), _N_ROWS)
+    v = np.linspace(max(left.rows.min(), right.rows.min()), min(left.rows.max(), right.rows.max()), N_ROWS)
     columns = left.column_at(v), right.column_at(v)
     u = (columns[0] + columns[1]) / 2.0
     return v, pixel_rays(rig, u, v), columns[0] - columns[1]

@@ -36,4 +36,6 @@ PAINT_ANGLE_STD_RAD = 0.005
 # Standard deviation of the height of a line that is paint or a kerb, at even odds: half the height of a kerb,
 # of which the lowest have 6 cm, and usual ones 12 cm.
 KERB_DOUBT_STD_M = 0.06
+# Half the width of the strip under the car: lanes are a quarter of a metre wider on either side, at least.
+HALF_STRIP_M = 1.0
 HALF_LANE_WIDTH_M = 1.75  # half the width of a usual lane

@@ -12,12 +12,12 @@ from ..config import CalibratorConfig
 from ..estimators.fitness import PatternFitness
 from ..estimators.line_covariance import LineFit, measure_bends, propagate
 from ..estimators.stripe_fit import StripeFit, refine
-from ..estimators.texture_alignment import align_texture
 from ..estimators.texture_fit import TextureFit
 from ..evidence.cross_checks import JudgedEstimate, cross_check_surface
 from ..evidence.estimate import Estimate, StagePoses
 from ..evidence.frame_evidence import Evidence, FrameObservations, Hypothesis
 from ..evidence.gates import evaluate_gates, undetermined
+from ..evidence.lane_heights import heights_over_strip
 from ..evidence.nuisances import (
     paint_angle_covariance,
     seen_slope_covariance,
@@ -40,9 +40,6 @@ from ..rejection import Bound, GateReading, NotFitted, Rejection, fitted
 from ..reservations import Reservation, ReservationKind
 from .attempt import Attempt, Verdict
 from .lines_on_road import lane_line, yaw_of_line
-
-# The strip under the car, left and right of the camera [m]: lanes are a quarter of a metre wider, at least.
-_OWN_STRIP_M = (-1.0, 1.0)
 
 _SWITCHED_OFF = NotFitted("refinement.stripes", 0, Bound.LEAST, 1)
 
@@ -239,21 +236,18 @@ def _solve_surface(
         std=np.sqrt(np.diag(estimate.covariance)),
         vergence=next(iter(turns), None),
     )
+    strip = None if frame.surface is None else fitted(frame.surface.strip)
+    if strip is not None:
+        heights = heights_over_strip(texture.extrinsics, strip, rig)
+        evidence = replace(evidence, own_strip=strip, kerb_heights=heights)
     readings, refusal = evaluate_gates(evidence)
     if refusal:
         return _refused(hypothesis, refusal, readings, poses)
-    # A pavement beside the lane is not the road, and its texture may have determined the plane. So the strip
-    # under the car is aligned alone.
-    strip = align_texture(frame.images, rig, texture.extrinsics, yaw or 0.0, limits_m=_OWN_STRIP_M)
-    if isinstance(strip, NotFitted) or not strip.common_texture:
-        why = "too little texture" if not isinstance(strip, NotFitted) else strip.reason
-        message = f"the road surface under the car alone is not aligned; {why}"
-        return Attempt(hypothesis, Verdict.NOT_FITTED, message, poses=poses, readings=readings)
     vertical = vertical_offset(frame.images, rig, texture.extrinsics, yaw or 0.0)
     if isinstance(vertical, NotFitted):  # the rows may be those of a camera that has turned
         message = f"the rows of both images are not compared; {vertical.reason}"
         return Attempt(hypothesis, Verdict.NOT_FITTED, message, poses=poses, readings=readings)
-    evidence = replace(evidence, own_strip=strip, vertical=vertical)
+    evidence = replace(evidence, vertical=vertical)
     readings, refusal = evaluate_gates(evidence, already=readings)
     if refusal:
         return _refused(hypothesis, refusal, readings, poses)
