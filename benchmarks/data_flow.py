@@ -160,7 +160,12 @@ ROWS = (
             Box("evidence/stripe_border", ("grey values beside", "the stripes"), alternative=True),
             Box("evidence/kerb_face", ("heights of the edges", "of a stripe"), alternative=True),
             Box("evidence/horizon", ("rows of both images", "along the horizon"), alternative=True),
-            Box("estimators/lane_sweep", ("the faintest texture", "between the lines"), alternative=True),
+            Box(
+                "estimators/lane_sweep",
+                ("faint texture and tracks", "between the lines"),
+                ("lane_profile", "evidence/line_readings"),
+                alternative=True,
+            ),
         ),
         each=True,
     ),

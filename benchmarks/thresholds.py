@@ -13,10 +13,10 @@ import numpy as np
 
 from stereo_selfcal import Calibrator, CalibratorConfig
 from stereo_selfcal.core import tolerances
-from stereo_selfcal.core.estimators import texture_alignment
-from stereo_selfcal.core.evidence import cross_checks, kerb_face, measurements, profile
+from stereo_selfcal.core.estimators import texture_fit
+from stereo_selfcal.core.evidence import cross_checks, kerb_face, measurements, profile, rig_measurements
 from stereo_selfcal.core.lanes import line_geometry, matching
-from stereo_selfcal.core.search import solve, texture_guided_lines
+from stereo_selfcal.core.search import lines_on_road, solve
 
 from .options import Options
 from .road_pairs import pairs_of
@@ -58,13 +58,13 @@ THRESHOLDS = (
     Threshold("_MIN_LANE_M", measurements),
     Threshold("_MAX_BLUR_PX", measurements),
     Threshold("_MAX_CLIPPED", measurements),
-    Threshold("_MAX_VERTICAL_PX", measurements),
-    Threshold("_SHAPE_SIGMAS", measurements),
+    Threshold("_MAX_VERTICAL_PX", rig_measurements),
     Threshold("_MAX_BORDER_STEP", measurements),
     Threshold("_MAX_HALF_DIFFERENCE", measurements),
     Threshold("_MAX_NARROW_STEP", measurements),
     Threshold("_SURELY_SIGMAS", measurements),
-    Threshold("MAX_STD", tolerances),
+    Threshold("EXCLUDED_SIGMAS", tolerances),
+    Threshold("EXCLUDED_CHI2_3", tolerances),
     Threshold("MAX_DIFFERENCE", tolerances),
     Threshold("WRONG", tolerances),
     Threshold("MAX_LINE_HEIGHT_M", tolerances),
@@ -76,13 +76,13 @@ THRESHOLDS = (
     Threshold("_LEAST_CONTRAST_RATIO", kerb_face),
     Threshold("REACH_PX", profile),
     Threshold("_INSET_M", cross_checks),
-    Threshold("_OWN_LANE_M", solve),
+    Threshold("_OWN_STRIP_M", solve),
     Threshold("AGREEMENT", tolerances),
     Threshold("MAX_NOISE_STD", tolerances),
-    Threshold("MIN_SIGMAS", texture_alignment),
-    Threshold("MIN_CELL_SHARE", texture_alignment),
-    Threshold("MAX_GAP_RAD", texture_guided_lines),
-    Threshold("MAX_YAW_RAD", texture_guided_lines),
+    Threshold("MIN_SIGMAS", texture_fit),
+    Threshold("MIN_CELL_SHARE", texture_fit),
+    Threshold("MAX_GAP_RAD", lines_on_road),
+    Threshold("MAX_YAW_RAD", lines_on_road),
 )
 
 

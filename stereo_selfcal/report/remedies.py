@@ -20,8 +20,9 @@ _BEFORE_GATES = {
     RejectReason.CAMERAS_SWAPPED: "exchange the topics of the left and the right image",
     RejectReason.NO_LINES_FOUND: FIND_ROAD,
     RejectReason.ROAD_NOT_SEEN: LOOK_AT_ROAD,
-    RejectReason.LINES_NOT_MATCHED: "check that the images are rectified and left and right not swapped; else "
-    f"{FIND_LINES}",
+    RejectReason.LINES_NOT_MATCHED: (
+        f"check that the images are rectified and left and right not swapped; else {FIND_LINES}"
+    ),
     RejectReason.LINES_NOT_CONVERGING: "the horizon must be in view: pitch the camera up",
     RejectReason.IMAGES_UPSIDE_DOWN: "turn the images by 180 deg, with a CameraInfo of them, and exchange "
     "left and right where the whole rig hangs upside down",

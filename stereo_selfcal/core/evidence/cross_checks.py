@@ -15,7 +15,8 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..estimators.lane_profile import profile_lane
 from ..estimators.lane_sweep import LaneSweep, sweep_lane
-from ..estimators.texture_alignment import TextureFit, align_texture
+from ..estimators.texture_alignment import align_texture
+from ..estimators.texture_fit import TextureFit
 from ..geometry.plane import plane_from_pose
 from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm

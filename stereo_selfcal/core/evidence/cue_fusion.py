@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..estimators.texture_alignment import TextureFit
+from ..estimators.texture_fit import TextureFit
 from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, merge_terms, propagate_terms
 from ..numerics.linear import invert, solve_linear

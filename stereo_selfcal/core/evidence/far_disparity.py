@@ -28,6 +28,8 @@ _WIDTH_PX = 960
 _ABOVE, _BELOW = 0.08, 0.02
 # Turns that are searched. Beyond, a pair of images is hardly matched at all.
 MOST_TURN_RAD = math.radians(0.5)
+# Nearer things are searched for as well, up to so many times that disparity, lest they be matched wrongly.
+_NEAR = 3
 # Half of a patch; an upright edge is wider than high. One point, the one of most gradient, in each cell.
 _HALF_ROWS, _HALF_COLUMNS = 3, 7
 _CELL_ROWS, _COLUMNS_OF_CELLS = 9, 64
@@ -90,13 +92,14 @@ def far_disparity(
         return NotFitted("rows around the horizon that are in view", max(rows, 0), Bound.LEAST, least_rows)
     left, right = (_band(image[first : first + rows], scale) for image in images)
     reach = math.ceil(MOST_TURN_RAD * rig.fx / scale) + 1
-    u, v, energy = _strong_points(left, reach)
-    disparity, std, good = _match(left, right, u, v, energy, reach)
+    near = _NEAR * reach
+    u, v, energy = _strong_points(left, near)
+    disparity, std, good = _match(left, right, u, v, energy, (near, reach))
     u, v, energy, disparity, std = u[good], v[good], energy[good], disparity[good], std[good]
-    back, _, good = _match(right, left, np.rint(u - disparity).astype(np.intp), v, energy, reach)
+    back, _, good = _match(right, left, np.rint(u - disparity).astype(np.intp), v, energy, (reach, near))
     good &= np.abs(back + disparity) < _WAY_BACK_PX
     u, v, disparity, std = u[good], v[good], disparity[good], std[good]
-    good = _confirmed(u, v, disparity, std, left.shape[1])
+    good = _confirmed(u, v, disparity, std, left.shape[1]) & (disparity < reach)
     farthest = _farthest(u[good], disparity[good], left.shape[1])
     if len(farthest) < _LEAST_SECTORS:
         return NotFitted(_WHAT, len(farthest), Bound.LEAST, _LEAST_SECTORS)
@@ -136,7 +139,7 @@ def _strong_points(image: Floats, reach: int) -> tuple[Indices, Indices, Array]:
 
 
 def _match(
-    fixed: Floats, moving: Floats, u: Indices, v: Indices, energy: Array, reach: int
+    fixed: Floats, moving: Floats, u: Indices, v: Indices, energy: Array, reach: tuple[int, int]
 ) -> tuple[Array, Array, Mask]:
     """Match patches along the row.
 
@@ -146,19 +149,19 @@ def _match(
         u: (N,) columns of their middles.
         v: (N,) rows of them.
         energy: (N,) squared gradients, summed over each patch.
-        reach: Greatest shift [px].
+        reach: Greatest shift to the left and to the right [px].
 
     Returns:
         How far the patches lie to the left in the other image [px], the standard deviation of that, and
         which of them are matched.
     """
-    width = 2 * _HALF_COLUMNS + 1
-    most = moving.shape[1] - 1 - reach - _HALF_COLUMNS
-    inside = (u >= reach + _HALF_COLUMNS) & (u <= most)
-    u = np.clip(u, reach + _HALF_COLUMNS, most)
+    width, (left, right) = 2 * _HALF_COLUMNS + 1, reach
+    least, most = left + _HALF_COLUMNS, moving.shape[1] - 1 - right - _HALF_COLUMNS
+    inside = (u >= least) & (u <= most)
+    u = np.clip(u, least, most)
     rows = v[:, None, None] + np.arange(-_HALF_ROWS, _HALF_ROWS + 1)[:, None]
-    columns = np.arange(-_HALF_COLUMNS - reach, _HALF_COLUMNS + reach + 1)
-    patch = fixed[rows, u[:, None, None] + columns[reach:-reach]]
+    columns = np.arange(-_HALF_COLUMNS - left, _HALF_COLUMNS + right + 1)
+    patch = fixed[rows, u[:, None, None] + columns[left : left + width]]
     strip = moving[rows, u[:, None, None] + columns]
     patch = patch - patch.mean(axis=(1, 2), keepdims=True)
     strip = strip - strip.mean(axis=(1, 2), keepdims=True)
@@ -170,14 +173,14 @@ def _match(
     both = np.sqrt(np.maximum(variance[:, None] * (square - mean**2), np.finfo(np.float32).eps))
     correlation = products / both
     index, best = np.arange(len(u)), correlation.argmax(axis=1)
-    inside &= (best > 0) & (best < 2 * reach)
-    best = np.clip(best, 1, 2 * reach - 1)
+    inside &= (best > 0) & (best < left + right)
+    best = np.clip(best, 1, left + right - 1)
     before, at, after = (correlation[index, best + step] for step in (-1, 0, 1))
     part = 0.5 * (before - after) / np.minimum(before - 2.0 * at + after, -np.finfo(np.float32).eps)
-    elsewhere = np.abs(np.arange(2 * reach + 1) - best[:, None]) > _NEXT_PEAK_PX
+    elsewhere = np.abs(np.arange(left + right + 1) - best[:, None]) > _NEXT_PEAK_PX
     other = np.where(elsewhere, correlation, -1.0).max(axis=1)
     good = inside & (at > _LEAST_CORRELATION) & (other < at - _LEAD)
-    to_left = (reach - best - part).astype(np.float64)
+    to_left = (left - best - part).astype(np.float64)
     rest = _CORRELATED_PX2 * np.maximum(2.0 * variance * (1.0 - at), 0.0)
     std = np.hypot(_LEAST_STD_PX, np.sqrt(rest / energy))
     return to_left, std, good

@@ -13,7 +13,8 @@ from ..estimators.coarse_road import CoarseRoad
 from ..estimators.lane_sweep import LaneSweep
 from ..estimators.line_covariance import Bends, LineFit
 from ..estimators.stripe_fit import StripeFit
-from ..estimators.texture_alignment import TextureFit
+from ..estimators.texture_fit import TextureFit
+from ..geometry.homography import horizon_row
 from ..geometry.pose import Extrinsics
 from ..lanes.hypotheses import Points
 from ..lanes.lane_pair import LanePattern
@@ -30,6 +31,7 @@ from .row_offset import VerticalOffset
 from .stripe_border import StripeBorder
 from .vergence import Vergence, vergence_std_rad
 
+_HORIZON_MARGIN_PX = 8  # above the horizon of the road: reach of the edges' directions and continuity
 _CLIPPED_STEP = 4  # every fourth pixel of every fourth row is enough for two digits
 
 
@@ -59,12 +61,21 @@ class FrameObservations:
         cls, images: tuple[Image, Image], rig: StereoRig, config: CalibratorConfig
     ) -> FrameObservations:
         """Return the observations of a left and a right image, (H, W) uint8 each."""
-        left, right = (find_stripe_points(image, config.extraction) for image in images)
         surface = find_road_surface(images, rig, config) if config.texture.check else None
+        first_row = _first_row(surface, rig)
+        left, right = (find_stripe_points(image, config.extraction, first_row) for image in images)
         coarse = None if surface is None else fitted(surface.coarse)
         far = None if coarse is None else fitted(far_disparity(images, rig, coarse.extrinsics))
         clipped = clipped_share(images)
         return cls(images, (left, right), clipped, surface, far, vergence_std_rad(far, rig))
+
+
+def _first_row(surface: RoadSurface | None, rig: StereoRig) -> int:
+    """Return the first row that may show the road: that of its horizon, where the surface is seen."""
+    if surface is None or surface.located is None:
+        return 0
+    highest = horizon_row(rig, surface.located.extrinsics, [0.0, rig.width - 1.0]).min()
+    return int(np.clip(highest - _HORIZON_MARGIN_PX, 0, rig.height // 2))
 
 
 def clipped_share(images: tuple[Image, Image]) -> float:

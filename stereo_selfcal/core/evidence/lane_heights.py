@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..camera.rig import StereoRig
-from ..estimators.texture_alignment import TextureFit
+from ..estimators.texture_fit import TextureFit
 from ..geometry.plane import plane_from_pose
 from ..geometry.pose import Extrinsics, road_from_camera_rotation
 from ..geometry.rays import LEAST_DISPARITY_PX

@@ -9,7 +9,8 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
 from ..estimators.coarse_road import CoarseRoad, find_coarse_road
-from ..estimators.texture_alignment import MIN_CELL_SHARE, MIN_SIGMAS, TextureFit, align_texture
+from ..estimators.texture_alignment import align_texture
+from ..estimators.texture_fit import MIN_CELL_SHARE, MIN_SIGMAS, TextureFit
 from ..geometry.pose import Extrinsics
 from ..rejection import Bound, NotFitted
 from ..road.extent import OUTLIER_WEIGHT

@@ -25,8 +25,8 @@ from .far_disparity import MOST_TURN_RAD, FarDisparity
 from .rig_unknowns import response_of_surface
 
 # So many directions with the same least disparity are no accident: the odds grow from none to sure between
-# these. In 50 recorded frames without infinitely far things, two or three directions were equal by chance.
-_FEW_EQUAL, _MANY_EQUAL = 2.5, 3.5
+# these. In 50 recorded frames, up to three and a half were equal without being infinitely far.
+_FEW_EQUAL, _MANY_EQUAL = 3.0, 4.0
 # Least likeness of the two lines of a lane in both images for them to contradict the surface.
 _LEAST_LIKENESS = 0.9
 # Least votes of them, over those of the clearest line: a dashed line is painted over a third of its length.
@@ -72,7 +72,11 @@ def vergence_std_rad(far: FarDisparity | None, rig: StereoRig, turns: tuple[Verg
 
 
 def measure_vergence(
-    far: FarDisparity | None, lines: Matches, rig: StereoRig, extrinsics: Extrinsics
+    far: FarDisparity | None,
+    lines: Matches,
+    rig: StereoRig,
+    extrinsics: Extrinsics,
+    pitch_std_rad: float = 0.0,
 ) -> tuple[Vergence, ...]:
     """Measure how the right camera has turned, by what is far away and by lane lines on the road surface.
 
@@ -81,6 +85,7 @@ def measure_vergence(
         lines: Lines that both cameras see on the road surface.
         rig: Intrinsics and baseline.
         extrinsics: Pose over the road surface.
+        pitch_std_rad: Standard deviation of its pitch, without what is unknown of the rig.
 
     Returns:
         What each of them tells; the clearest contradiction of the calibration comes first.
@@ -91,7 +96,7 @@ def measure_vergence(
         # Nothing is farther than infinity; what is nearer than it shows no turn.
         disparity = min(far.disparity_px, 0.0) / rig.fx
         found.append(Vergence(-disparity, far.std_px / rig.fx, wrong_rad, by_lines=False))
-    by_lines = _by_lines(lines, rig, extrinsics, wrong_rad)
+    by_lines = _by_lines(lines, rig, extrinsics, wrong_rad, pitch_std_rad)
     if by_lines is not None and not _denied(by_lines, far, rig):
         found.append(by_lines)
     return tuple(sorted(found, key=lambda each: -abs(each.yaw_rad) / each.std_rad))
@@ -175,7 +180,9 @@ def _bundle(lines: Matches, rig: StereoRig, extrinsics: Extrinsics) -> _Bundle:
     return _Bundle(columns, slopes, variances, offsets_m, votes, alike, -float(down) / rig.fy)
 
 
-def _by_lines(lines: Matches, rig: StereoRig, extrinsics: Extrinsics, wrong_rad: float) -> Vergence | None:
+def _by_lines(
+    lines: Matches, rig: StereoRig, extrinsics: Extrinsics, wrong_rad: float, pitch_std_rad: float
+) -> Vergence | None:
     """Return the turn under which the lines of a lane are parallel; None where lines confirm the surface.
 
     Lines confirm the surface where two of them are parallel on it that are not parallel under the turn.
@@ -204,7 +211,8 @@ def _by_lines(lines: Matches, rig: StereoRig, extrinsics: Extrinsics, wrong_rad:
     yaw_rad = -rows * to_rad
     if abs(yaw_rad) > MOST_TURN_RAD:  # no calibration is that far off: such lines are not parallel
         return None
-    return Vergence(yaw_rad, math.sqrt(variance) * to_rad, wrong_rad, by_lines=True)
+    std_rad = math.hypot(math.sqrt(variance), pitch_std_rad * rig.fy) * to_rad
+    return Vergence(yaw_rad, std_rad, wrong_rad, by_lines=True)
 
 
 def _denied(by_lines: Vergence, far: FarDisparity | None, rig: StereoRig) -> bool:

@@ -139,15 +139,17 @@ def edge_response(image: Image, length_px: int) -> Response:
     return response
 
 
-def find_stripe_points(image: Image, config: ExtractionConfig) -> StripePoints:
+def find_stripe_points(image: Image, config: ExtractionConfig, first_row: int = 0) -> StripePoints:
     """Mark the left edges of all painted stripes, row by row.
 
     Args:
         image: (H, W) uint8.
         config: Settings; ``min_contrast_sigma`` is the least contrast of either edge, over the noise of the
             filter that found it.
+        first_row: Row from which on stripes are looked for; the gradient is zero above it.
     """
     noise = noise_grey(image)
+    whole, image = image, image[first_row:]
     gradient = edge_response(image, 1)
     found = [
         _points_of_response(
@@ -162,8 +164,11 @@ def find_stripe_points(image: Image, config: ExtractionConfig) -> StripePoints:
     rows, columns, widths, contrast, counts = (np.concatenate(parts) for parts in zip(*found, strict=True))
     slopes, slope_std = _edge_directions(image, rows, columns, noise)
     continuity = _continuity(rows, columns, slopes, image.shape)
+    if first_row:
+        below, gradient = gradient, np.zeros(whole.shape, np.float32)
+        gradient[first_row:] = below
     return StripePoints(
-        rows.astype(np.float64),
+        rows.astype(np.float64) + first_row,
         columns,
         widths,
         contrast,

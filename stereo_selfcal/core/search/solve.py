@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,8 @@ from ..config import CalibratorConfig
 from ..estimators.fitness import PatternFitness
 from ..estimators.line_covariance import LineFit, measure_bends, propagate
 from ..estimators.stripe_fit import StripeFit, refine
-from ..estimators.texture_alignment import TextureFit, align_texture
+from ..estimators.texture_alignment import align_texture
+from ..estimators.texture_fit import TextureFit
 from ..evidence.cross_checks import JudgedEstimate, cross_check_surface
 from ..evidence.estimate import Estimate, StagePoses
 from ..evidence.frame_evidence import Evidence, FrameObservations, Hypothesis
@@ -173,9 +175,11 @@ def _clearest_turn(
     Lines that were found without the road surface do not tell: their own plane is one they are parallel on.
     """
     lines: Matches = ([], [])
+    pitch_std = 0.0
     if hypothesis.texture is not None:
         lines, pose = hypothesis.other_lines, hypothesis.texture.extrinsics
-    return next(iter(measure_vergence(frame.far, lines, rig, pose)), None)
+        pitch_std = math.sqrt(float(hypothesis.texture.covariance[1, 1]))
+    return next(iter(measure_vergence(frame.far, lines, rig, pose, pitch_std)), None)
 
 
 def coarse_pose(frame: FrameObservations) -> StagePoses:
@@ -223,7 +227,8 @@ def _solve_surface(
     poses = replace(coarse_pose(frame), textured=texture.extrinsics)
     yaw = yaw_of_line(hypothesis.other_lines, texture.extrinsics, rig)
     seen = Reservation(ReservationKind.NO_LINE_CONFIRMS if yaw is None else ReservationKind.ONE_LINE_ONLY)
-    turns = measure_vergence(frame.far, hypothesis.other_lines, rig, texture.extrinsics)
+    lines, pitch_std = hypothesis.other_lines, math.sqrt(float(texture.covariance[1, 1]))
+    turns = measure_vergence(frame.far, lines, rig, texture.extrinsics, pitch_std)
     vergence_std = vergence_std_rad(frame.far, rig, turns)
     of_rig = response_of_surface(rig, texture.extrinsics, vergence_std)
     terms = merge_terms((*texture.terms, *rig_terms(of_rig)))

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from stereo_selfcal import Extrinsics, StereoRig
-from stereo_selfcal.core.estimators.texture_alignment import MIN_SIGMAS, align_texture
+from stereo_selfcal.core.estimators.texture_alignment import align_texture
+from stereo_selfcal.core.estimators.texture_fit import MIN_SIGMAS
 from stereo_selfcal.core.evidence.row_offset import vertical_offset
 from stereo_selfcal.core.geometry.plane import plane_from_pose, pose_from_plane
 from stereo_selfcal.core.rejection import NotFitted

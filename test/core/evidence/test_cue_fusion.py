@@ -9,7 +9,7 @@ from independent_camera import ideal_pattern
 
 from stereo_selfcal import Extrinsics
 from stereo_selfcal.core.estimators.stripe_fit import StripeFit
-from stereo_selfcal.core.estimators.texture_alignment import TextureFit, TextureQuality
+from stereo_selfcal.core.estimators.texture_fit import TextureFit, TextureQuality
 from stereo_selfcal.core.evidence.cue_fusion import combine, difference_covariance
 from stereo_selfcal.core.evidence.estimate import Estimate
 from stereo_selfcal.core.evidence.lane_heights import (

@@ -13,7 +13,7 @@ from stereo_selfcal.core.estimators.coarse_road import CoarseRoad
 from stereo_selfcal.core.estimators.lane_sweep import LaneSweep
 from stereo_selfcal.core.estimators.line_covariance import Bends, LineFit
 from stereo_selfcal.core.estimators.stripe_fit import StripeFit
-from stereo_selfcal.core.estimators.texture_alignment import TextureFit, TextureQuality
+from stereo_selfcal.core.estimators.texture_fit import TextureFit, TextureQuality
 from stereo_selfcal.core.evidence.frame_evidence import Contradictor, Evidence
 from stereo_selfcal.core.evidence.gates import GATES, evaluate_gates
 from stereo_selfcal.core.evidence.kerb_face import EdgeStep

@@ -8,7 +8,7 @@ import pytest
 from independent_camera import ideal_pattern
 
 from stereo_selfcal import Extrinsics
-from stereo_selfcal.core.estimators.texture_alignment import TextureFit, TextureQuality
+from stereo_selfcal.core.estimators.texture_fit import TextureFit, TextureQuality
 from stereo_selfcal.core.evidence.lane_heights import _heights_along, heights_over_surface, surely_no_kerb
 from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
 from stereo_selfcal.core.road.unevenness import RoadUnevenness
