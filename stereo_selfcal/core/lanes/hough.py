@@ -137,6 +137,9 @@ def hough_peaks(
                 ((rho - v_mid * math.sin(angle)) / math.cos(angle), -math.tan(angle)),
             )
             rows = _row_range(points.rows[chosen], weights[support])
+            if 2.0 * weights[support & chained_point].sum() <= weights[support].sum():
+                # Houses and trees stand above a line; below its points it may go on, in noise.
+                rows = (rows[0], shape[0] - 1.0)
             peaks.append(
                 HoughPeak(
                     u_mid=u_mid + centre_u,

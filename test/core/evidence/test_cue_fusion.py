@@ -328,15 +328,17 @@ def test_surface_as_rough_as_a_kerb_is_high_excludes_none():
     assert surely_no_kerb(heights_over_surface(PATTERN, PAPER_RIG, POSE, beneath(roughness=1e-2))) < 1.0
 
 
-def test_a_doubtful_boundary_may_be_the_lowest_kerb_at_even_odds():
-    """One end of the plane is lifted by half of 60 mm: of lines 3.5 m apart, the camera is in the middle."""
-    one = kerb_covariance(PATTERN, PAPER_RIG, POSE, [1])
+def test_a_doubtful_boundary_may_be_a_kerb_at_even_odds():
+    """One end of the plane is lifted by half of a kerb: of lines 3.5 m apart, the camera is in the middle."""
+    one = kerb_covariance(PATTERN, PAPER_RIG, POSE, [1], 0.030)
     std = np.sqrt(np.diag(one))
     np.testing.assert_allclose(std[[0, 2]], [0.015, 0.030 / 3.5], rtol=0.1)
     assert std[1] < 1e-3
-    both = kerb_covariance(PATTERN, PAPER_RIG, POSE, [0, 1])
-    np.testing.assert_allclose(np.diag(both), 2.0 * np.diag(one), rtol=0.1, atol=1e-7)
-    assert not kerb_covariance(PATTERN, PAPER_RIG, POSE, []).any()
+    # Kerbs on both sides have one height: the whole plane is lifted, and not tilted.
+    both = np.sqrt(np.diag(kerb_covariance(PATTERN, PAPER_RIG, POSE, [0, 1], 0.030)))
+    np.testing.assert_allclose(both[0], 0.030, rtol=0.1)
+    assert both[2] < 1e-3
+    assert not kerb_covariance(PATTERN, PAPER_RIG, POSE, [], 0.030).any()
 
 
 def test_lines_painted_not_quite_parallel_leave_a_valley():

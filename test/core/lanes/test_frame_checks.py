@@ -96,9 +96,10 @@ def test_least_size(side_px, refused):
 
 
 def lines(n_rows):
-    """Return one line, as a candidate, that is seen in so many rows."""
+    """Return one upright line, as a candidate, that is seen in so many rows."""
     line = ideal_pattern(PAPER_RIG, Extrinsics(1.4, 0.05, 0.0)).left[0]
     object.__setattr__(line, "n_rows", n_rows)
+    object.__setattr__(line, "slope", 0.0)
     return [Candidate(line, 10.0)]
 
 
@@ -121,7 +122,7 @@ def test_every_camera_sees_a_line_of_forty_rows_on_either_side(camera, side, n_r
 
 def test_a_frame_without_any_line_says_so_once():
     rejection = frame_checks.check_lines_found([([], []), (lines(39), [])], CONFIG)
-    words = "no lane line was found in either image: the longest candidate is 39 px high", "lens clean"
+    words = "no lane line was found in either image: the longest candidate is 39 px long", "lens clean"
     assert_refuses(rejection, RejectReason.NO_LINES_FOUND, 39, 40, *words)
 
 
