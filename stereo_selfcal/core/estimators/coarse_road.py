@@ -178,12 +178,18 @@ def _most_agreed(
     if not len(planes):
         return NotFitted("planes of a road within the search range", 0, Bound.LEAST, 1)
     some = rng.permutation(len(rays))[:_N_POINTS]
-    predicted = rays[some] @ planes.T
-    off = measured[some, None] - predicted
-    ahead = _is_ahead(predicted, rays[some, 1][:, None], rig, scale)
-    reach = _AGREES_PX * scale
-    votes = np.maximum(1.0 - (off / (2.0 * reach)) ** 2, 0.0) - (off < -_BELOW_PX * scale)
-    best: Array = planes[int(np.argmax((votes * ahead).sum(axis=0)))]
+    # In single precision, which is good to a thousandth of a pixel, and in place: there are 750 000 numbers.
+    aside, reach = rays[some, 1].astype(np.float32), np.float32(2.0 * _AGREES_PX * scale)
+    predicted = planes.astype(np.float32) @ rays[some].T.astype(np.float32)
+    off = measured[some].astype(np.float32) - predicted
+    ahead = _is_ahead(predicted, aside, rig, scale)
+    below = off < np.float32(-_BELOW_PX * scale)
+    off /= reach
+    off *= off
+    votes = np.maximum(np.subtract(np.float32(1.0), off, out=off), np.float32(0.0), out=off)
+    votes -= below
+    votes *= ahead
+    best: Array = planes[int(np.argmax(votes.sum(axis=1)))]
     return best
 
 
@@ -198,8 +204,8 @@ def _is_ahead(predicted: Array, aside: Array, rig: StereoRig, scale: int) -> Mas
     """
     # At a disparity d, a metre is d / baseline pixels wide.
     least = max(_LEAST_DISPARITY_PX * scale, rig.fx * rig.baseline_m / _FAR_M)
-    half_px = predicted * (_HALF_WIDTH_M / rig.baseline_m)
-    inside: Mask = (predicted > least) & (np.abs(aside) * rig.fx < half_px)
+    tangents = np.abs(aside) * (rig.fx * rig.baseline_m / _HALF_WIDTH_M)
+    inside: Mask = (predicted > least) & (tangents < predicted)
     return inside
 
 
