@@ -159,26 +159,32 @@ def _match(
     least, most = left + _HALF_COLUMNS, moving.shape[1] - 1 - right - _HALF_COLUMNS
     inside = (u >= least) & (u <= most)
     u = np.clip(u, least, most)
-    rows = v[:, None, None] + np.arange(-_HALF_ROWS, _HALF_ROWS + 1)[:, None]
-    columns = np.arange(-_HALF_COLUMNS - left, _HALF_COLUMNS + right + 1)
-    patch = fixed[rows, u[:, None, None] + columns[left : left + width]]
-    strip = moving[rows, u[:, None, None] + columns]
-    patch = patch - patch.mean(axis=(1, 2), keepdims=True)
-    strip = strip - strip.mean(axis=(1, 2), keepdims=True)
-    windows = np.lib.stride_tricks.sliding_window_view(strip, width, axis=2)
+    # The points come last in all arrays, as there are most of them: sums over a patch are sums of long rows.
+    around = np.arange(-_HALF_ROWS, _HALF_ROWS + 1)[:, None, None] * moving.shape[1]
+    columns = np.arange(-_HALF_COLUMNS - left, _HALF_COLUMNS + right + 1)[:, None]
+    middles = v * moving.shape[1] + u
+    patch = fixed.ravel().take(middles + around + columns[left : left + width])
+    strip = moving.ravel().take(middles + around + columns)
+    patch -= patch.mean(axis=(0, 1))
+    strip -= strip.mean(axis=(0, 1))
     n = width * (2 * _HALF_ROWS + 1)
-    products = np.einsum("nij,nisj->ns", patch, windows) / n
-    mean, square = (_sums(each.sum(axis=1), width) / n for each in (strip, strip * strip))
-    variance = (patch * patch).mean(axis=(1, 2))
-    both = np.sqrt(np.maximum(variance[:, None] * (square - mean**2), np.finfo(np.float32).eps))
+    shifts = range(left + right + 1)
+    products = (
+        np.array([np.einsum("ijn,ijn->n", patch, strip[:, each : each + width]) for each in shifts]) / n
+    )
+    mean, square = (
+        _sums(each, width) / n for each in (strip.sum(axis=0), np.einsum("ijn,ijn->jn", strip, strip))
+    )
+    variance = np.einsum("ijn,ijn->n", patch, patch) / n
+    both = np.sqrt(np.maximum(variance * (square - mean**2), np.finfo(np.float32).eps))
     correlation = products / both
-    index, best = np.arange(len(u)), correlation.argmax(axis=1)
+    index, best = np.arange(len(u)), correlation.argmax(axis=0)
     inside &= (best > 0) & (best < left + right)
     best = np.clip(best, 1, left + right - 1)
-    before, at, after = (correlation[index, best + step] for step in (-1, 0, 1))
+    before, at, after = (correlation[best + step, index] for step in (-1, 0, 1))
     part = 0.5 * (before - after) / np.minimum(before - 2.0 * at + after, -np.finfo(np.float32).eps)
-    elsewhere = np.abs(np.arange(left + right + 1) - best[:, None]) > _NEXT_PEAK_PX
-    other = np.where(elsewhere, correlation, -1.0).max(axis=1)
+    elsewhere = np.abs(np.arange(left + right + 1)[:, None] - best) > _NEXT_PEAK_PX
+    other = np.where(elsewhere, correlation, -1.0).max(axis=0)
     good = inside & (at > _LEAST_CORRELATION) & (other < at - _LEAD)
     to_left = (left - best - part).astype(np.float64)
     rest = _CORRELATED_PX2 * np.maximum(2.0 * variance * (1.0 - at), 0.0)
@@ -187,18 +193,26 @@ def _match(
 
 
 def _sums(values: Floats, width: int) -> Floats:
-    """Return the sums (N, M - width + 1) of neighbouring values (N, M)."""
-    total = np.cumsum(np.pad(values.astype(np.float64), ((0, 0), (1, 0))), axis=1)
-    sums: Floats = (total[:, width:] - total[:, :-width]).astype(np.float32)
+    """Return the sums (M - width + 1, N) of neighbouring values (M, N)."""
+    total = np.cumsum(np.pad(values.astype(np.float64), ((1, 0), (0, 0))), axis=0)
+    sums: Floats = (total[width:] - total[:-width]).astype(np.float32)
     return sums
 
 
 def _confirmed(u: Indices, v: Indices, disparity: Array, std: Array, width: int) -> Mask:
     """Whether other points near by have the same disparity."""
-    near = (np.abs(u[:, None] - u) < _NEAR_COLUMNS * width) & (np.abs(v[:, None] - v) < _NEAR_ROWS * width)
-    limit = np.maximum(_AGREEMENT_PX, _STDS * np.hypot(std[:, None], std))
-    equal = near & (np.abs(disparity[:, None] - disparity) < limit)
-    confirmed: Mask = equal.sum(axis=1) - 1 >= _AGREEING
+    # In the order of the columns, the points that may be near to each one follow one another.
+    order = np.argsort(u, kind="stable")
+    ordered, reach = u[order], _NEAR_COLUMNS * width
+    first = np.searchsorted(ordered, ordered - reach, "right")
+    count = np.searchsorted(ordered, ordered + reach, "left") - first
+    one = np.repeat(order, count)
+    other = order[np.arange(len(one)) + np.repeat(first - np.cumsum(count) + count, count)]
+    limit = np.maximum(_AGREEMENT_PX, _STDS * np.hypot(std[one], std[other]))
+    equal = (np.abs(v[one] - v[other]) < _NEAR_ROWS * width) & (
+        np.abs(disparity[one] - disparity[other]) < limit
+    )
+    confirmed: Mask = np.bincount(one[equal], minlength=len(u)) - 1 >= _AGREEING
     return confirmed
 
 

@@ -218,26 +218,26 @@ def _points_of_response(
     # Mean of length pixels minus mean of length pixels.
     threshold = max(MIN_CONTRAST_GREY, config.min_contrast_sigma * noise * np.sqrt(2.0 / length))
     narrowest, widest = 2 * length, 4 * length + 1
-    # The following steps use only pixels over the threshold, a few in a hundred.
-    rows, columns = np.divmod(np.flatnonzero(response > np.float32(threshold)), response.shape[1])
-    inside = (columns > length) & (columns < response.shape[1] - widest - 1)
-    rows, columns = rows[inside], columns[inside]
-    here = response[rows, columns]
-    # Local maximum: first among the next pixels, to reduce their number, then over the length of the filter.
-    peak = (here >= response[rows, columns - 1]) & (here >= response[rows, columns + 1])
-    rows, columns, here = rows[peak], columns[peak], here[peak]
-    if length > 1:
-        around = columns[:, None] + np.arange(-length, length + 1)
-        peak = here >= response[rows[:, None], around].max(axis=1, initial=-np.inf)
-        rows, columns, here = rows[peak], columns[peak], here[peak]
+    if response.shape[1] <= length + widest + 2:
+        empty = np.empty(0)
+        return empty.astype(np.intp), empty, empty, empty, empty
+    # Local maximum over the length of the filter. The next steps use only these pixels, a few in a hundred.
+    greatest = cv2.dilate(response, np.ones((1, 2 * length + 1), np.uint8))
+    peak = (response >= greatest) & (response > np.float32(threshold))
+    peak[:, : length + 1] = False
+    peak[:, -widest - 1 :] = False
+    flat, at = response.ravel(), np.flatnonzero(peak)
+    here = flat.take(at)
     # The strongest negative peak, narrowest ... widest pixels to the right.
-    falling = -response[rows[:, None], columns[:, None] + np.arange(narrowest, widest + 1)]
-    opposite = falling.max(axis=1, initial=0.0)
+    least = cv2.erode(response, np.ones((1, widest - narrowest + 1), np.uint8), anchor=(0, 0))
+    opposite = np.maximum(-least.ravel().take(at + narrowest), np.float32(0.0))
     weaker, stronger = np.minimum(here, opposite), np.maximum(here, opposite)
     stripe = (weaker > threshold) & (weaker > _MIN_EDGE_RATIO * stronger)
-    rows, columns, here, weaker = rows[stripe], columns[stripe], here[stripe], weaker[stripe]
-    widths = narrowest + np.argmax(falling[stripe], axis=1) if stripe.any() else np.empty(0)
-    before, after = response[rows, columns - 1], response[rows, columns + 1]
+    at, here, weaker = at[stripe], here[stripe], weaker[stripe]
+    rows, columns = np.divmod(at, response.shape[1])
+    rising = flat.take(at[:, None] + np.arange(narrowest, widest + 1))
+    widths = narrowest + np.argmin(rising, axis=1) if len(at) else np.empty(0)
+    before, after = flat.take(at - 1), flat.take(at + 1)
     # Parabola through three values: exact for a step edge averaged over a box-shaped pixel.
     curvature = np.minimum(before - 2.0 * here + after, -1e-6)
     shift_px = np.clip(0.5 * (before - after) / curvature, -0.5, 0.5)

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..numerics.robust import TUKEY_SIGMAS, scale_by_median, tukey_weights
-from ..numerics.statistics import median
+from ..numerics.robust import TUKEY_SIGMAS, tukey_weights
+from ..numerics.statistics import SIGMA_OVER_MAD
 from ..rejection import Bound, NotFitted
 from ..types import Array, Indices, Mask
 
@@ -35,6 +35,7 @@ _N_TRIPLES = 200
 _LEAST_SPREAD = 1e-4  # of a triple of cells: the determinant of its rows, each of length 1
 # Least scale of the residuals: a road has no cell to a third of what the prior of its unevenness says.
 _LEAST_SCALE = 1.0 / 3.0
+_BORDER = 1e100  # more than any whitened height
 _ENOUGH = "cells of a road of two strips that determine a plane"
 
 
@@ -77,49 +78,64 @@ def find_extent(
     ]
     insides = np.array([(strip >= i) & (strip <= j) for i, j in extents]).reshape(-1, len(strip))
     rows, target = design / sigma[:, None], heights / sigma
-    starts = [_most_agreed(rows[inside], target[inside]) for inside in insides]
-    chosen = [k for k, start in enumerate(starts) if not isinstance(start, NotFitted)]
-    if not chosen:
+    chosen, planes = _most_agreed(rows, target, insides)
+    if not len(chosen):
         return NotFitted(_ENOUGH, 0, Bound.LEAST, 1)
-    planes = np.array([starts[k] for k in chosen])
-    all_weights, residuals = _robust_fits(rows, target, insides[chosen], planes)
-    best: tuple[float, Extent] | None = None
-    for k, weights, off in zip(chosen, all_weights, residuals * sigma, strict=True):
-        strips, inside = extents[k], insides[k]
-        # An outlier gets a larger variance, so that it counts less. The variances of the other cells stay as
-        # they are; otherwise unevenness of the road would be treated as noise.
-        outlier = weights < OUTLIER_WEIGHT
-        variances = noise + np.where(outlier, off**2 / np.maximum(weights, LEAST_WEIGHT), 0.0)
-        likelihood = _log_likelihood(
-            heights, design, road + _beyond(strip, strips) + np.diag(np.where(inside, variances, noise))
-        )
-        likelihood -= _STEP_LOG_ODDS * ((strips[0] > first) + (strips[1] < last))
-        if best is None or likelihood > best[0]:
-            no_road = noise + (_STEP_STD_M / LEAST_WEIGHT) ** 2
-            best = (
-                likelihood,
-                Extent(strips, np.where(inside, weights, 0.0), np.where(inside, variances, no_road)),
-            )
-    assert best is not None  # there are extents
-    return best[1]
+    insides = insides[chosen]
+    weights, residuals = _robust_fits(rows, target, insides, planes)
+    # An outlier gets a larger variance, so that it counts less. The variances of the other cells stay as they
+    # are; otherwise unevenness of the road would be treated as noise.
+    added = (residuals * sigma) ** 2 / np.maximum(weights, LEAST_WEIGHT)
+    variances = noise + np.where(insides & (weights < OUTLIER_WEIGHT), added, 0.0)
+    ends = np.array(extents)[chosen]
+    likelihoods = _log_likelihoods(heights, design, road + _beyond(strip, ends), variances)
+    likelihoods -= _STEP_LOG_ODDS * ((ends[:, 0] > first).astype(float) + (ends[:, 1] < last))
+    best = int(np.argmax(likelihoods))
+    inside, no_road = insides[best], noise + (_STEP_STD_M / LEAST_WEIGHT) ** 2
+    return Extent(
+        extents[chosen[best]],
+        np.where(inside, weights[best], 0.0),
+        np.where(inside, variances[best], no_road),
+    )
 
 
-def _beyond(strip: Indices, strips: tuple[int, int]) -> Array:
-    """Return the covariance (S, S) that a step on either side adds to the heights beyond it."""
-    left, right = (strip < strips[0]).astype(float), (strip > strips[1]).astype(float)
-    steps = _STEP_STD_M**2 * (np.outer(left, left) + np.outer(right, right))
-    added: Array = steps + np.diag(_BESIDE_STD_M**2 * (left + right))
+def _beyond(strip: Indices, ends: Indices) -> Array:
+    """Return the covariances (E, S, S) that the steps at the ends (E, 2) of extents add beyond them."""
+    left, right = (strip < ends[:, :1]).astype(float), (strip > ends[:, 1:]).astype(float)
+    steps = left[:, :, None] * left[:, None] + right[:, :, None] * right[:, None]
+    steps *= _STEP_STD_M**2
+    np.einsum("eii->ei", steps)[...] += _BESIDE_STD_M**2 * (left + right)
+    added: Array = steps
     return added
 
 
-def _log_likelihood(heights: Array, design: Array, covariance: Array) -> float:
-    """Return the restricted log likelihood of heights: that of the contrasts which no plane changes."""
-    root = np.linalg.cholesky(covariance)
-    whitened = np.linalg.solve(root, np.column_stack([design, heights]))
+def _log_likelihoods(heights: Array, design: Array, covariances: Array, variances: Array) -> Array:
+    """Return restricted log likelihoods of heights: those of the contrasts which no plane changes.
+
+    Args:
+        heights: (S,) heights.
+        design: (S, 3) derivative of the heights by the parameters of a plane.
+        covariances: (E, S, S) of the heights, without what differs from cell to cell.
+        variances: (E, S) of that.
+    """
+    n, columns = len(heights), np.column_stack([design, heights])
+    # The factor of a covariance with more rows below it holds these rows, whitened. Their own part of it is
+    # of no use, and as large as keeps the whole positive definite.
+    bordered = np.zeros((len(covariances), n + columns.shape[1], n + columns.shape[1]))
+    bordered[:, :n, :n] = covariances
+    bordered[:, n:, :n] = columns.T
+    diagonal = np.einsum("eii->ei", bordered)
+    diagonal[:, :n] += variances
+    diagonal[:, n:] = _BORDER
+    factors = np.linalg.cholesky(bordered)  # of the lower triangles
+    whitened = np.swapaxes(factors[:, n:, :n], 1, 2)
     # The last diagonal number of the triangular factor is the contrast's length.
-    scales = np.maximum(np.abs(np.diag(np.linalg.qr(whitened, mode="r"))), np.finfo(float).tiny)
-    log_determinant = np.log(np.diag(root)).sum() + np.log(scales[:-1]).sum()
-    return float(-log_determinant - 0.5 * scales[-1] ** 2)
+    diagonals = np.abs(np.diagonal(np.linalg.qr(whitened, mode="r"), axis1=1, axis2=2))
+    scales = np.maximum(diagonals, np.finfo(float).tiny)
+    roots = np.diagonal(factors, axis1=1, axis2=2)[:, :n]
+    log_determinants = np.log(roots).sum(axis=1) + np.log(scales[:, :-1]).sum(axis=1)
+    likelihoods: Array = -log_determinants - 0.5 * scales[:, -1] ** 2
+    return likelihoods
 
 
 def _robust_fits(rows: Array, target: Array, insides: Mask, planes: Array) -> tuple[Array, Array]:
@@ -143,33 +159,59 @@ def _robust_fits(rows: Array, target: Array, insides: Mask, planes: Array) -> tu
         normal = normal + np.finfo(float).eps * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3)
         planes = np.linalg.solve(normal, ((weights * target) @ rows)[..., None])[..., 0]
         residuals = target - planes @ rows.T
-        scale = np.array([_scale(each[inside]) for each, inside in zip(residuals, insides, strict=True)])
+        scale = _scales(residuals, insides)
     weights = insides * tukey_weights((residuals / (TUKEY_SIGMAS * scale[:, None])) ** 2, _LEAST_COUNT)
     return weights, residuals
 
 
-def _most_agreed(rows: Array, target: Array) -> Array | NotFitted:
-    """Return the plane (3,) through three of the cells that most cells agree with.
+def _most_agreed(rows: Array, target: Array, insides: Mask) -> tuple[Indices, Array]:
+    """Return for each extent the plane through three of its cells that most of them agree with.
 
     Args:
         rows: (S, 3) derivative of the cells' heights by the parameters of a plane, in standard deviations.
         target: (S,) heights, in standard deviations.
+        insides: (E, S) cells of each extent.
+
+    Returns:
+        Which extents have enough cells that determine a plane, (K,), and these planes (K, 3).
     """
     n_numbers = rows.shape[1]
-    if len(rows) < 2 * n_numbers:
-        return NotFitted(_ENOUGH, len(rows), Bound.LEAST, 2 * n_numbers)
-    chosen = np.random.default_rng(0).integers(len(rows), size=(_N_TRIPLES, n_numbers))
-    triples = rows[chosen]
-    spread = np.abs(np.linalg.det(triples)) / np.prod(np.linalg.norm(triples, axis=2), axis=1)
-    apart = spread > _LEAST_SPREAD
-    if not apart.any():
-        return NotFitted(_ENOUGH, n_numbers - 1, Bound.LEAST, n_numbers)
-    planes = np.linalg.solve(triples[apart], target[chosen[apart]][..., None])[..., 0]
-    misfits = np.minimum(((target - planes @ rows.T) / TUKEY_SIGMAS) ** 2, 1.0).sum(axis=1)
-    best: Array = planes[int(np.argmin(misfits))]
-    return best
+    enough = np.flatnonzero(insides.sum(axis=1) >= 2 * n_numbers)
+    cells = [np.flatnonzero(insides[k]) for k in enough]
+    drawn = [
+        each[np.random.default_rng(0).integers(len(each), size=(_N_TRIPLES, n_numbers))] for each in cells
+    ]
+    chosen = np.array(drawn, np.intp).reshape(-1, n_numbers)
+    first, second, third = np.moveaxis(rows[chosen], 1, 0)
+    # Cramer's rule, as thousands of equations with three unknowns are solved.
+    normals = np.stack([_cross(second, third), _cross(third, first), _cross(first, second)], axis=1)
+    determinants = np.einsum("ni,ni->n", first, normals[:, 0])
+    lengths = np.sqrt(np.einsum("si,si->s", rows, rows))
+    apart = np.abs(determinants) > _LEAST_SPREAD * lengths[chosen].prod(axis=1)
+    heights = target[chosen[apart]] / determinants[apart, None]
+    all_planes = np.einsum("nj,nji->ni", heights, normals[apart]) / TUKEY_SIGMAS
+    ends = np.cumsum(apart.reshape(-1, _N_TRIPLES).sum(axis=1))
+    found, planes = [], []
+    for k, own, inside in zip(enough, np.split(all_planes, ends), cells, strict=False):
+        if len(own):
+            off = target[inside] / TUKEY_SIGMAS - own @ rows[inside].T
+            off *= off
+            found.append(k)
+            planes.append(TUKEY_SIGMAS * own[int(np.argmin(np.minimum(off, 1.0, out=off).sum(axis=1)))])
+    return np.array(found, np.intp), np.array(planes).reshape(-1, n_numbers)
 
 
-def _scale(residuals: Array) -> float:
-    """Return the scale of residuals: no more than their standard deviations, or they are no road."""
-    return min(1.0, scale_by_median(_LEAST_SCALE, median)(residuals))
+def _cross(first: Array, second: Array) -> Array:
+    """Return the cross products (N, 3) of vectors (N, 3)."""
+    x, y, z = first.T
+    u, v, w = second.T
+    return np.column_stack([y * w - z * v, z * u - x * w, x * v - y * u])
+
+
+def _scales(residuals: Array, insides: Mask) -> Array:
+    """Return the scale (E,) of residuals (E, S): by the median, no more than their standard deviations."""
+    ordered = np.sort(np.where(insides, np.abs(residuals), np.inf), axis=1)
+    count, index = insides.sum(axis=1), np.arange(len(insides))
+    medians = 0.5 * (ordered[index, (count - 1) // 2] + ordered[index, count // 2])
+    scales: Array = np.clip(SIGMA_OVER_MAD * medians, _LEAST_SCALE, 1.0)
+    return scales

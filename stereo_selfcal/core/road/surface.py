@@ -152,7 +152,8 @@ def fit_surface(
         cells: The measured heights.
         design: (C, 3) derivative of the heights by the parameters of the plane.
         lane: Points of the own lane.
-        final: Whether to estimate the road's own unevenness; else a typical one is used.
+        final: Whether to estimate the road's own unevenness, and what other parts of the road leave open;
+            else a typical unevenness is used.
 
     Returns:
         The plane, or the reason why the measured cells do not determine one.
@@ -181,21 +182,16 @@ def fit_surface(
     variances = extent.variances + (unevenness.mismatch_px * metres) ** 2
     road = unevenness.roughness * kernel + unevenness.camber**2 * profile
     heights = road[of_cells] + np.diag(variances)  # their covariance
-    solved = _solve_lane(road, variances, x, lane, _lane_strips(extent, cells.strip[seen], lane))
+    solved = _solve_lane(road, variances, x, lane, _lane_strips(extent, cells.strip[seen], lane), final)
     if isinstance(solved, NotFitted):
         return solved
     solve, error, others = solved
-    part = np.zeros((3, 3))
-    for other in others:
-        apart = other[:, :n_seen] @ y
-        known = np.outer(apart, apart) + (other[:, :n_seen] * variances) @ other[:, :n_seen].T
-        part += (known + other @ road @ other.T) / len(others)
     terms = {
         "noise": (solve * noise) @ solve.T,
         "mismatch": (solve * (variances - noise)) @ solve.T,
         "roughness": unevenness.roughness * error @ kernel @ error.T,
         "camber": unevenness.camber**2 * error @ profile @ error.T,
-        "part_of_road": part,
+        "part_of_road": _part_of_road(others, y, variances, road),
     }
     covariance = sum(terms.values(), start=np.zeros((3, 3)))
     if not is_covariance(covariance):
@@ -215,6 +211,25 @@ def fit_surface(
         noise_variance=cells.variances + (unevenness.mismatch_px * cells.metres) ** 2,
         halves=_compare_halves(y, x, heights, cells, seen, extent) if final else (),
     )
+
+
+def _part_of_road(others: Array, y: Array, variances: Array, road: Array) -> Array:
+    """Return the covariance (3, 3) that the choice of the part of the road leaves in the plane.
+
+    Args:
+        others: (K, 3, S + T) deviations of the road at cells and points to the differences of the planes of
+            other parts.
+        y: (S,) heights of the seen cells [m].
+        variances: (S,) of them, by noise and mismatch.
+        road: (S + T, S + T) covariance of the road's heights.
+    """
+    of_cells = others[..., : len(y)]
+    apart = of_cells @ y
+    covariance = apart.T @ apart
+    covariance += np.tensordot(of_cells * variances, of_cells, axes=((0, 2), (0, 2)))
+    covariance += np.tensordot(others @ road, others, axes=((0, 2), (0, 2)))
+    part: Array = covariance / max(len(others), 1)
+    return part
 
 
 def _compare_halves(
@@ -282,7 +297,7 @@ def _lane_strips(extent: Extent, seen: Indices, lane: LanePoints) -> tuple[int, 
 
 
 def _solve_lane(
-    road: Array, noise: Array, x: Array, lane: LanePoints, strips: tuple[int, int]
+    road: Array, noise: Array, x: Array, lane: LanePoints, strips: tuple[int, int], other_parts: bool
 ) -> tuple[Array, Array, Array] | NotFitted:
     """Return the matrices that give the planes of the parts of the lane from the heights of the cells.
 
@@ -292,11 +307,12 @@ def _solve_lane(
         x: (S, 3) derivative of the cells' heights by the parameters of the plane.
         lane: The points of the lane.
         strips: First and last strip of the road.
+        other_parts: Whether to compare other parts of the road with the lane.
 
     Returns:
         Heights of the cells to the plane of the lane (3, S); deviations of the road at cells and points to
         the error of that plane (3, S + T); and the same to the differences of the planes of other parts from
-        it (12, 3, S + T), for the predicted differences and for their errors.
+        it (12, 3, S + T), for the predicted differences and for their errors; none where not asked.
     """
     n = len(x)
     what = "heights of the cells that are independent"
@@ -312,8 +328,10 @@ def _solve_lane(
     to_lane = predicted - (predicted @ x) @ to_plane
     of_lane = lane.planes(strips, HALF_LANE_WIDTH_M)
     plane = of_lane[: len(STRETCHES_M)].mean(axis=0)
-    of_others = [lane.planes(strips, half_m) for half_m in OTHER_HALF_WIDTHS_M]
-    apart = np.concatenate([of_lane, *of_others]) - plane
+    apart = np.zeros((0, *plane.shape))
+    if other_parts:
+        of_others = [lane.planes(strips, half_m) for half_m in OTHER_HALF_WIDTHS_M]
+        apart = np.concatenate([of_lane, *of_others]) - plane
     solve: Array = to_plane + plane @ to_lane
     return (
         solve,
