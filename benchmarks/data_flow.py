@@ -138,7 +138,7 @@ ROWS = (
             Box(
                 "evidence/gates",
                 ("conditions, evaluated", "after every stage"),
-                ("measurements", "frame_evidence"),
+                ("measurements", "surface_measurements", "frame_evidence"),
             ),
             Box("evidence/cross_checks", ("enough texture: stage 7,", "too little: stage 8")),
         ),
