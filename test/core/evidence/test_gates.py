@@ -93,7 +93,7 @@ GOOD = Evidence(
     vergence=Vergence(math.radians(0.01), math.radians(0.005), math.radians(0.05), by_lines=True),
     own_strip=ASPHALT,
     coarse=DENSE,
-    sweep=swept((POSE.height_m, POSE.roll_rad, 9.0)),
+    sweeps=(swept((POSE.height_m, POSE.roll_rad, 9.0)),),
 )
 MM, DEG = 1e3, math.degrees(1.0)
 
@@ -157,13 +157,15 @@ BAD = {
     "coplanar": {"inner_line_height": HeightOverLane(0.1, 0.001)},
     "two_edges": {"stripes_fitted": False},
     "painted": {"borders": (StripeBorder(0.2, 0.001),)},
+    "narrow_stripes": {"refined": replace(GOOD.refined, widths_m=np.array([0.15, 0.56]))},
+    "stripes_in_plane": {"borders": (StripeBorder(0.0, 0.002, edge_step=EdgeStep(0.025, 0.001)),)},
     "level_stripes": {"borders": (StripeBorder(0.0, 0.002, edge_step=EdgeStep(0.1, 0.001)),)},
     "certain": {"std": np.array([0.2, 1e-4, 1e-3])},
     "lines_on_lane_surface": {"lane_heights": over(0.1, 0.0, std_m=0.005)},
     "halves_agree": {"texture": replace(ASPHALT, halves=((np.array([0.1, 0.0, 0.0]), np.full(3, 1e-4)),))},
     "strip_agrees": {"own_strip": replace(ASPHALT, extrinsics=replace(POSE, height_m=1.54))},
     "dense_agrees": {"coarse": replace(DENSE, extrinsics=replace(POSE, height_m=1.6))},
-    "faint_texture_agrees": {"sweep": swept((1.6, 0.0, 9.0))},
+    "faint_texture_agrees": {"sweeps": (swept((1.6, 0.0, 9.0)),)},
     "surface_agrees": {
         "contradictors": (Contradictor(replace(POSE, height_m=1.6), np.diag([0.004, 2e-4, 1.5e-3]) ** 2),)
     },
@@ -204,7 +206,7 @@ def test_gates_without_evidence_are_not_read_and_those_of_before_not_again():
             std=None,
             wide_profile=None,
             coarse=None,
-            sweep=None,
+            sweeps=(),
             contradictors=(),
             vergence=None,
         )
@@ -314,7 +316,7 @@ def test_cameras_that_contradict_each_other():
 )
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_refinement_stays_near_the_lines(axis, limit, scale, sign):
-    without = {"texture": None, "surface_heights": (), "vertical": None, "coarse": None, "sweep": None}
+    without = {"texture": None, "surface_heights": (), "vertical": None, "coarse": None, "sweeps": ()}
     near, far = (replace(REFINED, extrinsics=moved(axis, sign * part * limit)) for part in (0.99, 1.01))
     assert refusal(refined=near, **without) is None
     rejection = refusal(refined=far, **without)
@@ -465,7 +467,7 @@ def test_dense_disparities_exclude_what_is_wrong(axis, limit, scale, sign):
 
     def off(by, std):
         coarse = CoarseRoad(moved(axis, sign * by), np.diag(only(axis, std, 1e-4)) ** 2, 0.8, 0.9, 2)
-        return refusal(coarse=coarse, std=only(axis, 0.2 * limit, GOOD.std), sweep=None)
+        return refusal(coarse=coarse, std=only(axis, 0.2 * limit, GOOD.std), sweeps=())
 
     assert off(1.09 * limit, 0.1 * limit) is None
     of_both = 5.0 * math.hypot(0.1, 0.2)
@@ -499,20 +501,22 @@ def test_halves_of_the_surface_agree(axis, limit, scale, sign, place):
 
 @pytest.mark.parametrize(("height_m", "roll_rad"), [(0.07, 0.0), (-0.07, 0.0), (0.0, 0.03), (0.0, -0.03)])
 def test_the_faintest_texture_excludes_lines_by_five_deviations(height_m, roll_rad):
-    """Those of a plane that is wrong if theirs is right, or five standard deviations of the lines off."""
+    """Those of a plane that is wrong if theirs is right."""
     at = POSE.height_m + height_m, POSE.roll_rad + roll_rad
     here = POSE.height_m, POSE.roll_rad
-    assert refusal(sweep=swept((*at, 4.9))) is None
-    rejection = refusal(sweep=swept((*at, 5.1)))
-    words = f"the texture between the lane lines is that of a plane {at[0]:.3f} m below", "kerb"
+    assert refusal(sweeps=(swept((*at, 4.9)),)) is None
+    rejection = refusal(sweeps=(swept((*at, 5.1)),))
+    words = f"the surface between the lane lines is a plane {at[0]:.3f} m below", "kerb"
     assert_refuses(rejection, RejectReason.TEXTURE_DISAGREES, 5.1, 5.0, *words)
     # Both images agree under the plane of the lines, too: by half as well, the other may be a pattern.
-    assert refusal(sweep=swept((*at, 9.0), (*here, 4.4))).value == pytest.approx(math.sqrt(81.0 - 4.4**2))
-    assert refusal(sweep=swept((*at, 9.0), (*here, 4.6))) is None
-    # A plane that is not wrong, or that lines so uncertain do not exclude, contradicts nothing.
-    assert refusal(sweep=swept((POSE.height_m + height_m / 2.0, POSE.roll_rad + roll_rad / 2.0, 9.0))) is None
-    assert refusal(sweep=swept((*at, 9.0)), std=np.array([0.02, 1e-4, 0.01])) is None
-    assert refusal(sweep=None) is None
+    assert refusal(sweeps=(swept((*at, 9.0), (*here, 4.4)),)).value == pytest.approx(math.sqrt(81.0 - 4.4**2))
+    assert refusal(sweeps=(swept((*at, 9.0), (*here, 4.6)),)) is None
+    # A plane that is not wrong contradicts nothing.
+    assert (
+        refusal(sweeps=(swept((POSE.height_m + height_m / 2.0, POSE.roll_rad + roll_rad / 2.0, 9.0)),))
+        is None
+    )
+    assert refusal(sweeps=()) is None
 
 
 @pytest.mark.parametrize(
@@ -638,9 +642,22 @@ def test_both_edges_of_a_stripe_lie_in_the_road(sign, std_m, limit_m):
     good, bad = (
         StripeBorder(0.0, 0.002, edge_step=EdgeStep(sign * part * limit_m, std_m)) for part in (0.99, 1.01)
     )
-    assert refusal(borders=(good,)) is None
-    rejection = refusal(borders=(StripeBorder(0.0, 0.002), bad))
+    assert refusal(borders=(good,), refined=None) is None
+    rejection = refusal(borders=(StripeBorder(0.0, 0.002), bad), refined=None)
     assert_refuses(rejection, RejectReason.LINE_NOT_PAINTED, 1010 * limit_m, 1e3 * limit_m, "kerb")
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_paint_lies_in_the_plane_of_both_lines(sign):
+    """Up to a cross fall of 5 %, and four standard deviations."""
+    width_m = float(GOOD.refined.widths_m[0])
+
+    def tilted(part):
+        step = EdgeStep(sign * (0.05 * width_m + 4.0 * 0.001 * part), 0.001)
+        return refusal(borders=(StripeBorder(0.0, 0.002, edge_step=step),))
+
+    assert tilted(0.99) is None
+    assert tilted(1.01).reason is RejectReason.LINE_NOT_PAINTED
 
 
 def test_lines_alone_show_both_edges():
