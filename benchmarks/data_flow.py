@@ -81,7 +81,14 @@ ROWS = (
             Box(
                 "estimators/texture_alignment",
                 ("plane of the road", "surface, from there on"),
-                ("sampling", "road/cell_grid", "road/surface", "road/unevenness", "road/extent"),
+                (
+                    "texture_fit",
+                    "sampling",
+                    "road/cell_grid",
+                    "road/surface",
+                    "road/unevenness",
+                    "road/extent",
+                ),
             ),
             Box("evidence/road_surface", ("whether it locates", "the road")),
         ),
