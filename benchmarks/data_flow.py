@@ -81,7 +81,14 @@ ROWS = (
             Box(
                 "estimators/texture_alignment",
                 ("plane of the road", "surface, from there on"),
-                ("sampling", "road/cell_grid", "road/surface", "road/unevenness", "road/extent"),
+                (
+                    "texture_fit",
+                    "sampling",
+                    "road/cell_grid",
+                    "road/surface",
+                    "road/unevenness",
+                    "road/extent",
+                ),
             ),
             Box("evidence/road_surface", ("whether it locates", "the road")),
         ),
@@ -138,7 +145,7 @@ ROWS = (
             Box(
                 "evidence/gates",
                 ("conditions, evaluated", "after every stage"),
-                ("measurements", "frame_evidence"),
+                ("measurements", "surface_measurements", "frame_evidence"),
             ),
             Box("evidence/cross_checks", ("enough texture: stage 7,", "too little: stage 8")),
         ),

@@ -12,6 +12,7 @@ from stereo_selfcal.files.node_settings import all_settings
 ROOT = Path(__file__).resolve().parent.parent
 FILE = ROOT / "launch" / "stereo_selfcal.launch.py"
 SETTINGS = {setting.name: setting for setting in all_settings()}
+SWITCHES = ("texture.check", "texture.required", "refinement.stripes")
 OTHERS = {
     "params_file", "camera", "namespace", "log_level", "use_sim_time",
     "left_image", "right_image", "left_raw_image", "right_raw_image", "left_camera_info", "right_camera_info",
@@ -91,7 +92,7 @@ def test_arguments_that_are_given_reach_the_node_with_their_type(launch):
         assert value.args[0].name == name
         kind = type(SETTINGS[name].default) if name in SETTINGS else bool
         # A switch of 1 and 0 may be given as true: it gets the type it is written as.
-        assert value.value_type is (None if name in ("texture.check", "texture.required") else kind)
+        assert value.value_type is (None if name in SWITCHES else kind)
 
 
 @pytest.mark.parametrize(

@@ -154,7 +154,7 @@ def test_a_frame_is_reported_with_its_stamp():
     assert (report.stamp_ns, report.rig, report.result.reason) == (
         5 * 10**9,
         PAPER_RIG,
-        RejectReason.NO_LINES_FOUND,
+        RejectReason.ROAD_NOT_SEEN,
     )
     assert report.result.stamp_s == 5.0
     assert report.elapsed_s > 0.0

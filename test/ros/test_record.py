@@ -95,7 +95,7 @@ def test_call_reports_every_frame_with_what_came_of_it():
     told = []
     outcome = CalibrationCall(Source((bare, bare), (road.left, road.right)), config(), told.append).run()
     assert outcome.result.extrinsics == told[1].result.extrinsics
-    assert [report.result.reason for report in told] == [RejectReason.NO_LINES_FOUND, None]
+    assert [report.result.reason for report in told] == [RejectReason.ROAD_NOT_SEEN, None]
     assert [report.stamp_ns for report in told] == [1_000_000_007, 2_000_000_007]
     assert outcome.stamp_ns == told[1].stamp_ns
     np.testing.assert_array_equal(told[1].left, road.left)

@@ -145,7 +145,8 @@ def _make_small(images: tuple[Image, Image], scale: int) -> tuple[Image, Image]:
     size = width // scale, height // scale
     left, right = (
         np.asarray(
-            cv2.resize(image[: size[1] * scale, : size[0] * scale], size, interpolation=cv2.INTER_AREA)
+            cv2.resize(image[: size[1] * scale, : size[0] * scale], size, interpolation=cv2.INTER_AREA),
+            np.uint8,
         )
         for image in images
     )

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from ..lanes.frame_checks import FIND_LINES
 from ..rejection import GateReading, NotFitted, Rejection, RejectReason
-from . import line_readings, measurements, rig_measurements
+from . import line_readings, measurements, rig_measurements, surface_measurements
 from .frame_evidence import Evidence
 from .measurements import Reading
 
@@ -248,28 +248,28 @@ GATES: tuple[Gate, ...] = (
         "halves of the road agree",
         RejectReason.ROAD_NOT_FLAT,
         "drive on, to where the road ahead and beside the car is one plane",
-        measurements.read_halves_difference,
+        surface_measurements.read_halves_difference,
     ),
     Gate(
         "no_kerb_beside",
         "no kerb beside the lane",
         RejectReason.TEXTURE_DISAGREES,
         "the surface may be that of a pavement: drive on, to where the lane itself has texture",
-        measurements.read_kerb_heights,
+        surface_measurements.read_kerb_heights,
     ),
     Gate(
         "strip_agrees",
         "strip under the car agrees",
         RejectReason.TEXTURE_DISAGREES,
         "the surface may be that of a pavement or of another lane: drive on, in the middle of a flat lane",
-        measurements.read_strip_difference,
+        surface_measurements.read_strip_difference,
     ),
     Gate(
         "dense_agrees",
         "dense disparities agree",
         RejectReason.TEXTURE_DISAGREES,
         _KERB,
-        measurements.read_coarse_difference,
+        surface_measurements.read_coarse_difference,
     ),
     Gate(
         "faint_texture_agrees",
@@ -283,7 +283,7 @@ GATES: tuple[Gate, ...] = (
         "road surface agrees",
         RejectReason.TEXTURE_DISAGREES,
         _KERB,
-        measurements.read_surface_difference,
+        surface_measurements.read_surface_difference,
     ),
     Gate(
         "lines_on_surface",

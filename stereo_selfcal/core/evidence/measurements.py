@@ -13,17 +13,8 @@ import numpy as np
 
 from ..estimators.stripe_fit import BLUR_MAX_PX
 from ..geometry.pose import POSE_COMPONENTS
-from ..numerics.linear import solve_linear
-from ..rejection import Bound, NotFitted
-from ..tolerances import (
-    AGREEMENT,
-    EXCLUDED_CHI2_3,
-    EXCLUDED_SIGMAS,
-    KERB_SIGMAS,
-    MAX_DIFFERENCE,
-    MAX_LINE_HEIGHT_M,
-    WRONG,
-)
+from ..rejection import Bound
+from ..tolerances import AGREEMENT, MAX_LINE_HEIGHT_M, WRONG
 from ..types import Array
 from .frame_evidence import Evidence
 from .stripe_border import EDGE_REMAINDER
@@ -183,10 +174,10 @@ def read_uncertainty(evidence: Evidence) -> Reading | None:
     """Read the standard deviations of the estimate."""
     if evidence.std is None:
         return None
-    return _difference("the {axis} is known with a standard deviation of {value}", evidence.std, WRONG)
+    return pose_difference("the {axis} is known with a standard deviation of {value}", evidence.std, WRONG)
 
 
-def _difference(what: str, difference: Array, limits: Array) -> Reading:
+def pose_difference(what: str, difference: Array, limits: Array) -> Reading:
     """Return the reading of the component of the pose that differs most, relative to its limit.
 
     ``{axis}`` in the sentence stands for the name of that component.
@@ -208,7 +199,7 @@ def read_stage_difference(evidence: Evidence) -> Reading | None:
     limits = np.maximum(AGREEMENT, _MAX_STAGE_SIGMAS * sigmas)
     change = evidence.refined.extrinsics.as_array() - evidence.genetic.as_array()
     what = "the lines and the grey values of their stripes differ in {axis} by {value}"
-    return _difference(what, change, limits)
+    return pose_difference(what, change, limits)
 
 
 def read_stripe_width(evidence: Evidence) -> Reading | None:
@@ -245,68 +236,6 @@ def read_clipped_part(evidence: Evidence) -> Reading | None:
     what = "the part of the road that is black or white in an image is {value}"
     good = evidence.clipped <= _MAX_CLIPPED
     return Reading(what, evidence.clipped, Bound.MOST, _MAX_CLIPPED, "", good)
-
-
-def read_surface_difference(evidence: Evidence) -> Reading | None:
-    """Read how the plane of the lines and that of the road surface differ: the one that differs most."""
-    if evidence.line_pose is None or not evidence.contradictors:
-        return None
-    what = "the lane lines and the road surface between them differ in {axis} by {value}"
-    line_pose = evidence.line_pose.as_array()
-    readings = []
-    for each in evidence.contradictors:
-        difference = line_pose - each.extrinsics.as_array()
-        weighted = solve_linear(each.covariance, difference, "numbers of the difference that are known")
-        # All three numbers together: the limit is where they would be as unlikely as EXCLUDED_SIGMAS.
-        chi2 = 0.0 if isinstance(weighted, NotFitted) else float(difference @ weighted)
-        unlikely = np.abs(difference) * math.sqrt(EXCLUDED_CHI2_3 / max(chi2, 1e-9))
-        readings.append(_difference(what, difference, np.maximum(MAX_DIFFERENCE, unlikely)))
-    return max(readings, key=lambda each: each.value / each.threshold)
-
-
-def read_coarse_difference(evidence: Evidence) -> Reading | None:
-    """Read how the plane of the lines and that of the dense disparities of the road differ."""
-    if evidence.coarse is None or evidence.line_pose is None or evidence.std is None:
-        return None
-    difference = evidence.line_pose.as_array() - evidence.coarse.extrinsics.as_array()
-    std = np.sqrt(np.diag(evidence.coarse.covariance) + evidence.std**2)
-    what = "the lane lines and the dense disparities of the road differ in {axis} by {value}"
-    return _difference(what, difference, np.maximum(MAX_DIFFERENCE, EXCLUDED_SIGMAS * std))
-
-
-def read_halves_difference(evidence: Evidence) -> Reading | None:
-    """Read how near and far, or left and right half of the road surface differ, for one without lines."""
-    if evidence.own_strip is None or evidence.texture is None or not evidence.texture.halves:
-        return None
-    what = "two halves of the road surface differ in {axis} by {value}"
-    readings = [
-        _difference(what, difference, np.maximum(MAX_DIFFERENCE, EXCLUDED_SIGMAS * std))
-        for difference, std in evidence.texture.halves
-    ]
-    return max(readings, key=lambda each: each.value / each.threshold)
-
-
-def read_kerb_heights(evidence: Evidence) -> Reading | None:
-    """Read how far the plane of an estimate may lie above or below the surface of the own lane."""
-    if not evidence.kerb_heights:
-        return None
-    most_m = max(abs(each.value_m) + KERB_SIGMAS * each.std_m for each in evidence.kerb_heights)
-    limit_m = 2.0 * MAX_LINE_HEIGHT_M
-    what = (
-        "the road surface between the sides of the own lane leaves room for a kerb beside it: with two "
-        "standard deviations, a height of {value}"
-    )
-    return Reading(what, 1e3 * most_m, Bound.MOST, 1e3 * limit_m, "mm", most_m <= limit_m)
-
-
-def read_strip_difference(evidence: Evidence) -> Reading | None:
-    """Read how the strip of the road under the car differs from all of its surface."""
-    if evidence.texture is None or evidence.own_strip is None:
-        return None
-    difference = evidence.own_strip.extrinsics.as_array() - evidence.texture.extrinsics.as_array()
-    std = np.sqrt(np.diag(evidence.own_strip.covariance))
-    what = "the strip under the car and the whole road surface differ in {axis} by {value}"
-    return _difference(what, difference, np.maximum(AGREEMENT, EXCLUDED_SIGMAS * std))
 
 
 def read_height_over_surface(evidence: Evidence) -> Reading | None:
@@ -360,7 +289,7 @@ def read_profile_change(evidence: Evidence) -> Reading | None:
     limits = np.maximum(AGREEMENT[:2], _SURELY_SIGMAS * profile.std)
     change, limits = np.append(profile.change, 0.0), np.append(limits, 1.0)
     what = "the road 5 to 20 m ahead and the plane of the lane lines differ in {axis} by {value}"
-    return _difference(what, change, limits)
+    return pose_difference(what, change, limits)
 
 
 def read_border_step(evidence: Evidence) -> Reading | None:

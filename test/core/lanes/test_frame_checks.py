@@ -1,6 +1,7 @@
 """Every reason to refuse a frame before there is an estimate, from both sides of its limit."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -96,11 +97,9 @@ def test_least_size(side_px, refused):
 
 
 def lines(n_rows):
-    """Return one upright line, as a candidate, that is seen in so many rows."""
+    """Return one line, as a candidate, that is upright and seen in so many rows."""
     line = ideal_pattern(PAPER_RIG, Extrinsics(1.4, 0.05, 0.0)).left[0]
-    object.__setattr__(line, "n_rows", n_rows)
-    object.__setattr__(line, "slope", 0.0)
-    return [Candidate(line, 10.0)]
+    return [Candidate(replace(line, n_rows=n_rows, slope=0.0), 10.0)]
 
 
 @pytest.mark.parametrize("camera", [0, 1])
@@ -118,6 +117,15 @@ def test_every_camera_sees_a_line_of_forty_rows_on_either_side(camera, side, n_r
         "lens clean",
     )
     assert_refuses(rejection, RejectReason.NO_LINES_FOUND, n_rows or 0, 40, *words)
+
+
+def test_a_flat_line_is_as_long_as_it_is():
+    """A low camera sees lines that run three columns a row: 13 rows of one are 41 px."""
+    (candidate,) = lines(13)
+    for slope, refused in ((3.0, False), (-3.0, False), (2.8, True)):
+        flat = [Candidate(replace(candidate.line, slope=slope), 10.0)]
+        rejection = frame_checks.check_lines_found([(flat, lines(100)), (lines(100), lines(100))], CONFIG)
+        assert (rejection is not None) == refused
 
 
 def test_a_frame_without_any_line_says_so_once():

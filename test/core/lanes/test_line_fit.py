@@ -139,7 +139,7 @@ def test_too_short_a_line_is_none(clean):
     picture, peak = clean
     gradient = edge_response(as_image(picture), 1)
     line = fit_line(gradient, peak, LEAST_NOISE)
-    assert refit_line(gradient, line, LEAST_NOISE, line.rows.max() - 10) is None
+    assert refit_line(gradient, line, LEAST_NOISE, len(picture) - 12) is None
     assert fit_line(np.zeros_like(gradient), peak, LEAST_NOISE) is None
 
 

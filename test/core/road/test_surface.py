@@ -129,18 +129,17 @@ def test_plane_is_found_and_parts_of_it_do_not_differ(known):
 
 
 def test_another_slope_ahead_spreads_the_pose(known):
-    """The plane lies between those from 3 m and from 5 m on, and half of what they differ by is a doubt."""
+    """The plane lies between those from 3 m and from 5 m on; how these and the nearest differ is a doubt."""
     bent = 0.004 * np.maximum(CELLS.xy[:, 0] - 11.0, 0.0)
     found = fitted(replace(CELLS, heights=bent), DESIGN, LANE)
     x = LANE.xy[:, 0]
     expected = lane_plane(0.004 * np.maximum(x - 11.0, 0.0))
     assert np.all(np.abs(found.plane - expected) < [2e-3, 3e-4, 3e-4])
     spread = np.sqrt(found.covariance_terms["part_of_road"][1, 1])
-    planes = [
-        np.polyfit(x[(x >= a) & (x <= b)], 0.004 * np.maximum(x[(x >= a) & (x <= b)] - 11.0, 0.0), 1)[0]
-        for a, b in ((3.0, 15.0), (5.0, 20.0))
-    ]
-    assert spread == pytest.approx(abs(planes[1] - planes[0]) / 2.0, rel=0.25)
+    stretches = [(x >= begin_m) & (x <= end_m) for begin_m, end_m in ((3.0, 15.0), (5.0, 20.0), (3.0, 10.0))]
+    slopes = [np.polyfit(x[of], 0.004 * np.maximum(x[of] - 11.0, 0.0), 1)[0] for of in stretches]
+    expected_spread = np.sqrt(np.mean(np.square(np.array(slopes) - np.mean(slopes[:2]))))
+    assert spread == pytest.approx(expected_spread, rel=0.25)
 
 
 def test_halves_of_a_road_that_bends_differ_by_its_bend(known):
