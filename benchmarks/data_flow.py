@@ -101,7 +101,7 @@ ROWS = (
             Box(
                 "lanes/detector",
                 ("lines of the whole", "image"),
-                ("hough", "chains", "line_fit"),
+                ("hough", "line_fit"),
                 alternative=True,
             ),
             Box(

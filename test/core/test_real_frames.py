@@ -42,7 +42,7 @@ def error(result, reference):
     ("name", "last"),
     [
         ("000036", "combined"),  # two lines that both cameras see well
-        ("000076", "combined"),  # found by chains
+        ("000076", "combined"),
         ("000107", "combined"),  # found with the plane of the texture
         ("000063", "textured"),  # two lines, of which one may be a kerb
         ("000040", "textured"),  # one line

@@ -18,14 +18,12 @@ from .stripe_points import StripePoints
 class LineDetector(Protocol):
     """Finds the lines of one image: any function with these arguments."""
 
-    def __call__(self, points: StripePoints, image: Image, *, chained: bool) -> Candidates:
+    def __call__(self, points: StripePoints, image: Image) -> Candidates:
         """Find the lines of one image.
 
         Args:
             points: Its stripe points, with the gradient and the noise of the image.
             image: (H, W) uint8, rectified.
-            chained: Whether this is the second search in a frame, for which stripe points are linked to
-                chains. A detector that makes no use of chains may return the same lines again.
 
         Returns:
             Lines that may be left boundaries of a lane, which run to the left going down, and lines that may
@@ -34,7 +32,7 @@ class LineDetector(Protocol):
         """
 
 
-def detect_by_hough(points: StripePoints, image: Image, *, chained: bool) -> Candidates:
+def detect_by_hough(points: StripePoints, image: Image) -> Candidates:
     """Find lines by the Hough transform of the stripe points, and fit each of them to the gradient.
 
     This is the detector of the paper (section 2.2). Arguments and result are those of :class:`LineDetector`.
@@ -45,6 +43,6 @@ def detect_by_hough(points: StripePoints, image: Image, *, chained: bool) -> Can
             for peak in peaks
             if (line := fit_line(points.gradient, peak, points.noise_grey)) is not None
         ]
-        for peaks in hough_peaks(points, image.shape, chained)
+        for peaks in hough_peaks(points, image.shape)
     )
     return left, right

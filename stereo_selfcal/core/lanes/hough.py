@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ..types import Array
-from .chains import chain_points
 from .stripe_points import StripePoints
 
 _THETA_STEP_DEG = 1.0
@@ -29,15 +28,6 @@ _RHO_STEP_PX = 4.0
 _MIN_VOTE_HALF_WIDTH_DEG = 8.0
 _MAX_VOTE_HALF_WIDTH_DEG = 40.0  # half the accumulator; a larger one gives no information
 _VOTE_SIGMAS = 3.0
-
-# The direction of a chain is as accurate as its scatter allows; a cell of the accumulator is one degree wide.
-_MIN_CHAIN_HALF_WIDTH_DEG = 1.0
-# Shorter chains arise by chance: two links in a row.
-_MIN_CHAIN_ROWS = 8
-# A point of a chain this long or longer has its full vote: the shortest dash, 3 m, is as many rows long 20 m
-# ahead. A point without a chain has a tenth of it.
-_FULL_CHAIN_ROWS = 24.0
-_UNCHAINED_VOTE = 0.1
 
 # Contrast beyond this adds no votes: a quarter of the grey levels (the paper's stripes have 123). So fresh
 # paint in the sun does not outvote a worn line of twice the length.
@@ -56,7 +46,6 @@ _UPRIGHT_DEG, _UPRIGHT_PEAKS = 6.0, 4
 # a tenth of its votes, and 40 rows of it have 5.
 _MIN_VOTE_SHARE = 0.04
 _MIN_VOTES = 2.0
-_MIN_CHAINED_VOTES = 0.2  # the same where points vote as chains: without a chain, a point has a tenth
 # Points this close to a peak are taken as points of its line. Their votes are withdrawn before the next peak
 # is searched. It is the half diagonal of a cell over the length of a line.
 _SUPPORT_PX = 6.0
@@ -79,25 +68,21 @@ class HoughPeak:
     last_row: int
 
 
-def hough_peaks(
-    points: StripePoints, shape: tuple[int, int], chained: bool = False
-) -> tuple[list[HoughPeak], list[HoughPeak]]:
+def hough_peaks(points: StripePoints, shape: tuple[int, int]) -> tuple[list[HoughPeak], list[HoughPeak]]:
     """Return the strongest lines of either sign of theta, strongest first.
 
     Args:
         points: Marked points of one image.
         shape: (H, W) of the image.
-        chained: Whether points vote as the chains they belong to. Foliage has many points but no chains.
-            But noise breaks chains, and a bend becomes a chord.
 
     Returns:
         Lines that run to the left going down (theta > 0: left lane boundaries), and to the right.
     """
     centre_u, centre_v = (shape[1] - 1) / 2, (shape[0] - 1) / 2
-    vote, theta, half_width, chained_point = _votes(points, shape[1], chained)
+    vote, theta, half_width = _votes(points)
     strongest = np.argsort(-vote, kind="stable")[:_MAX_VOTING_POINTS]
     u, v = points.columns[strongest] - centre_u, points.rows[strongest] - centre_v
-    theta, half_width, chained_point = theta[strongest], half_width[strongest], chained_point[strongest]
+    theta, half_width = theta[strongest], half_width[strongest]
     n_rho = 2 * math.ceil(math.hypot(*shape) / 2 / _RHO_STEP_PX) + 3
     cells, owner = _cells(u, v, theta, half_width, n_rho)
     weights = vote[strongest]
@@ -107,7 +92,7 @@ def hough_peaks(
     middle = _N_THETA // 2
     regions = (slice((middle + 1) * n_rho, _N_THETA * n_rho), slice(0, middle * n_rho))
     strongest_votes = float(table.max(initial=0.0))
-    least_votes = max(_MIN_CHAINED_VOTES if chained else _MIN_VOTES, _MIN_VOTE_SHARE * strongest_votes)
+    least_votes = max(_MIN_VOTES, _MIN_VOTE_SHARE * strongest_votes)
     reach = round(_UPRIGHT_DEG / _THETA_STEP_DEG)
     upright = slice((middle - reach) * n_rho, (middle + reach + 1) * n_rho)
     for peaks, region in zip(sides, regions, strict=True):
@@ -123,7 +108,6 @@ def hough_peaks(
             rho = (best % n_rho - n_rho // 2) * _RHO_STEP_PX
             support = np.abs(u * math.cos(angle) + v * math.sin(angle) - rho) < _SUPPORT_PX
             support &= weights > 0.0
-            near = support & chained_point
             support &= np.abs(theta - math.degrees(angle)) <= half_width
             if not support.any():
                 table[best] = 0.0
@@ -136,10 +120,8 @@ def hough_peaks(
                 weights[support],
                 ((rho - v_mid * math.sin(angle)) / math.cos(angle), -math.tan(angle)),
             )
-            rows = _row_range(points.rows[chosen], weights[support])
-            if 2.0 * weights[support & chained_point].sum() <= weights[support].sum():
-                # Houses and trees stand above a line; below its points it may go on, in noise.
-                rows = (rows[0], shape[0] - 1.0)
+            # Houses and trees stand above a line; below its points it may go on, in noise.
+            rows = _row_range(points.rows[chosen], weights[support])[0], shape[0] - 1.0
             peaks.append(
                 HoughPeak(
                     u_mid=u_mid + centre_u,
@@ -152,8 +134,6 @@ def hough_peaks(
                     last_row=int(rows[1]),
                 )
             )
-            # A stripe that several filters have marked must not be found again as another line.
-            support |= near
             withdrawn = support[owner]
             table -= np.bincount(cells[withdrawn], weights[owner[withdrawn]], minlength=table.size)
             weights[support] = 0.0
@@ -161,23 +141,12 @@ def hough_peaks(
     return sides
 
 
-def _votes(
-    points: StripePoints, width: int, chained: bool
-) -> tuple[Array, Array, Array, npt.NDArray[np.bool_]]:
-    """Return weight, theta [deg] and half width [deg] of each point's votes, and whether it is in a chain."""
+def _votes(points: StripePoints) -> tuple[Array, Array, Array]:
+    """Return weight, theta [deg] and half width [deg] of each point's votes."""
     vote = np.minimum(points.contrast / _FULL_VOTE_GREY, 1.0) * points.continuity * points.counts
-    slopes, slope_std = points.slopes, points.slope_std
-    chained_point = np.zeros(len(vote), dtype=bool)
-    if chained:
-        chains = chain_points(points, width)
-        chained_point = chains.length >= _MIN_CHAIN_ROWS
-        vote = vote * np.clip(chains.length / _FULL_CHAIN_ROWS, _UNCHAINED_VOTE, 1.0)
-        slopes = np.where(chained_point, chains.slope, slopes)
-        slope_std = np.where(chained_point, chains.slope_std, slope_std)
-    spread = np.degrees(slope_std / (1.0 + slopes**2))
-    least = np.where(chained_point, _MIN_CHAIN_HALF_WIDTH_DEG, _MIN_VOTE_HALF_WIDTH_DEG)
-    half_width = np.clip(_VOTE_SIGMAS * spread, least, _MAX_VOTE_HALF_WIDTH_DEG)
-    return vote, np.degrees(np.arctan(-slopes)), half_width, chained_point
+    spread = np.degrees(points.slope_std / (1.0 + points.slopes**2))
+    half_width = np.clip(_VOTE_SIGMAS * spread, _MIN_VOTE_HALF_WIDTH_DEG, _MAX_VOTE_HALF_WIDTH_DEG)
+    return vote, np.degrees(np.arctan(-points.slopes)), half_width
 
 
 def _line_through(u: Array, v: Array, weights: Array, cell: tuple[float, float]) -> tuple[float, float]:

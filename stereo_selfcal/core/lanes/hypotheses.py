@@ -67,7 +67,6 @@ def find_hypotheses(
     images: tuple[Image, Image],
     rig: StereoRig,
     config: CalibratorConfig,
-    chained: bool = False,
     detector: LineDetector = detect_by_hough,
 ) -> LaneHypotheses:
     """Find the pairs of lane boundaries that both cameras see.
@@ -77,10 +76,9 @@ def find_hypotheses(
         images: Both images, (H, W) uint8.
         rig: Intrinsics and baseline.
         config: Settings of the extraction.
-        chained: Whether points vote as chains (:func:`~stereo_selfcal.core.lanes.hough.hough_peaks`).
         detector: Detector of the lines of an image.
     """
-    left, right = (detector(each, image, chained=chained) for each, image in zip(points, images, strict=True))
+    left, right = (detector(each, image) for each, image in zip(points, images, strict=True))
     matches = match_lines(left, right, images, rig, config)
     refusal = frame_checks.check_lines_found([left, right], config)
     if refusal:

@@ -263,7 +263,7 @@ def _both_upside_down(frame: FrameObservations, rig: StereoRig, config: Calibrat
     # Most refused frames show no lines that way either: one image is enough to see that.
     images = Relation.TURNED.applied_to(frame.images[0]), Relation.TURNED.applied_to(frame.images[1])
     left = find_stripe_points(images[0], config.extraction)
-    if not all(detect_by_hough(left, images[0], chained=False)):
+    if not all(detect_by_hough(left, images[0])):
         return None
     points = left, find_stripe_points(images[1], config.extraction)
     # A principal point at the border of the image stays there.

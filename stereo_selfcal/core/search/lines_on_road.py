@@ -72,7 +72,7 @@ def candidates_on_road(
     # At a disparity d, a metre is d / baseline pixels wide.
     half_px = disparity * (_HALF_WIDTH_M / rig.baseline_m)
     on_road = (disparity > LEAST_DISPARITY_PX) & (np.abs(rays[:, 1]) * rig.fx < half_px)
-    return detect_by_hough(points.chosen(on_road), image, chained=False)
+    return detect_by_hough(points.chosen(on_road), image)
 
 
 def lines_on_road(

@@ -25,7 +25,7 @@ def frame_of_a_straight_road():
 def test_hough_detector_finds_both_boundaries_on_their_sides():
     images, points, _, _ = frame_of_a_straight_road()
     for image, view in zip(images, points, strict=True):
-        left, right = detect_by_hough(view, image, chained=False)
+        left, right = detect_by_hough(view, image)
         assert left[0].line.slope < 0.0 < right[0].line.slope  # going down: to the left, to the right
         assert left[0].votes == max(candidate.votes for candidate in left)
 
@@ -34,13 +34,13 @@ def test_another_detector_takes_the_place_of_hough():
     images, points, rig, config = frame_of_a_straight_road()
     calls = []
 
-    def best_only(view, image, *, chained):
-        calls.append(chained)
-        return tuple(side[:1] for side in detect_by_hough(view, image, chained=chained))
+    def best_only(view, image):
+        calls.append(len(view.rows))
+        return tuple(side[:1] for side in detect_by_hough(view, image))
 
     usual = find_hypotheses(points, images, rig, config)
-    found = find_hypotheses(points, images, rig, config, chained=True, detector=best_only)
-    assert calls == [True, True]  # once for each camera
+    found = find_hypotheses(points, images, rig, config, detector=best_only)
+    assert calls == [len(view.rows) for view in points]  # once for each camera
     assert [len(side) for camera in found.candidates for side in camera] == [1, 1, 1, 1]
     np.testing.assert_allclose(found.patterns[0].columns, usual.patterns[0].columns, atol=0.2)
 
@@ -48,8 +48,8 @@ def test_another_detector_takes_the_place_of_hough():
 def test_lines_of_a_detector_are_judged_as_those_of_hough_are():
     images, points, rig, config = frame_of_a_straight_road()
 
-    def far_too_short(view, image, *, chained):
-        sides = detect_by_hough(view, image, chained=chained)
+    def far_too_short(view, image):
+        sides = detect_by_hough(view, image)
         return tuple([Candidate(replace(c.line, n_rows=12), c.votes) for c in side] for side in sides)
 
     found = find_hypotheses(points, images, rig, config, detector=far_too_short)

@@ -59,7 +59,7 @@ def test_what_is_not_on_the_road_is_no_candidate():
     plane = plane_from_pose(scene.extrinsics, scene.rig, PlaneCamera.LEFT)
     asked = {}
 
-    def detector(chosen, image, *, chained):
+    def detector(chosen, image):
         asked["points"] = chosen
         return [], []
 
