@@ -115,14 +115,14 @@ def test_json_has_the_attempts_of_every_frame():
     attempts = (
         AttemptSummary(FoundBy.HOUGH, Verdict.REFUSED, REFUSED.rejection, "some gate"),
         AttemptSummary(FoundBy.SURFACE, Verdict.NOT_FITTED, comment="no line lies in it"),
-        AttemptSummary(FoundBy.CHAINS, Verdict.ACCEPTED),
+        AttemptSummary(FoundBy.ROAD, Verdict.ACCEPTED),
     )
     content = json.loads(as_json(replay([FrameRow(0.0, None, POSE, attempts=attempts)], Drive(RESULT))))
     message = "lines: 1 px, at least 2 px needed; drive straight"
     assert [list(attempt.values()) for attempt in content["frames"][0]["attempts"]] == [
         ["hough", "refused", "lines_not_converging", message],
         ["surface", "not_fitted", None, "no line lies in it"],
-        ["chains", "accepted", None, ""],
+        ["road", "accepted", None, ""],
     ]
     assert all(
         list(attempt) == ["found_by", "verdict", "reason", "message"]
