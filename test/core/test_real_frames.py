@@ -13,7 +13,9 @@ from stereo_selfcal import StereoRig, calibrate
 from stereo_selfcal.bags import StereoBag
 
 # May not be copied into the project (CC BY-NC-SA).
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+# Beside the checkout, or beside the folder it is in.
+_PLACES = [folder / "shared" / "data" for folder in Path(__file__).resolve().parents[3:5]]
+DATA = next((place for place in _PLACES if place.is_dir()), _PLACES[0])
 FRAMES, BAG = DATA / "kitti_frames", DATA / "kitti_odometry02"
 pytestmark = pytest.mark.skipif(not FRAMES.is_dir(), reason=f"no real frames in {DATA}")
 
@@ -42,24 +44,27 @@ def error(result, reference):
     ("name", "last"),
     [
         ("000036", "combined"),  # two lines that both cameras see well
-        ("000076", "combined"),
-        ("000107", "combined"),  # found with the plane of the texture
-        ("000063", "textured"),  # two lines, of which one may be a kerb
+        ("000076", "combined"),  # two of several lines
+        ("000107", "combined"),
+        ("000063", "combined"),  # two lines, of which one may be a kerb
         ("000040", "textured"),  # one line
         ("000109", "combined"),  # a bend
+        ("000043", "combined"),  # a crossing
+        ("000089", "combined"),  # in a bend, standing
+        ("000149", "textured"),  # clutter, and no pair of lines
     ],
 )
-def test_roads_with_lines_are_calibrated(name, last):
+def test_roads_are_calibrated(name, last):
     rig, left, right, lidar = frame(name)
     result = calibrate(left, right, rig)
     assert result.accepted, result.message
     assert list(result.stages)[-1] == last
-    assert np.all(error(result, lidar) < WRONG / 2)
+    assert np.all(error(result, lidar) < WRONG)
     assert np.all(error(result, lidar) < 4 * result.std.as_array() * READABLE)
 
 
-@pytest.mark.parametrize("name", ["000002", "000043", "000089", "000149"])
-def test_crossings_and_clutter_are_refused_with_a_reason(name):
+@pytest.mark.parametrize("name", ["000002", "000112", "000115"])
+def test_clutter_without_a_road_is_refused_with_a_reason(name):
     rig, left, right, _ = frame(name)
     result = calibrate(left, right, rig)
     assert not result.accepted

@@ -3,20 +3,23 @@
 import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from independent_camera import ideal_pattern
 
-from stereo_selfcal import Extrinsics
+from stereo_selfcal import Calibrator, CalibratorConfig, Extrinsics
 from stereo_selfcal.core.config import FitnessConfig
 from stereo_selfcal.core.estimators.fitness import PatternFitness
 from stereo_selfcal.core.estimators.line_covariance import propagate
+from stereo_selfcal.core.estimators.stripe_fit import refine
 from stereo_selfcal.core.evidence.rig_unknowns import response_of_lines, response_of_surface, rig_terms
 from stereo_selfcal.core.geometry.plane import plane_from_pose
 from stereo_selfcal.core.geometry.rays import pixel_rays
 from stereo_selfcal.core.geometry.uncertainty import total_covariance
 from stereo_selfcal.core.lanes.lane_pair import LanePattern
-from stereo_selfcal.synth.scenes import PAPER_RIG
+from stereo_selfcal.synth.renderer import render
+from stereo_selfcal.synth.scenes import PAPER_RIG, random_scene
 
 RIG = PAPER_RIG
 POSE = Extrinsics(1.4, 0.05, 0.02)
@@ -105,6 +108,32 @@ def test_lines_that_an_error_moves_have_another_pose(unknown, camera, pose, yaw)
     assert np.any(np.abs(moved) > 1e-5)
     # A line moves by a fifth of a pixel at most, so that all is linear to a hundredth.
     assert np.all(np.abs(found - moved) < 0.02 * np.abs(moved).max() + 1e-6), (found, moved)
+
+
+@pytest.mark.slow
+def test_the_fit_of_the_stripes_responds_as_the_lines_do():
+    """The estimate is that of the stripes' grey values: rendered ones, moved by five standard deviations."""
+    scene = random_scene(np.random.default_rng(4), 0.0)
+    left, right = render(scene, np.random.default_rng(0))
+    calibrator = Calibrator(RIG, CalibratorConfig.from_mapping({"texture.check": 0}))
+    pattern = calibrator.extract(left, right)
+    start = calibrator.calibrate_frame(left, right).stages["genetic"]
+    claimed = response_of_lines(propagate(pattern, RIG, start, CONFIG), pattern, RIG)
+    before = refine((left, right), pattern, RIG, start).extrinsics.as_array()
+    v, u = np.mgrid[0 : RIG.height, 0 : RIG.width].astype(np.float32)
+    for unknown, changed in enumerate(UNKNOWNS.values()):
+        # What lies at (u, v) moves to the left by as much as the disparity is larger, or down.
+        by_u, by_v = (0.0, -0.5) if changed is None else (5.0 * changed(u, v), 0.0)
+        maps = (u + by_u).astype(np.float32), (v + by_v).astype(np.float32)
+        image = cv2.remap(
+            right.astype(np.float32), *maps, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE
+        )
+        moved = np.clip(np.rint(image), 0, 255).astype(np.uint8)
+        after = refine((left, moved), pattern, RIG, start).extrinsics.as_array()
+        found, expected = (after - before) / 5.0, claimed[:, unknown]
+        scale = np.abs(expected) / [1e-3, 1e-4, 1e-3]
+        strongest = int(np.argmax(scale))
+        assert found[strongest] == pytest.approx(expected[strongest], rel=0.15)
 
 
 def test_lines_know_the_horizon_where_the_surface_does_not():
