@@ -242,8 +242,12 @@ def _correlations(
     starts = np.searchsorted(strip, np.arange(_N_STRIPS))
     flat = right.ravel()
     both, squares = np.empty((2, len(ratios), _N_STRIPS))
+    position, at = np.empty_like(row_start), np.empty(len(row_start), np.intp)
     for i, ratio in enumerate(ratios):
-        of_right = flat[(row_start - ratio * disparity).astype(np.intp)]
+        np.multiply(disparity, -ratio, out=position)
+        position += row_start
+        at[:] = position  # rounds down
+        of_right = flat.take(at)
         both[i] = np.add.reduceat(of_left * of_right, starts)
         squares[i] = np.add.reduceat(of_right * of_right, starts)
     of_left_squares = np.add.reduceat(of_left * of_left, starts)
@@ -271,10 +275,12 @@ def _spread_of_rows(band: Floats, rows: Indices, columns: Indices) -> Floats:
     """Return the standard deviation (H, 1) of the grey values of each row's samples, by their median."""
     blocks = rows // _ROWS_OF_BAND
     values = np.abs(band[rows, columns])
-    order = np.lexsort((values, blocks))
+    # Sorted by block, and by value within each block.
+    span = float(values.max()) + 1.0
+    ordered = np.sort(blocks * span + values)
     counts = np.bincount(blocks, minlength=-(-len(band) // _ROWS_OF_BAND))
     starts = np.cumsum(counts) - counts
-    medians = values[order][np.minimum(starts + counts // 2, len(values) - 1)]
+    medians = ordered[np.minimum(starts + counts // 2, len(values) - 1)] % span
     spread = np.maximum(SIGMA_OVER_MAD * medians, _LEAST_SPREAD_GREY)
     return np.repeat(spread, _ROWS_OF_BAND)[: len(band), None].astype(np.float32)
 
