@@ -99,21 +99,20 @@ def _likelihoods(left: Array, right: Array, inner: Indices, shift_bins: Array, v
     """
     position = np.clip(inner + shift_bins, 0.0, len(right) - 1.001)
     below = position.astype(np.intp)
-    part = position - below
-    moved = right[below] * (1.0 - part) + right[below + 1] * part
+    moved = right.take(below) + (position - below) * np.diff(right).take(below)
     root = 1.0 / np.sqrt(variance)
+    moved *= root
     shades = np.polynomial.polynomial.polyvander(np.linspace(-1.0, 1.0, len(inner)), _SHADE_DEGREE)
     basis, _ = np.linalg.qr(shades * root[:, None])
-
-    def without_shade(values: Array) -> Array:
-        scaled = values * root
-        free: Array = scaled - (scaled @ basis) @ basis.T
-        return free
-
-    target, tried = without_shade(left[inner]), without_shade(moved)
-    squares = np.maximum((tried * tried).sum(axis=-1), 1e-9)
-    gain = np.clip((tried @ target) / squares, *_GAINS)
-    remaining = ((target - gain[..., None] * tried) ** 2).sum(axis=-1)
+    target = left[inner] * root
+    target = target - (target @ basis) @ basis.T
+    # What is left of the right mean without shades is not written out: its products are enough.
+    products = moved @ np.column_stack([basis, target])
+    squares = np.einsum("...n,...n", moved, moved) - np.einsum(
+        "...n,...n", products[..., :-1], products[..., :-1]
+    )
+    gain = np.clip(products[..., -1] / np.maximum(squares, 1e-9), *_GAINS)
+    remaining = target @ target - 2.0 * gain * products[..., -1] + gain**2 * squares
     free = len(inner) - _SHADE_DEGREE - 2
     inside = (np.abs(shift_bins).max(axis=-1) <= inner[0] - 1) & (position.max(axis=-1) < len(right) - 1)
     remaining = np.where(inside, remaining, target @ target)

@@ -193,26 +193,34 @@ def lane_samples(
     Returns:
         (N,) each, strip by strip.
     """
-    u, v = np.arange(rig.width), np.arange(rig.height)[:, None]
-    rays = pixel_rays(rig, u, v)
-    disparity = plane.disparities(rays)
-    ahead = rig.fx * rig.baseline_m / np.maximum(disparity, _LEAST_DISPARITY_PX)
-    aside = (rays[..., 1] + np.tan(lane_yaw_rad)) * ahead + rig.baseline_m / 2.0
-    right_m, left_m = limits_m
-    inside = (disparity > _LEAST_DISPARITY_PX) & (ahead < _FAR_M) & (right_m < aside) & (aside < left_m)
-    inside &= (np.minimum(u, rig.width - 1 - u) >= _BORDER_PX) & (
-        np.minimum(v, rig.height - 1 - v) >= _BORDER_PX
+    # Rows whose disparities are all too small are left out; the rest is written out row by column, as a ray
+    # is (1, y, z) with y by the column and z by the row.
+    least = max(_LEAST_DISPARITY_PX, rig.fx * rig.baseline_m / _FAR_M)
+    ends = plane.disparities(
+        pixel_rays(rig, np.array([0.0, rig.width - 1.0]), np.arange(rig.height)[:, None])
     )
+    near = np.flatnonzero(ends.max(axis=1) > least)
+    first, last = (int(near[0]), int(near[-1]) + 1) if len(near) else (0, 0)
+    first, last = max(first, _BORDER_PX), min(last, rig.height - _BORDER_PX)
+    u, v = np.arange(rig.width), np.arange(first, max(first, last))
+    by_column, by_row = pixel_rays(rig, u, rig.cy), pixel_rays(rig, rig.cx, v)
+    disparity = plane.disparities(by_row)[:, None] + plane.coefficients[1] * by_column[:, 1]
+    ahead = rig.fx * rig.baseline_m / np.maximum(disparity, _LEAST_DISPARITY_PX)
+    aside = (by_column[:, 1] + np.tan(lane_yaw_rad)) * ahead + rig.baseline_m / 2.0
+    right_m, left_m = limits_m
+    inside = (disparity > least) & (right_m < aside) & (aside < left_m)
+    inside &= np.minimum(u, rig.width - 1 - u) >= _BORDER_PX
     inside &= u - _RATIOS[1] * disparity >= _BORDER_PX
     rows, columns = np.nonzero(inside)
     thinning = max(1, -(-len(rows) // _MOST_SAMPLES))
     rows, columns = rows[::thinning], columns[::thinning]
-    aside = aside[rows, columns]
+    aside, disparity = aside[rows, columns], disparity[rows, columns]
+    rows += first
     share = (aside - right_m) / (left_m - right_m)
     strip = np.clip((share * _N_STRIPS).astype(np.intp), 0, _N_STRIPS - 1)
     order = np.argsort(strip, kind="stable")
     rows, columns = rows[order], columns[order]
-    return rows, columns, disparity[rows, columns], strip[order], aside[order]
+    return rows, columns, disparity[order], strip[order], aside[order]
 
 
 def _correlations(
@@ -234,8 +242,12 @@ def _correlations(
     starts = np.searchsorted(strip, np.arange(_N_STRIPS))
     flat = right.ravel()
     both, squares = np.empty((2, len(ratios), _N_STRIPS))
+    position, at = np.empty_like(row_start), np.empty(len(row_start), np.intp)
     for i, ratio in enumerate(ratios):
-        of_right = flat[(row_start - ratio * disparity).astype(np.intp)]
+        np.multiply(disparity, -ratio, out=position)
+        position += row_start
+        at[:] = position  # rounds down
+        of_right = flat.take(at)
         both[i] = np.add.reduceat(of_left * of_right, starts)
         squares[i] = np.add.reduceat(of_right * of_right, starts)
     of_left_squares = np.add.reduceat(of_left * of_left, starts)
@@ -263,10 +275,12 @@ def _spread_of_rows(band: Floats, rows: Indices, columns: Indices) -> Floats:
     """Return the standard deviation (H, 1) of the grey values of each row's samples, by their median."""
     blocks = rows // _ROWS_OF_BAND
     values = np.abs(band[rows, columns])
-    order = np.lexsort((values, blocks))
+    # Sorted by block, and by value within each block.
+    span = float(values.max()) + 1.0
+    ordered = np.sort(blocks * span + values)
     counts = np.bincount(blocks, minlength=-(-len(band) // _ROWS_OF_BAND))
     starts = np.cumsum(counts) - counts
-    medians = values[order][np.minimum(starts + counts // 2, len(values) - 1)]
+    medians = ordered[np.minimum(starts + counts // 2, len(values) - 1)] % span
     spread = np.maximum(SIGMA_OVER_MAD * medians, _LEAST_SPREAD_GREY)
     return np.repeat(spread, _ROWS_OF_BAND)[: len(band), None].astype(np.float32)
 

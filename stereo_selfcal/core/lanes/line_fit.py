@@ -175,22 +175,24 @@ def _robust_line(v: Array, u: Array, weights: Array) -> tuple[tuple[float, float
     """
     relative = weights / weights.mean()
     root = np.sqrt(relative)
+    # Normal equations of two parameters, written out: this runs for every line of every frame.
+    products = relative * np.stack([np.ones(len(v)), v, v * v, u, v * u])
+    rows, columns = root * np.stack([np.ones(len(v)), v]), root * u
 
     def fit(robust: Array, _: object) -> tuple[tuple[float, float, Array], Array] | NotFitted:
-        used = relative * robust
-        # Normal equations of two parameters, written out: this runs for every line of every frame.
-        s0, s1, s2 = float(used.sum()), float(used @ v), float(used @ (v * v))
-        t0, t1 = float(used @ u), float(used @ (v * u))
+        sums = products @ robust
+        s0, s1, s2, t0, t1 = sums.tolist()
         determinant = s0 * s2 - s1 * s1
         if determinant <= _SINGULAR * s0 * s2:
             spread = determinant / (s0 * s2) if s0 * s2 > 0.0 else 0.0
             return NotFitted("spread of the rows", spread, Bound.LEAST, _SINGULAR)
         a, b = (s2 * t0 - s1 * t1) / determinant, (s0 * t1 - s1 * t0) / determinant
         # Residuals in units of a point of mean weight.
-        return (a, b, np.array([[s2, -s1], [-s1, s0]]) / determinant), (u - a - b * v) * root
+        return (a, b, sums), columns - np.array([a, b]) @ rows
 
     found = fit_reweighted(fit, len(v), _REWEIGHTING, _SCALE)
     if isinstance(found, NotFitted) or np.count_nonzero(found.weights) < _MIN_BLOCKS:
         return None
-    a, b, inverse = found.solution
+    a, b, (s0, s1, s2, *_) = found.solution
+    inverse = np.array([[s2, -s1], [-s1, s0]]) / (s0 * s2 - s1 * s1)
     return (a, b), found.scale**2 * inverse, found.weights
