@@ -162,9 +162,13 @@ def _align_between(
     )
     heights = _heights_over_lane(pattern, rig, pose, between)
     fit = wide if wide is not None and wide.common_texture else between
-    if fit is None or between is None or not heights:
-        return fit or wide, heights, 0.0 if fit is None else min(fit.sufficiency, _INSUFFICIENT)
-    return fit, heights, min(fit.sufficiency, surely_no_kerb(heights))
+    sufficiency = 0.0
+    if fit is not None:
+        no_kerb = surely_no_kerb(heights) if heights else _INSUFFICIENT
+        sufficiency = min(fit.sufficiency, no_kerb)
+    # A weaker texture between the lines may be aligned by chance.
+    sure = between is not None and between.enough_texture
+    return fit or wide, heights if sure else (), sufficiency
 
 
 def _cross_check_on_surface(

@@ -92,6 +92,7 @@ GOOD = Evidence(
     contradictors=(Contradictor(POSE, np.diag([0.004, 2e-4, 1.5e-3]) ** 2),),
     vergence=Vergence(math.radians(0.01), math.radians(0.005), math.radians(0.05), by_lines=True),
     own_strip=ASPHALT,
+    kerb_heights=(HeightOverLane(0.01, 0.005), HeightOverLane(-0.01, 0.005)),
     coarse=DENSE,
     sweeps=(swept((POSE.height_m, POSE.roll_rad, 9.0)),),
 )
@@ -163,6 +164,7 @@ BAD = {
     "certain": {"std": np.array([0.2, 1e-4, 1e-3])},
     "lines_on_lane_surface": {"lane_heights": over(0.1, 0.0, std_m=0.005)},
     "halves_agree": {"texture": replace(ASPHALT, halves=((np.array([0.1, 0.0, 0.0]), np.full(3, 1e-4)),))},
+    "no_kerb_beside": {"kerb_heights": (HeightOverLane(0.05, 0.006),)},
     "strip_agrees": {"own_strip": replace(ASPHALT, extrinsics=replace(POSE, height_m=1.54))},
     "dense_agrees": {"coarse": replace(DENSE, extrinsics=replace(POSE, height_m=1.6))},
     "faint_texture_agrees": {"sweeps": (swept((1.6, 0.0, 9.0)),)},
@@ -208,6 +210,7 @@ def test_gates_without_evidence_are_not_read_and_those_of_before_not_again():
             coarse=None,
             sweeps=(),
             contradictors=(),
+            kerb_heights=(),
             vergence=None,
         )
     )
@@ -222,10 +225,11 @@ def test_asphalt_alone_is_plausible_rectified_and_not_turned():
     alone = Evidence(CONFIG, texture=ASPHALT, vertical=GOOD.vertical)
     names = ["plausible", "rectified", "not_turned"]
     assert [reading.name for reading in evaluate_gates(alone)[0]] == names
-    alone = replace(alone, own_strip=ASPHALT, std=GOOD.std)
+    alone = replace(alone, own_strip=ASPHALT, kerb_heights=GOOD.kerb_heights, std=GOOD.std)
     assert [reading.name for reading in evaluate_gates(alone)[0]] == [
         *names,
         "halves_agree",
+        "no_kerb_beside",
         "strip_agrees",
         "certain",
     ]
@@ -496,7 +500,7 @@ def test_halves_of_the_surface_agree(axis, limit, scale, sign, place):
     assert_refuses(off(1.01 * limit), RejectReason.ROAD_NOT_FLAT, *limits, *words)
     assert off(1.24 * limit, 0.25 * limit) is None
     assert off(1.26 * limit, 0.25 * limit) is not None
-    assert off(1.26 * limit, own_strip=None) is None  # with lines, the profile along them tells
+    assert off(1.26 * limit, kerb_heights=()) is None  # with lines, the profile along them tells
 
 
 @pytest.mark.parametrize(("height_m", "roll_rad"), [(0.07, 0.0), (-0.07, 0.0), (0.0, 0.03), (0.0, -0.03)])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from stereo_selfcal import Calibrator, CalibratorConfig, RejectReason
+from stereo_selfcal.core.evidence import road_surface
 from stereo_selfcal.core.evidence.frame_evidence import FoundBy, FrameObservations, Hypothesis
 from stereo_selfcal.core.lanes import frame_checks
 from stereo_selfcal.core.lanes.hypotheses import NoPattern
@@ -64,23 +65,24 @@ def test_what_was_refused_before_is_told_with_pattern_readings_and_reason(textur
         assert not attempt.readings[-1].passed and all(each.passed for each in attempt.readings[:-1])
 
 
-def test_an_estimator_that_gives_up_says_why_and_does_not_decide(textured, monkeypatch):
-    """The refusal is that of the lines, which had more to go by."""
+def test_where_the_road_under_the_car_is_not_aligned_lines_are_found_without_it(textured, monkeypatch):
+    """What is beside the car may be a pavement. The refusal is that of the lines of the whole image."""
     scene, images = textured
     raise_lines(monkeypatch, 0.07)
+    align = road_surface.align_texture
     unseen = NotFitted("cells whose height is known", 3, Bound.LEAST, 6)
-    monkeypatch.setattr(solve, "align_texture", lambda *_, **__: unseen)
+    monkeypatch.setattr(
+        road_surface, "align_texture", lambda *args, **strip: unseen if strip else align(*args)
+    )
     result = Calibrator(scene.rig).add(*images)
-    assert result.reason is RejectReason.STAGES_DISAGREE
-    assert result.pattern is not None and result.gates
-    (surface,) = (each for each in result.attempts if each.found_by is FoundBy.SURFACE)
-    assert surface.verdict is Verdict.NOT_FITTED and surface.rejection is None and surface.estimate is None
-    assert surface.message == (
-        "the road surface under the car alone is not aligned; "
+    assert not result.accepted and result.pattern is not None and result.gates
+    assert {attempt.found_by for attempt in result.attempts} == {FoundBy.HOUGH}
+    surface = road_surface.find_road_surface(images, scene.rig, CalibratorConfig())
+    assert surface.seen is not None and surface.located is None
+    assert surface.described == (
+        "the road surface under the car alone does not align: "
         "cells whose height is known: 3, at least 6 needed"
     )
-    # After it, lines are looked for in the whole image; they are refused as well.
-    assert result.attempts[-1].found_by is FoundBy.HOUGH
 
 
 def test_rows_that_are_not_compared_leave_the_surface_alone_open(textured, monkeypatch):

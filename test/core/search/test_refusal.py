@@ -45,7 +45,7 @@ def attempt_of(found_by, verdict=Verdict.REFUSED, reason=None, gate="certain", p
 
 
 def test_neither_a_road_nor_a_line_is_a_reason_of_its_own():
-    rejection = without_pair(None, lines(NO_LINE, 0), RoadSurface(NO_POINTS, NO_POINTS), [])
+    rejection = without_pair(None, lines(NO_LINE, 0), RoadSurface(NO_POINTS, NO_POINTS, NO_POINTS), [])
     assert rejection.reason is RejectReason.ROAD_NOT_SEEN
     assert_says_everything(rejection, "points of a road: 35, at least 100", "no lane line", "at least 40 px")
 
@@ -53,10 +53,13 @@ def test_neither_a_road_nor_a_line_is_a_reason_of_its_own():
 def test_the_surface_of_a_frame_without_a_pair_of_lines_is_told_with_value_and_limit():
     for surface, words in (
         (
-            RoadSurface(NO_POINTS, NO_POINTS),
+            RoadSurface(NO_POINTS, NO_POINTS, NO_POINTS),
             "the road surface is not seen: points of a road: 35, at least 100",
         ),
-        (RoadSurface(COARSE, NOT_ALIGNED), "does not align in both images: cells whose height is known: 1"),
+        (
+            RoadSurface(COARSE, NOT_ALIGNED, NOT_ALIGNED),
+            "does not align in both images: cells whose height is known: 1",
+        ),
     ):
         rejection = without_pair(None, lines(ONE_LINE), surface, [])
         assert rejection.reason is RejectReason.NO_LINES_FOUND
@@ -70,13 +73,13 @@ def test_where_the_surface_is_not_asked_it_is_not_told():
 
 def test_what_exchanged_cameras_cause_is_not_told_beside_it():
     swapped = frame_checks.exchanged_by_disparity(-40.0)
-    assert without_pair(None, lines(swapped), RoadSurface(NO_POINTS, NO_POINTS), []) is swapped
+    assert without_pair(None, lines(swapped), RoadSurface(NO_POINTS, NO_POINTS, NO_POINTS), []) is swapped
 
 
 def test_a_surface_that_was_no_estimate_is_told_with_the_lines_on_it():
     on_road = lines(frame_checks.no_pair_on_road(0, 1))
     tried = attempt_of(FoundBy.SURFACE, Verdict.NOT_FITTED)
-    rejection = without_pair(on_road, lines(ONE_LINE), RoadSurface(COARSE, NOT_ALIGNED), [tried])
+    rejection = without_pair(on_road, lines(ONE_LINE), RoadSurface(COARSE, NOT_ALIGNED, NOT_ALIGNED), [tried])
     words = "only a right lane line was found on the road surface", "the strip under the car is not aligned"
     assert_says_everything(rejection, *words)
 
