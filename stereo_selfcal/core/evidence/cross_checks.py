@@ -34,7 +34,7 @@ from .estimate import Estimate, StagePoses
 from .frame_evidence import Contradictor, Evidence, FrameObservations, Hypothesis
 from .gates import evaluate_gates, undetermined
 from .horizon import horizon_offset
-from .lane_heights import heights_over_surface, surely_no_kerb
+from .lane_heights import heights_over_strip, heights_over_surface, surely_no_kerb
 from .nuisances import (
     crown_covariance,
     kerb_covariance,
@@ -196,8 +196,8 @@ def _cross_check_on_surface(
         vertical=fitted(vertical_offset(frame.images, rig, fit.extrinsics, yaw or 0.0))
         or fitted(horizon_offset(frame.images, rig, fit.extrinsics)),
     )
-    if searched is not None and frame.surface is not None:
-        evidence = replace(evidence, own_strip=fitted(frame.surface.strip))
+    if searched is not None:
+        evidence = with_strip(evidence, searched, frame, rig)
     poses = replace(lines.poses, textured=fit.extrinsics)
     checked = replace(lines, poses=poses, evidence=evidence).judged()
     if checked.rejection is not None:
@@ -209,6 +209,22 @@ def _cross_check_on_surface(
     evidence = replace(evidence, std=np.sqrt(np.diag(combined.covariance)))
     poses = replace(poses, combined=combined.pose)
     return replace(checked, estimate=combined, poses=poses, evidence=evidence).judged()
+
+
+def with_strip(evidence: Evidence, texture: TextureFit, frame: FrameObservations, rig: StereoRig) -> Evidence:
+    """Return evidence with that of the strip under the car alone, which was aligned apart.
+
+    Args:
+        evidence: Results of the stages so far.
+        texture: Alignment of the whole road surface.
+        frame: Images, and what is known of them without a hypothesis.
+        rig: Intrinsics and baseline.
+    """
+    strip = None if frame.surface is None else fitted(frame.surface.strip)
+    if strip is None:
+        return evidence
+    heights = heights_over_strip(texture.extrinsics, strip, rig)
+    return replace(evidence, own_strip=strip, kerb_heights=heights)
 
 
 def _cross_check_lines_only(

@@ -161,7 +161,7 @@ class Evidence:
         inner_line_height: Height of a line between the boundaries over their plane.
         std: (3,) standard deviations of the estimate [m, rad, rad].
         contradictors: What else shows the road, and excludes lines that differ too much from it.
-        kerb_heights: Heights of a plane without lines over the surface of the own lane, at its two sides:
+        kerb_heights: Heights of the plane of the surface over that of the own lane alone, at its two sides:
             they have to exclude a kerb.
         own_strip: The alignment of the strip under the car alone.
         coarse: Plane of the dense disparities, for an estimate that rests on the lines alone.

@@ -13,11 +13,10 @@ from ..estimators.fitness import PatternFitness
 from ..estimators.line_covariance import LineFit, measure_bends, propagate
 from ..estimators.stripe_fit import StripeFit, refine
 from ..estimators.texture_fit import TextureFit
-from ..evidence.cross_checks import JudgedEstimate, cross_check_surface
+from ..evidence.cross_checks import JudgedEstimate, cross_check_surface, with_strip
 from ..evidence.estimate import Estimate, StagePoses
 from ..evidence.frame_evidence import Evidence, FrameObservations, Hypothesis
 from ..evidence.gates import evaluate_gates, undetermined
-from ..evidence.lane_heights import heights_over_strip
 from ..evidence.nuisances import (
     paint_angle_covariance,
     seen_slope_covariance,
@@ -236,10 +235,7 @@ def _solve_surface(
         std=np.sqrt(np.diag(estimate.covariance)),
         vergence=next(iter(turns), None),
     )
-    strip = None if frame.surface is None else fitted(frame.surface.strip)
-    if strip is not None:
-        heights = heights_over_strip(texture.extrinsics, strip, rig)
-        evidence = replace(evidence, own_strip=strip, kerb_heights=heights)
+    evidence = with_strip(evidence, texture, frame, rig)
     readings, refusal = evaluate_gates(evidence)
     if refusal:
         return _refused(hypothesis, refusal, readings, poses)
