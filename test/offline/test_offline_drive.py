@@ -33,7 +33,8 @@ def test_the_bump_is_found_with_both_poses(bumped):
         replay = calibrate_recording(source)
     (change,) = replay.drive.changes
     assert change.at_s == pytest.approx(225.0), "between the frames before and after it"
-    assert change.within_s == pytest.approx(5.0, abs=0.1)
+    # Half the gap between the frames; and more, as lines may be painted at another angle in each of them.
+    assert 5.0 <= change.within_s < 20.0
     for segment, truth in zip(
         replay.drive.segments, (scene.scene.extrinsics, scene.bump.extrinsics), strict=True
     ):
