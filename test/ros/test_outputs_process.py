@@ -43,7 +43,7 @@ def test_diagnostics_say_why_nothing_happens_and_what_is_found(graph, start, tmp
     assert status.level == b"\1" and f"in effect, but not saved: {path}" in status.message
     assert values["height"].startswith("1.40") and "mm)" in values["height"]
     assert values["last_rejection"] == "road_not_seen"
-    assert values["rejected_no_lines_found"] == values["frames_rejected"]
+    assert values["rejected_road_not_seen"] == values["frames_rejected"]
     assert values["time_per_frame"].endswith(")")
 
 
