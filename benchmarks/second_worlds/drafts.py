@@ -156,6 +156,7 @@ def paint(draft: Draft, t_m: float, **changes: float | bool) -> Stripe:
     rng = draft.rng
     albedo = draft.surface.albedo * float(rng.uniform(2.0, 3.4))
     line = Stripe(t_m, float(rng.uniform(0.1, 0.2)), min(albedo, 0.85), reflects=True)
+    # The fields have many types; a name that does not exist fails at once.
     return replace(line, **changes)  # type: ignore[arg-type]
 
 

@@ -103,7 +103,8 @@ def yellow(rng: np.random.Generator) -> Draft:
     for side in SIDES:
         line = replace(draft.lines[side][0], albedo=draft.surface.albedo * contrast, warmth=0.9)
         draft.lines[side] = [line]
-    draft.sensor = replace(draft.sensor, gain=tuple(each * 0.6 for each in draft.sensor.gain))  # type: ignore[arg-type]
+    left, right = draft.sensor.gain
+    draft.sensor = replace(draft.sensor, gain=(left * 0.6, right * 0.6))
     return draft
 
 

@@ -198,7 +198,7 @@ def _cross_check_on_surface(
     )
     if searched is not None:
         evidence = with_strip(evidence, searched, frame, rig)
-        excluded = surely_no_kerb(evidence.kerb_heights) >= 1.0 if evidence.kerb_heights else False
+        excluded = bool(evidence.kerb_heights) and surely_no_kerb(evidence.kerb_heights) >= 1.0
         if not excluded and evidence.refined is not None:
             # The road under the car leaves room for a kerb. So the lines have to look like paint.
             borders = measure_borders(frame.images, pattern, evidence.refined, rig)
