@@ -1,0 +1,64 @@
+"""How the right camera is turned against where the rig has it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..types import Array
+from .pose import BODY_FROM_OPTICAL, road_from_camera_rotation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Alignment:
+    """How the right camera's body is turned in the left one's (REP-103), against where the rig has it.
+
+    Attributes:
+        pitch_rad: Pitch [rad], > 0: nose down; the content of the right image moves up.
+        roll_rad: Roll [rad], > 0: right side down.
+        yaw_rad: Yaw [rad], > 0: it looks farther left; its content moves right, and disparities are smaller
+            by ``fx * yaw_rad``.
+        covariance: (3, 3) of (pitch_rad, roll_rad, yaw_rad). What is not seen has a large variance.
+    """
+
+    pitch_rad: float
+    roll_rad: float
+    yaw_rad: float
+    covariance: Array
+
+    def as_array(self) -> Array:
+        """Return (pitch_rad, roll_rad, yaw_rad) as an array (3,)."""
+        return np.array([self.pitch_rad, self.roll_rad, self.yaw_rad])
+
+    @property
+    def std(self) -> Array:
+        """(3,) standard deviations of (pitch_rad, roll_rad, yaw_rad)."""
+        std: Array = np.sqrt(np.diag(self.covariance))
+        return std
+
+    @property
+    def left_from_right(self) -> Array:
+        """Rotation matrix (3, 3) from the right optical frame to the left one (x right, y down, z forward)."""
+        return optical_rotation(self.pitch_rad, self.roll_rad, self.yaw_rad)
+
+    def describe(self) -> str:
+        """Return the angles with their standard deviations, in degrees."""
+        named = zip(("pitch", "roll", "yaw"), np.degrees(self.as_array()), np.degrees(self.std), strict=True)
+        return ", ".join(f"{name} {value:+.3f} deg (std {std:.3f})" for name, value, std in named)
+
+
+def optical_rotation(pitch_rad: float, roll_rad: float, yaw_rad: float) -> Array:
+    """Return the rotation matrix (3, 3) of a turn, in the optical frame (x right, y down, z forward).
+
+    Args:
+        pitch_rad: Pitch [rad], > 0: nose down.
+        roll_rad: Roll [rad], > 0: right side down.
+        yaw_rad: Yaw [rad], > 0: to the left.
+    """
+    cosine, sine = math.cos(yaw_rad), math.sin(yaw_rad)
+    yaw = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    body = yaw @ road_from_camera_rotation(pitch_rad, roll_rad)
+    rotation: Array = BODY_FROM_OPTICAL.T @ body @ BODY_FROM_OPTICAL
+    return rotation
