@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from ..camera.rig import StereoRig
@@ -28,15 +27,9 @@ from ..geometry.pose import Extrinsics
 from ..geometry.rays import pixel_rays
 from ..numerics.robust import tukey_weights
 from ..rejection import Bound, NotFitted
-from ..types import Array, Floats, Image, Indices, Mask
+from ..types import Array, Floats, Image, Mask
+from .dense_disparity import DenseDisparities, SmallImages, in_images
 
-# Width of the small images [px]. A third of KITTI's images, in which a trial found 68 of 85 roads.
-_WIDTH_PX = 400
-# Settings of SGBM as OpenCV's documentation recommends them for one channel: 8 and 32 times the block's area.
-_BLOCK = 5
-_P1, _P2 = 8 * _BLOCK**2, 32 * _BLOCK**2
-_UNIQUENESS_PERCENT, _SPECKLE_AREA, _SPECKLE_RANGE, _LEFT_RIGHT_PX = 10, 50, 2, 1
-_FRACTION = 16.0  # SGBM counts disparities in 1/16 px
 _LEAST_DISPARITIES, _STEP_DISPARITIES = 32, 16  # SGBM's number is a multiple of 16
 _MOST_OF_WIDTH = 1 / 3  # disparities searched, over the width: beyond, too little of the right image is left
 
@@ -86,7 +79,7 @@ class CoarseRoad:
 
 def find_coarse_road(
     images: tuple[Image, Image], rig: StereoRig, search: SearchConfig, seed: int
-) -> CoarseRoad | NotFitted:
+) -> tuple[CoarseRoad | NotFitted, DenseDisparities]:
     """Find the plane of the road in dense disparities.
 
     Args:
@@ -96,25 +89,28 @@ def find_coarse_road(
         seed: Seed of the planes that are tried.
 
     Returns:
-        The plane, or the reason why there is none.
+        The plane, or the reason why there is none; and the disparities.
     """
-    scale = max(1, round(rig.width / _WIDTH_PX))
-    small = _make_small(images, scale)
-    usual, every = (_n_disparities(rig, least_m, scale) for least_m in (_USUAL_HEIGHT_M, search.height_min_m))
+    small = SmallImages.of(images)
+    usual, every = (
+        _n_disparities(rig, least_m, small.scale) for least_m in (_USUAL_HEIGHT_M, search.height_min_m)
+    )
     if usual < every:
-        found = _find(small, rig, search, seed, scale, usual)
+        disparities = small.match(usual)
+        found = _find(disparities, rig, search, seed)
         if not isinstance(found, NotFitted) and found.clear and _reaches(found, rig, usual):
-            return found
-    return _find(small, rig, search, seed, scale, every)
+            return found, disparities
+    disparities = small.match(every)
+    return _find(disparities, rig, search, seed), disparities
 
 
 def _find(
-    small: tuple[Image, Image], rig: StereoRig, search: SearchConfig, seed: int, scale: int, number: int
+    disparities: DenseDisparities, rig: StereoRig, search: SearchConfig, seed: int
 ) -> CoarseRoad | NotFitted:
-    """Find the plane of the road in small images, from so many disparities."""
-    disparity = _small_disparities(small, number)
+    """Find the plane of the road in disparities."""
+    disparity, scale = disparities.values, disparities.scale
     rows, columns = np.nonzero(disparity > 0.0)
-    v, u = _full(rows, scale), _full(columns, scale)
+    v, u = in_images(rows, scale), in_images(columns, scale)
     lower = v > _HORIZON * rig.height
     rays, measured = (
         pixel_rays(rig, u[lower], v[lower]),
@@ -139,20 +135,6 @@ def _find(
     return CoarseRoad(pose, spread @ spread.T, share, matched, scale)
 
 
-def _make_small(images: tuple[Image, Image], scale: int) -> tuple[Image, Image]:
-    """Return both images small."""
-    height, width = images[0].shape
-    size = width // scale, height // scale
-    left, right = (
-        np.asarray(
-            cv2.resize(image[: size[1] * scale, : size[0] * scale], size, interpolation=cv2.INTER_AREA),
-            np.uint8,
-        )
-        for image in images
-    )
-    return left, right
-
-
 def _n_disparities(rig: StereoRig, height_m: float, scale: int) -> int:
     """Return how many disparities of the small images a road this far below the rig has."""
     width, height = rig.width // scale, rig.height // scale
@@ -167,34 +149,6 @@ def _reaches(found: CoarseRoad, rig: StereoRig, number: int) -> bool:
     plane = plane_from_pose(found.extrinsics, rig, PlaneCamera.LEFT)
     corners = pixel_rays(rig, np.array([0.0, rig.width - 1.0]), rig.height - 1.0)
     return bool(plane.disparities(corners).max() + _BELOW_PX * found.scale < number * found.scale)
-
-
-def _small_disparities(small: tuple[Image, Image], number: int) -> Floats:
-    """Return the disparities (h, w) of the small left image [px of it]; not positive where unknown."""
-    matcher = cv2.StereoSGBM.create(
-        minDisparity=0,
-        numDisparities=number,
-        blockSize=_BLOCK,
-        P1=_P1,
-        P2=_P2,
-        disp12MaxDiff=_LEFT_RIGHT_PX,
-        uniquenessRatio=_UNIQUENESS_PERCENT,
-        speckleWindowSize=_SPECKLE_AREA,
-        speckleRange=_SPECKLE_RANGE,
-        mode=cv2.STEREO_SGBM_MODE_HH,
-    )
-    # SGBM leaves the first columns out, as many as there are disparities.
-    padded = [cv2.copyMakeBorder(each, 0, 0, number, 0, cv2.BORDER_REPLICATE) for each in small]
-    found = np.asarray(matcher.compute(padded[0], padded[1]), np.float32)[:, number:] / np.float32(_FRACTION)
-    columns = np.arange(small[0].shape[1], dtype=np.float32)
-    inside: Floats = np.where(found <= columns, found, np.float32(-1.0))
-    return inside
-
-
-def _full(small: Indices, scale: int) -> Array:
-    """Return the column or row in the images for one of the small images."""
-    full: Array = (small.astype(np.float64) + 0.5) * scale - 0.5
-    return full
 
 
 def _most_agreed(
@@ -273,7 +227,7 @@ def _fit(
 def _shares(disparity: Floats, plane: DisparityPlane, rig: StereoRig, scale: int) -> tuple[float, float]:
     """Return which parts of the road in view agree with a plane, and have a disparity at all."""
     height, width = disparity.shape
-    u, v = _full(np.arange(width), scale), _full(np.arange(height), scale)[:, None]
+    u, v = in_images(np.arange(width), scale), in_images(np.arange(height), scale)[:, None]
     rays = pixel_rays(rig, u, v)
     predicted = plane.disparities(rays)
     # What only the left camera sees does not count.

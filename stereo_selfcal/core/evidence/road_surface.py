@@ -143,7 +143,7 @@ def find_road_surface(images: tuple[Image, Image], rig: StereoRig, config: Calib
         rig: Intrinsics and baseline.
         config: Settings: the search space and the seed.
     """
-    coarse = find_coarse_road(images, rig, config.search, config.seed)
+    coarse, _ = find_coarse_road(images, rig, config.search, config.seed)
     if isinstance(coarse, NotFitted):
         return RoadSurface(coarse, coarse, coarse)
     texture = align_texture(images, rig, coarse.extrinsics)

@@ -40,7 +40,7 @@ class Alignment:
 
     @property
     def left_from_right(self) -> Array:
-        """Rotation matrix (3, 3) from the right optical frame to the left one (x right, y down, z forward)."""
+        """Rotation matrix (3, 3) to the left optical frame (x right, y down, z forward)."""
         return optical_rotation(self.pitch_rad, self.roll_rad, self.yaw_rad)
 
     def describe(self) -> str:

@@ -30,6 +30,15 @@ RECTIFICATION_STD_PX = 0.1
 # calibration. A tenth of a pixel is 0.008 deg for KITTI's cameras, whose calibration is known to be off by a
 # few tenths (Cvisic et al., 2021); warming and vibration add as much.
 VERGENCE_STD_RAD = math.radians(0.01)
+# The same of its pitch (rows), roll (turn) and yaw. In the frames of KITTI, whose calibrations are of several
+# days, the rows tell a pitch of 0.009 deg and a roll of 0.025 deg (RMS).
+CALIBRATED_TURN_STD_RAD = (VERGENCE_STD_RAD, 2.0 * VERGENCE_STD_RAD, VERGENCE_STD_RAD)
+# Standard deviation of the direction of the baseline, up and ahead: in the same frames, the rows of near
+# points tell 5 mrad.
+BASELINE_DIRECTION_STD_RAD = 0.005
+# Standard deviation of the yaw that the rows of a calibrated pair tell, as lenses are not known exactly. The
+# rows of six cameras on roads tell 0.00 to 0.12 deg, which their disparities do not show.
+ROW_YAW_STD_RAD = math.radians(0.1)
 # Standard deviation of the angle between painted lines. On the plane of the road surface, the lines of 12
 # recorded roads meet at an angle of 5 mrad (RMS). Such a lane is 5 cm wider after 10 m.
 PAINT_ANGLE_STD_RAD = 0.005

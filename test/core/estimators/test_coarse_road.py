@@ -10,6 +10,7 @@ import pytest
 from stereo_selfcal import CalibratorConfig, Extrinsics
 from stereo_selfcal.core.estimators import coarse_road
 from stereo_selfcal.core.estimators.coarse_road import LEAST_SHARE, CoarseRoad, find_coarse_road
+from stereo_selfcal.core.estimators.dense_disparity import DenseDisparities, SmallImages
 from stereo_selfcal.core.geometry.plane import PlaneCamera, plane_from_pose
 from stereo_selfcal.core.geometry.rays import pixel_rays
 from stereo_selfcal.core.rejection import NotFitted
@@ -50,11 +51,18 @@ def relative_error(found):
     return (found.extrinsics.as_array() - POSE.as_array()) / np.sqrt(np.diag(found.covariance))
 
 
+def given(monkeypatch, dense):
+    """Let small images have these disparities, whatever they show."""
+    monkeypatch.setattr(
+        SmallImages, "match", lambda small, number: DenseDisparities(dense, small.scale, number)
+    )
+
+
 def found_in(monkeypatch, disparity, search=SEARCH, seed=0):
     """Return the plane found in given disparities."""
     dense = np.where(disparity > 0.0, disparity, -1.0).astype(np.float32)
-    monkeypatch.setattr(coarse_road, "_small_disparities", lambda *_: dense)
-    return find_coarse_road((BLANK, BLANK), PAPER_RIG, search, seed)
+    given(monkeypatch, dense)
+    return find_coarse_road((BLANK, BLANK), PAPER_RIG, search, seed)[0]
 
 
 @pytest.mark.parametrize("pose", [POSE, Extrinsics(0.6, -0.02, -0.06), Extrinsics(2.2, 0.3, 0.0)])
@@ -138,7 +146,7 @@ def test_another_seed_tries_other_planes_and_finds_the_same_road(monkeypatch):
 def test_textured_road_is_found_and_nearly_all_of_it_agrees():
     """What semi-global matching leaves is within three of the standard deviations that are stated."""
     scene, images = rendered(12.0)
-    found = find_coarse_road(images, scene.rig, SEARCH, 0)
+    found, _ = find_coarse_road(images, scene.rig, SEARCH, 0)
     error = found.extrinsics.as_array() - scene.extrinsics.as_array()
     assert np.all(np.abs(error) < 3.0 * np.sqrt(np.diag(found.covariance)))
     assert found.share > 0.95 and found.clear
@@ -147,7 +155,7 @@ def test_textured_road_is_found_and_nearly_all_of_it_agrees():
 def test_bare_road_has_no_clear_plane():
     """The smooth surface is filled by guesses: they are no road that contradicts lines."""
     scene, images = rendered(0.0)
-    found = find_coarse_road(images, scene.rig, SEARCH, 0)
+    found, _ = find_coarse_road(images, scene.rig, SEARCH, 0)
     assert isinstance(found, NotFitted) or not found.clear
 
 
@@ -166,9 +174,9 @@ def test_images_of_any_width_are_made_as_small(monkeypatch):
     coarse = found_in(monkeypatch, disparity)
     # 1920 columns are made 384, 640 are made 320.
     dense = disparity_at(fine, 5).astype(np.float32)
-    monkeypatch.setattr(coarse_road, "_small_disparities", lambda *_: dense)
+    given(monkeypatch, dense)
     blank = np.zeros((fine.height, fine.width), np.uint8)
-    found = find_coarse_road((blank, blank), fine, SEARCH, 0)
+    found, _ = find_coarse_road((blank, blank), fine, SEARCH, 0)
     assert isinstance(found, CoarseRoad) and (coarse.scale, found.scale) == (2, 5)
     np.testing.assert_allclose(found.extrinsics.as_array(), POSE.as_array(), atol=1e-6)
     # A pixel of the smaller image is more of the road.

@@ -1,0 +1,131 @@
+"""How the right camera is turned against the left one, by the rows of points that both see.
+
+In rectified images, a point has the same row in both. A right camera that is turned moves it, in normalised
+coordinates x to the right and y down, by ``-roll x - pitch (1 + y^2) + yaw x y`` (the derivative of
+:func:`..geometry.alignment.optical_rotation`). One that sits higher or farther ahead than the calibration has
+it moves near points: by ``nearness (up + ahead y)``, where the nearness is the disparity over the focal
+length (epipolar geometry: Hartley and Zisserman, Multiple View Geometry, chapter 9). The images of cameras
+that are not triggered at the same time look like those of a camera that sits farther ahead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..camera.rig import StereoRig
+from ..numerics.linear import invert, is_covariance, solve_linear
+from ..numerics.robust import Reweighting, fit_reweighted, scale_by_median
+from ..rejection import Bound, NotFitted
+from ..road.priors import (
+    BASELINE_DIRECTION_STD_RAD,
+    CALIBRATED_TURN_STD_RAD,
+    ROW_YAW_STD_RAD,
+)
+from ..types import Array
+from .matched_points import MatchedPoints
+
+_REWEIGHTING = Reweighting(rounds=8, absolute_rounds=4)
+# Rows of matched points scatter by 0.1 to 0.3 px in recorded frames. Where texture is but noise, matches
+# scatter by several pixels.
+_LEAST_SCATTER_PX, _MOST_SCATTER_PX = 0.01, 1.0
+_LEAST_POINTS = 30  # six for each of five unknowns
+_DETERMINED = "numbers of the rows that the points determine"
+_ANY_YAW_RAD = 0.01  # half a degree: beyond, a pair of images is hardly matched at all
+# Of the smooth error of the rows that a calibration leaves, over the scatter of the points.
+_SMOOTH_PART = 0.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RowAlignment:
+    """How the right camera is turned and moved, by the rows of matched points.
+
+    Attributes:
+        turn: (3,) pitch, roll and yaw of the right camera [rad], with the signs of an
+            :class:`..geometry.alignment.Alignment`.
+        ahead: How much farther ahead it sits than the rig has it, over the baseline.
+        up: How much higher it sits, over the baseline.
+        covariance: (5, 5) of (pitch, roll, yaw, up, ahead), with the smooth error that calibrations leave.
+        scatter_px: Standard deviation of the rows of one point.
+        n_points: Number of points that agree.
+    """
+
+    turn: Array
+    ahead: float
+    up: float
+    covariance: Array
+    scatter_px: float
+    n_points: int
+
+    @property
+    def smooth_px(self) -> float:
+        """Standard deviation of the smooth error of the rows that no turn explains [px]."""
+        return _SMOOTH_PART * self.scatter_px
+
+
+def row_derivatives(rig: StereoRig, points: MatchedPoints) -> Array:
+    """Return the derivatives (N, 5) of the rows [px] in the right image, less those in the left one.
+
+    Args:
+        rig: Intrinsics.
+        points: Matched points.
+
+    Returns:
+        By pitch, roll and yaw of the right camera [rad], and by its way up and ahead over the baseline.
+    """
+    u, v = points.right.astype(np.float64).T
+    x, y = (u - rig.cx) / rig.fx, (v - rig.cy) / rig.fy
+    nearness = (points.left[:, 0].astype(np.float64) - u) / rig.fx
+    columns = [-(1.0 + y * y), -x, x * y, nearness, nearness * y]
+    return rig.fy * np.column_stack(columns)
+
+
+def align_rows(points: MatchedPoints, rig: StereoRig) -> RowAlignment | NotFitted:
+    """Fit the turn of the right camera to the rows of matched points.
+
+    Each unknown has a prior with heavy tails (Cauchy): what calibrations leave, or much more where a camera
+    was moved or its images are late. Its variance is that of the prior and the square of the estimate.
+
+    Args:
+        points: Matched points.
+        rig: Intrinsics and baseline.
+
+    Returns:
+        The turn, or why there is none: too few points, or points that do not agree.
+    """
+    if len(points) < _LEAST_POINTS:
+        return NotFitted("points of texture that both images show", len(points), Bound.LEAST, _LEAST_POINTS)
+    rows = (points.right[:, 1] - points.left[:, 1]).astype(np.float64)
+    design = row_derivatives(rig, points)
+    prior = np.array([*CALIBRATED_TURN_STD_RAD, BASELINE_DIRECTION_STD_RAD, BASELINE_DIRECTION_STD_RAD])
+    prior[2] = _ANY_YAW_RAD  # other evidence tells it better, and the prior belongs to all together
+    solution = np.zeros(5)
+
+    def fit(weights: Array, scale: float | Array) -> tuple[tuple[Array, Array], Array] | NotFitted:
+        nonlocal solution
+        weighted = design * (weights / np.square(scale))[:, None]
+        normal = weighted.T @ design + np.diag(1.0 / (prior**2 + solution**2))
+        found = solve_linear(normal, weighted.T @ rows, _DETERMINED)
+        if isinstance(found, NotFitted):
+            return found
+        solution = found
+        return (solution, normal), rows - design @ solution
+
+    found = fit_reweighted(fit, len(points), _REWEIGHTING, scale_by_median(_LEAST_SCATTER_PX))
+    if isinstance(found, NotFitted):
+        return found
+    scatter = float(found.scale)
+    if scatter > _MOST_SCATTER_PX:
+        return NotFitted("scatter of the rows of matched points", scatter, Bound.MOST, _MOST_SCATTER_PX, "px")
+    covariance = invert(found.solution[1], _DETERMINED)
+    if isinstance(covariance, NotFitted):
+        return covariance
+    # A smooth error of the rows is a pitch, one that grows with the column is a roll.
+    smooth = _SMOOTH_PART * scatter / rig.fy * np.array([1.0, 2.0 * rig.fx / rig.width])
+    covariance[:2, :2] += np.diag(smooth**2)
+    covariance[2, 2] += ROW_YAW_STD_RAD**2
+    if not is_covariance(covariance):
+        return NotFitted(_DETERMINED, 4, Bound.LEAST, 5)
+    values, used = found.solution[0], int(np.count_nonzero(found.weights))
+    return RowAlignment(values[:3], float(values[4]), float(values[3]), covariance, scatter, used)
