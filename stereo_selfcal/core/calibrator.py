@@ -25,7 +25,7 @@ from .results import CalibrationResult, caught, rejected, result_of
 from .search.attempt import Attempt
 from .search.diagnosis import diagnose
 from .search.solve import coarse_pose, solve
-from .search.strategy import FrameSearch, choose
+from .search.strategy import FrameSearch, choose, turn_under_pose
 from .types import Image
 
 
@@ -114,10 +114,11 @@ class Calibrator:
             return rejected(refusal, stamp_s)
         left, right = np.asarray(left), np.asarray(right)  # of plain arrays, whatever was derived from them
         frame = FrameObservations.from_images((left, right), self.rig, self.config)
-        search = FrameSearch(frame, self.rig, self.config)
-        attempts: list[Attempt] = []
-        for hypothesis in search.hypotheses(attempts):
-            attempts.append(solve(hypothesis, frame, self.rig, self.config))
+        search, attempts = self._search(frame)
+        turn = turn_under_pose(attempts, frame, self.rig, self.config)
+        if turn is not None:
+            frame = FrameObservations.from_images((left, right), self.rig, self.config, turn)
+            search, attempts = self._search(frame)
         chosen = choose(attempts)
         result = result_of(chosen, attempts, stamp_s)
         lines = search.lines
@@ -128,6 +129,14 @@ class Calibrator:
         if chosen is None:
             result = _with_what_was_seen(result, lines.matches, frame)
         return replace(result, unused_lines=unused_lines(lines, result.pattern, result.lane_line))
+
+    def _search(self, frame: FrameObservations) -> tuple[FrameSearch, list[Attempt]]:
+        """Solve the hypotheses about a frame, one after the other, until one is accepted."""
+        search = FrameSearch(frame, self.rig, self.config)
+        attempts: list[Attempt] = []
+        for hypothesis in search.hypotheses(attempts):
+            attempts.append(solve(hypothesis, frame, self.rig, self.config))
+        return search, attempts
 
     def extract(self, left: Image, right: Image) -> LanePattern | NoPattern:
         """Extract the calibration pattern of one frame (paper section 2.2).

@@ -25,19 +25,25 @@ class Setting:
         low: Smallest allowed value.
         high: Largest allowed value.
         whole: Whether it is a whole number.
+        choices: Allowed words; empty for a number, whose limits are then given.
     """
 
     description: str
-    unit: str
-    low: float
-    high: float
-    whole: bool
+    unit: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+    whole: bool = False
+    choices: tuple[str, ...] = ()
 
 
 def _setting(default: Any, description: str, unit: str, low: float, high: float) -> Any:
     return field(
         default=default, metadata={"setting": Setting(description, unit, low, high, isinstance(default, int))}
     )
+
+
+def _choice(default: str, choices: tuple[str, ...], description: str) -> Any:
+    return field(default=default, metadata={"setting": Setting(description, choices=choices)})
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +144,21 @@ class RefinementConfig:
     )
 
 
+# Words of alignment.correct.
+CORRECT_NOTHING, CORRECT_ROWS, CORRECT_ALL = "none", "rows", "all"
+
+
+@dataclass(frozen=True, slots=True)
+class AlignmentConfig:
+    """How the right camera is turned against the left one."""
+
+    correct: str = _choice(
+        CORRECT_ROWS,
+        (CORRECT_NOTHING, CORRECT_ROWS, CORRECT_ALL),
+        "What of the turn is corrected before a pose is estimated: none; rows: pitch and roll; all: yaw, too",
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class CalibratorConfig:
     """All settings of a :class:`~stereo_selfcal.core.calibrator.Calibrator`.
@@ -153,6 +174,7 @@ class CalibratorConfig:
     genetic: GeneticConfig = field(default_factory=GeneticConfig)
     texture: TextureConfig = field(default_factory=TextureConfig)
     refinement: RefinementConfig = field(default_factory=RefinementConfig)
+    alignment: AlignmentConfig = field(default_factory=AlignmentConfig)
 
     def __post_init__(self) -> None:
         for name, value, setting in self.settings():
@@ -168,7 +190,7 @@ class CalibratorConfig:
                 "set texture.check to 1 or texture.required to 0"
             )
 
-    def settings(self) -> Iterator[tuple[str, int | float, Setting]]:
+    def settings(self) -> Iterator[tuple[str, int | float | str, Setting]]:
         """Yield (dotted name, value, description) of every setting, in declaration order."""
         for item in fields(self):
             value = getattr(self, item.name)
@@ -213,8 +235,12 @@ def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
-def _checked(name: str, value: Any, setting: Setting) -> int | float:
-    """Return ``value`` as an int or a float, as the setting needs; raise ConfigError where it is wrong."""
+def _checked(name: str, value: Any, setting: Setting) -> int | float | str:
+    """Return ``value`` as the type that the setting needs; raise ConfigError where it is wrong."""
+    if setting.choices:
+        if value not in setting.choices:
+            raise ConfigError(f"{name} is {shortened(value)}: it must be one of {', '.join(setting.choices)}")
+        return str(value)
     # NumPy's scalars are instances of numbers.Real, too. A switch, 0 or 1, may be written as false or true.
     switch = setting.whole and (setting.low, setting.high) == (0, 1)
     number = isinstance(value, numbers.Real) and (switch or not isinstance(value, bool))

@@ -195,7 +195,15 @@ def all_settings() -> Iterator[NodeSetting]:
     """Yield every parameter the node declares for its user: its own, then the calibrator's."""
     yield from NODE_SETTINGS
     for name, default, setting in CalibratorConfig().settings():
-        yield NodeSetting(name, default, setting.description, setting.unit, setting.low, setting.high)
+        yield NodeSetting(
+            name,
+            default,
+            setting.description,
+            setting.unit,
+            None if setting.choices else setting.low,
+            None if setting.choices else setting.high,
+            setting.choices,
+        )
 
 
 def is_calibrator_setting(name: str) -> bool:

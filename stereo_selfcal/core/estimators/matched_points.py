@@ -7,18 +7,21 @@ leads to the same point.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from ..types import Floats, Image, Mask
-from .dense_disparity import DenseDisparities
+from .dense_disparity import DenseDisparities, in_images
 
 # Twice as many points and a larger window repeat the turn of a camera no better, and take twice the time.
 _MOST_POINTS = 400
 _WINDOW_PX, _BLOCK_PX = 11, 5
-_QUALITY = 0.005  # least strength of a corner over that of the strongest one
+_QUALITY = 1e-4  # least strength of a corner over that of the strongest one: paint is the strongest
+# Corners are looked for in images of at most this width [px], and followed in those of full size.
+_WIDTH_PX = 1300
 _DISTANCE = 1 / 150  # between two corners, over the width of the image
 _LEVELS = 1  # halvings of the image: dense disparities are good to a pixel or two
 _ITERATIONS, _STEP_PX = 10, 0.01
@@ -57,20 +60,30 @@ def match_points(images: tuple[Image, Image], disparities: DenseDisparities) -> 
         The points; none where the images show no texture.
     """
     left, right = images
-    height, width = left.shape
-    known = (disparities.values > 0.0).astype(np.uint8)
-    mask = cv2.resize(known, (width, height), interpolation=cv2.INTER_NEAREST)
-    distance = max(2.0, _DISTANCE * width)
-    corners = cv2.goodFeaturesToTrack(left, _MOST_POINTS, _QUALITY, distance, mask=mask, blockSize=_BLOCK_PX)
-    if corners is None or not len(corners):
-        return MatchedPoints(np.zeros((0, 2), np.float32), np.zeros((0, 2), np.float32))
-    points = np.asarray(corners, np.float32).reshape(-1, 2)
+    points = _corners(left, disparities)
+    if not len(points):
+        return MatchedPoints(points, points)
     start = points.copy()
     start[:, 0] -= disparities.at(points)
     found, seen = _follow(left, right, points, start)
     back, seen_back = _follow(right, left, found, points.copy())
     good = seen & seen_back & (np.linalg.norm(back - points, axis=1) < _WAY_BACK_PX)
     return MatchedPoints(points[good], found[good])
+
+
+def _corners(image: Image, disparities: DenseDisparities) -> Floats:
+    """Return the strongest corners (N, 2) of an image [px], where it has disparities."""
+    scale = max(1, math.ceil(image.shape[1] / _WIDTH_PX))
+    size = image.shape[1] // scale, image.shape[0] // scale
+    used = image[: size[1] * scale, : size[0] * scale]
+    smaller = image if scale == 1 else cv2.resize(used, size, interpolation=cv2.INTER_AREA)
+    known = (disparities.values > 0.0).astype(np.uint8)
+    mask = cv2.resize(known, (smaller.shape[1], smaller.shape[0]), interpolation=cv2.INTER_NEAREST)
+    distance = max(2.0, _DISTANCE * smaller.shape[1])
+    found = cv2.goodFeaturesToTrack(smaller, _MOST_POINTS, _QUALITY, distance, mask=mask, blockSize=_BLOCK_PX)
+    if found is None:  # what OpenCV returns for an image without corners
+        return np.zeros((0, 2), np.float32)
+    return in_images(found.reshape(-1, 2), scale).astype(np.float32)
 
 
 def _follow(fixed: Image, moving: Image, points: Floats, start: Floats) -> tuple[Floats, Mask]:

@@ -42,7 +42,7 @@ from .nuisances import (
     unseen_slope_covariance,
 )
 from .rig_unknowns import response_of_surface, rig_terms
-from .row_offset import vertical_offset
+from .row_offset import VerticalOffset, vertical_offset
 from .stripe_border import measure_borders
 
 # Beyond its lines, the road continues as a shoulder or another lane. The surface the lines are compared with
@@ -139,7 +139,7 @@ def _contradictor(
     estimate: Estimate, fit: TextureFit, lines: JudgedEstimate, frame: FrameObservations, rig: StereoRig
 ) -> Contradictor:
     """Return the pose over a surface, with the uncertainty of its difference from that of the lines."""
-    of_surface = response_of_surface(rig, fit.extrinsics, frame.vergence_std_rad)
+    of_surface = response_of_surface(rig, fit.extrinsics, frame.rig_std)
     return Contradictor(fit.extrinsics, difference_covariance(estimate, fit, lines.line_response, of_surface))
 
 
@@ -193,8 +193,7 @@ def _cross_check_on_surface(
     evidence = replace(
         evidence,
         surface_heights=heights_over_surface(pattern, rig, pose, fit),
-        vertical=fitted(vertical_offset(frame.images, rig, fit.extrinsics, yaw or 0.0))
-        or fitted(horizon_offset(frame.images, rig, fit.extrinsics)),
+        vertical=remaining_offset(frame, rig, fit.extrinsics, yaw),
     )
     if searched is not None:
         evidence = with_strip(evidence, searched, frame, rig)
@@ -207,13 +206,30 @@ def _cross_check_on_surface(
     checked = replace(lines, poses=poses, evidence=evidence).judged()
     if checked.rejection is not None:
         return checked
-    of_surface = response_of_surface(rig, fit.extrinsics, frame.vergence_std_rad)
+    of_surface = response_of_surface(rig, fit.extrinsics, frame.rig_std)
     combined = combine(lines.estimate, fit, lines.line_response, of_surface)
     if isinstance(combined, NotFitted):
         return replace(checked, rejection=undetermined(combined))
     evidence = replace(evidence, std=np.sqrt(np.diag(combined.covariance)))
     poses = replace(poses, combined=combined.pose)
     return replace(checked, estimate=combined, poses=poses, evidence=evidence).judged()
+
+
+def remaining_offset(
+    frame: FrameObservations, rig: StereoRig, pose: Extrinsics, yaw_rad: float | None
+) -> VerticalOffset | None:
+    """Return the offset between the rows; None where rows were compared before the pose, or cannot be.
+
+    Args:
+        frame: Images, and what is known of them without a hypothesis.
+        rig: Intrinsics and baseline.
+        pose: Pose over the road.
+        yaw_rad: Yaw of the camera against the lane, None without a line.
+    """
+    if frame.turn.corrected:
+        return None
+    on_road = fitted(vertical_offset(frame.images, rig, pose, yaw_rad or 0.0))
+    return on_road or fitted(horizon_offset(frame.images, rig, pose))
 
 
 def with_strip(evidence: Evidence, texture: TextureFit, frame: FrameObservations, rig: StereoRig) -> Evidence:
@@ -273,11 +289,10 @@ def _cross_check_lines_only(
     )
     plane = plane_from_pose(estimate.pose, rig)
     between = inner_line_height(pattern, plane, hypothesis.other_lines, frame.points, rig, evidence.config)
-    vertical = vertical_offset(frame.images, rig, estimate.pose, estimate.lane_yaw_rad or 0.0)
     evidence = replace(
         evidence,
         inner_line_height=between,
-        vertical=fitted(vertical) or fitted(horizon_offset(frame.images, rig, estimate.pose)),
+        vertical=remaining_offset(frame, rig, estimate.pose, estimate.lane_yaw_rad),
     )
     return replace(lines, estimate=estimate, evidence=evidence).judged()
 

@@ -8,8 +8,8 @@ from enum import Enum
 import numpy as np
 
 from ..camera.rig import StereoRig
-from ..config import CalibratorConfig
-from ..estimators.coarse_road import CoarseRoad
+from ..config import CORRECT_NOTHING, CalibratorConfig
+from ..estimators.coarse_road import CoarseRoad, find_coarse_road
 from ..estimators.lane_sweep import LaneSweep
 from ..estimators.line_covariance import Bends, LineFit
 from ..estimators.stripe_fit import StripeFit
@@ -21,11 +21,12 @@ from ..lanes.lane_pair import LanePattern
 from ..lanes.line_geometry import BelowPlane, HeightOverLane
 from ..lanes.matching import Matches
 from ..lanes.stripe_points import find_stripe_points
-from ..rejection import fitted
-from ..road.priors import VERGENCE_STD_RAD
+from ..rejection import Bound, NotFitted, fitted
 from ..types import Array, Image
+from .camera_turn import CameraTurn, measure_turn, turned_back
 from .far_disparity import FarDisparity, far_disparity
 from .profile import Profile
+from .rig_unknowns import CALIBRATED, RigStd
 from .road_surface import RoadSurface, find_road_surface
 from .row_offset import VerticalOffset
 from .stripe_border import StripeBorder
@@ -33,6 +34,9 @@ from .vergence import Vergence, vergence_std_rad
 
 _HORIZON_MARGIN_PX = 8  # above the horizon of the road: reach of the edges' directions and continuity
 _CLIPPED_STEP = 4  # every fourth pixel of every fourth row is enough for two digits
+
+
+_ROWS_NOT_COMPARED = CameraTurn.unknown(NotFitted("alignment.correct", 0, Bound.LEAST, 1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,8 +49,8 @@ class FrameObservations:
         clipped: Greatest part of black and white pixels in the lower half of an image.
         surface: The road surface; None where ``texture.check`` is 0.
         far: Disparity of what is farthest away; None where the surface does not tell where that is.
-        vergence_std_rad: Standard deviation of the right camera's turn about the vertical, as far as ``far``
-            shows it.
+        turn: Pitch and roll of the right camera, of which the images are free.
+        rig_std: Standard deviations of what remains unknown of the rig.
     """
 
     images: tuple[Image, Image]
@@ -54,20 +58,41 @@ class FrameObservations:
     clipped: float
     surface: RoadSurface | None = None
     far: FarDisparity | None = None
-    vergence_std_rad: float = VERGENCE_STD_RAD
+    turn: CameraTurn = _ROWS_NOT_COMPARED
+    rig_std: RigStd = CALIBRATED
 
     @classmethod
     def from_images(
-        cls, images: tuple[Image, Image], rig: StereoRig, config: CalibratorConfig
+        cls,
+        images: tuple[Image, Image],
+        rig: StereoRig,
+        config: CalibratorConfig,
+        turn: CameraTurn | None = None,
     ) -> FrameObservations:
-        """Return the observations of a left and a right image, (H, W) uint8 each."""
-        surface = find_road_surface(images, rig, config) if config.texture.check else None
+        """Return the observations of a frame.
+
+        Args:
+            images: Left and right image, (H, W) uint8.
+            rig: Intrinsics and baseline.
+            config: Settings.
+            turn: Pitch and roll of the right camera where they are known; None to measure them.
+        """
+        surface, coarse = None, None
+        if config.texture.check or config.alignment.correct != CORRECT_NOTHING:
+            found, disparities = find_coarse_road(images, rig, config.search, config.seed)
+            coarse = fitted(found)
+            pose = None if coarse is None else coarse.extrinsics
+            turn = turn or measure_turn(images, rig, disparities, pose)
+            if config.alignment.correct != CORRECT_NOTHING:
+                images, turn = turned_back(images, rig, turn)
+            surface = find_road_surface(images, rig, found) if config.texture.check else None
+        turn = turn or _ROWS_NOT_COMPARED
         first_row = _first_row(surface, rig)
         left, right = (find_stripe_points(image, config.extraction, first_row) for image in images)
-        coarse = None if surface is None else fitted(surface.coarse)
         far = None if coarse is None else fitted(far_disparity(images, rig, coarse.extrinsics))
         clipped = clipped_share(images)
-        return cls(images, (left, right), clipped, surface, far, vergence_std_rad(far, rig))
+        rig_std = turn.rig_std(vergence_std_rad(far, rig))
+        return cls(images, (left, right), clipped, surface, far, turn, rig_std)
 
 
 def _first_row(surface: RoadSurface | None, rig: StereoRig) -> int:

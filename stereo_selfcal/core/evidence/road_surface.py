@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..camera.rig import StereoRig
-from ..config import CalibratorConfig
-from ..estimators.coarse_road import CoarseRoad, find_coarse_road
+from ..estimators.coarse_road import CoarseRoad
 from ..estimators.texture_alignment import align_texture
 from ..estimators.texture_fit import MIN_CELL_SHARE, MIN_SIGMAS, TextureFit
 from ..geometry.pose import Extrinsics
@@ -135,15 +134,16 @@ def too_little_texture(fit: TextureFit | NotFitted) -> NotFitted:
     return NotFitted(what, 100 * fit.quality.cell_share, Bound.LEAST, 100 * MIN_CELL_SHARE, "%")
 
 
-def find_road_surface(images: tuple[Image, Image], rig: StereoRig, config: CalibratorConfig) -> RoadSurface:
-    """Find the road surface, without any prior pose.
+def find_road_surface(
+    images: tuple[Image, Image], rig: StereoRig, coarse: CoarseRoad | NotFitted
+) -> RoadSurface:
+    """Find the road surface, from the coarse plane on.
 
     Args:
         images: Left and right image, (H, W) uint8.
         rig: Intrinsics and baseline.
-        config: Settings: the search space and the seed.
+        coarse: Plane of the dense disparities; or why there is none.
     """
-    coarse, _ = find_coarse_road(images, rig, config.search, config.seed)
     if isinstance(coarse, NotFitted):
         return RoadSurface(coarse, coarse, coarse)
     texture = align_texture(images, rig, coarse.extrinsics)

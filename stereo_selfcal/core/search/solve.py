@@ -144,7 +144,7 @@ def _solve_lines(
         UncertaintyTerm("paint_angle", paint_angle_covariance(pattern, rig, pose))
     )
     lines = JudgedEstimate(
-        estimate, poses, evidence, readings, response_of_lines(fit, pattern, rig, frame.vergence_std_rad)
+        estimate, poses, evidence, readings, response_of_lines(fit, pattern, rig, frame.rig_std)
     )
     checked = cross_check_surface(lines, hypothesis, pattern, frame, rig)
     surface = SurfaceCells.of(checked.evidence.texture)
@@ -225,8 +225,8 @@ def _solve_surface(
     seen = Reservation(ReservationKind.NO_LINE_CONFIRMS if yaw is None else ReservationKind.ONE_LINE_ONLY)
     lines, pitch_std = hypothesis.other_lines, math.sqrt(float(texture.covariance[1, 1]))
     turns = measure_vergence(frame.far, lines, rig, texture.extrinsics, pitch_std)
-    vergence_std = vergence_std_rad(frame.far, rig, turns)
-    of_rig = response_of_surface(rig, texture.extrinsics, vergence_std)
+    rig_std = frame.turn.rig_std(vergence_std_rad(frame.far, rig, turns))
+    of_rig = response_of_surface(rig, texture.extrinsics, rig_std)
     terms = merge_terms((*texture.terms, *rig_terms(of_rig)))
     estimate = Estimate(texture.extrinsics, terms, yaw, (seen,))
     evidence = Evidence(
@@ -239,6 +239,8 @@ def _solve_surface(
     readings, refusal = evaluate_gates(evidence)
     if refusal:
         return _refused(hypothesis, refusal, readings, poses)
+    if frame.turn.corrected:
+        return Attempt(hypothesis, Verdict.ACCEPTED, poses=poses, readings=readings, estimate=estimate)
     vertical = vertical_offset(frame.images, rig, texture.extrinsics, yaw or 0.0)
     if isinstance(vertical, NotFitted):  # the rows may be those of a camera that has turned
         message = f"the rows of both images are not compared; {vertical.reason}"

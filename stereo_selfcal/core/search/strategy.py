@@ -10,13 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from ..camera.rig import StereoRig
-from ..config import CalibratorConfig
+from ..config import CORRECT_NOTHING, CalibratorConfig
+from ..evidence.camera_turn import CameraTurn
+from ..evidence.cross_checks import remaining_offset
 from ..evidence.frame_evidence import FoundBy, FrameObservations, Hypothesis
 from ..lanes.extra_lines import find_extra_lines
 from ..lanes.hypotheses import LaneHypotheses, NoPattern, cross, find_hypotheses, lines_below_plane
 from ..lanes.lane_pair import LanePattern
 from ..rejection import Rejection, RejectReason
+from ..road.priors import CALIBRATED_TURN_STD_RAD
 from .attempt import Attempt, Verdict
 from .lines_on_road import lines_on_road
 from .refusal import with_lines_missing, without_pair
@@ -146,3 +151,33 @@ def choose(attempts: Sequence[Attempt]) -> Attempt | None:
 def _of_clutter(attempt: Attempt) -> bool:
     """Whether lines of the whole image were refused as lines that do not belong to a road."""
     return attempt.found_by is FoundBy.HOUGH and attempt.reason in _REASONS_OF_CLUTTER
+
+
+def turn_under_pose(
+    attempts: Sequence[Attempt], frame: FrameObservations, rig: StereoRig, config: CalibratorConfig
+) -> CameraTurn | None:
+    """Return how the right camera has turned, where only the pose over the road lets the rows be compared.
+
+    Args:
+        attempts: All attempts.
+        frame: Images, and what is known of them without a hypothesis.
+        rig: Intrinsics and baseline.
+        config: Settings.
+
+    Returns:
+        The turn; None where it was corrected before, is not to be corrected, is not seen, or is one that
+        calibrations leave, which the standard deviations of all estimates hold.
+    """
+    chosen = choose(attempts)
+    if chosen is None or frame.turn.corrected or config.alignment.correct == CORRECT_NOTHING:
+        return None
+    pose = chosen.poses.textured or chosen.poses.by_lines
+    if pose is None:
+        return None
+    yaw = None if chosen.estimate is None else chosen.estimate.lane_yaw_rad
+    offset = remaining_offset(frame, rig, pose, yaw)
+    if offset is None:
+        return None
+    turn = CameraTurn.of_offset(offset, rig)
+    usual = np.abs([turn.pitch_rad, turn.roll_rad]) <= CALIBRATED_TURN_STD_RAD[:2]
+    return None if np.all(usual) else turn

@@ -1,0 +1,133 @@
+"""How the right camera has turned in pitch and roll, as the rows of both images tell, and its correction.
+
+Rows are compared by points of texture all over both images. Where these show too few, they are compared on
+the road surface, and along the horizon once the pose over the road is known. What the rows tell is corrected
+in the right image before anything else is estimated; the standard deviation of the rest is that of an unknown
+of the rig.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from ..camera.rig import StereoRig
+from ..estimators.dense_disparity import DenseDisparities
+from ..estimators.matched_points import match_points
+from ..estimators.row_alignment import RowAlignment, align_rows
+from ..geometry.alignment import optical_rotation
+from ..geometry.pose import Extrinsics
+from ..rejection import NotFitted
+from ..road.priors import CALIBRATED_TURN_STD_RAD, RECTIFICATION_STD_PX
+from ..types import Array, Image
+from .rig_unknowns import RigStd
+from .row_offset import VerticalOffset, vertical_offset
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraTurn:
+    """Pitch and roll of the right camera against where the rig has it.
+
+    Attributes:
+        pitch_rad: Pitch [rad], with the sign of an :class:`..geometry.alignment.Alignment`.
+        roll_rad: Roll [rad].
+        covariance: (2, 2) of both.
+        distortion_px: Standard deviation of the smooth error that no turn explains [px].
+        points: What points all over both images tell; None where they show too few.
+        lacking: Why the rows were not compared; None where they were.
+        corrected: Whether the right image was turned back by it.
+    """
+
+    pitch_rad: float
+    roll_rad: float
+    covariance: Array
+    distortion_px: float = RECTIFICATION_STD_PX
+    points: RowAlignment | None = None
+    lacking: NotFitted | None = None
+    corrected: bool = False
+
+    @property
+    def seen(self) -> bool:
+        """Whether the rows of both images were compared."""
+        return self.lacking is None
+
+    @classmethod
+    def of_points(cls, rows: RowAlignment) -> CameraTurn:
+        """Return the turn that the rows of matched points tell."""
+        turn = float(rows.turn[0]), float(rows.turn[1])
+        return cls(*turn, rows.covariance[:2, :2], rows.smooth_px, rows)
+
+    @classmethod
+    def of_offset(cls, offset: VerticalOffset, rig: StereoRig) -> CameraTurn:
+        """Return the turn that the rows of the road or of the horizon tell."""
+        stds = np.array([offset.std_px / rig.fy, offset.roll_std_rad])
+        return cls(-offset.offset_px / rig.fy, -offset.roll_rad, np.diag(stds**2))
+
+    @classmethod
+    def unknown(cls, why: NotFitted) -> CameraTurn:
+        """Return what calibrations leave, where no rows are compared."""
+        return cls(0.0, 0.0, np.diag(np.square(CALIBRATED_TURN_STD_RAD[:2])), lacking=why)
+
+    def rig_std(self, yaw_rad: float) -> RigStd:
+        """Return the standard deviations of what remains unknown of the rig.
+
+        Args:
+            yaw_rad: That of the yaw of the right camera [rad].
+        """
+        variances = np.diag(self.covariance)
+        if not self.corrected and self.seen:
+            variances = variances + np.square([self.pitch_rad, self.roll_rad])
+        pitch, roll = (math.sqrt(float(each)) for each in variances)
+        return RigStd(pitch, roll, yaw_rad, self.distortion_px)
+
+
+def measure_turn(
+    images: tuple[Image, Image], rig: StereoRig, disparities: DenseDisparities, coarse: Extrinsics | None
+) -> CameraTurn:
+    """Compare the rows of both images, by points all over them; without such, on the road surface.
+
+    Args:
+        images: Left and right image, (H, W) uint8.
+        rig: Intrinsics and baseline.
+        disparities: Dense disparities of the left image.
+        coarse: Pose over the road that these tell; None where they show none.
+    """
+    by_points = align_rows(match_points(images, disparities), rig)
+    if not isinstance(by_points, NotFitted):
+        return CameraTurn.of_points(by_points)
+    if coarse is not None:
+        on_road = vertical_offset(images, rig, coarse)
+        if not isinstance(on_road, NotFitted):
+            return CameraTurn.of_offset(on_road, rig)
+    return CameraTurn.unknown(by_points)
+
+
+def turned_back(
+    images: tuple[Image, Image], rig: StereoRig, turn: CameraTurn, yaw_rad: float = 0.0
+) -> tuple[tuple[Image, Image], CameraTurn]:
+    """Return the images with the right one as a camera sees it that is not turned; and the turn, corrected.
+
+    Args:
+        images: Left and right image, (H, W) uint8.
+        rig: Intrinsics.
+        turn: Pitch and roll of the right camera.
+        yaw_rad: Its yaw, as far as it is to be corrected [rad].
+    """
+    if not turn.seen and yaw_rad == 0.0:
+        return images, turn
+    matrix = np.array([[rig.fx, 0.0, rig.cx], [0.0, rig.fy, rig.cy], [0.0, 0.0, 1.0]])
+    rotation = optical_rotation(turn.pitch_rad, turn.roll_rad, yaw_rad)
+    # Where a point lies in the image of the turned camera, for where it would lie without the turn.
+    turned_from_straight = matrix @ rotation.T @ np.linalg.inv(matrix)
+    left, right = images
+    straight = cv2.warpPerspective(
+        right,
+        turned_from_straight,
+        (right.shape[1], right.shape[0]),
+        flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return (left, np.asarray(straight, np.uint8)), replace(turn, corrected=True)
