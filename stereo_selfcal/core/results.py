@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from .evidence.road_surface import SurfaceCells
 from .faults import Fault
+from .geometry.alignment import Alignment
 from .geometry.pose import Extrinsics
 from .geometry.uncertainty import UncertaintyTerm
 from .lanes.lane_pair import ImageLine, LanePattern
@@ -41,6 +42,8 @@ class CalibrationResult:
         gates: Readings of all gates up to the first one that refused.
         uncertainty: Terms of the covariance, one for each cause; their sum is the covariance. Empty when
             rejected.
+        alignment: How the right camera is turned against where the rig has it; None where
+            the images were not looked at.
         attempts: Every hypothesis that was solved for this frame, in order; empty when several are fused.
         confirmed_by_texture: Whether the texture of the road surface has confirmed the lines.
         fault: The fault of the program for which the frame is refused; None in any other case.
@@ -66,6 +69,7 @@ class CalibrationResult:
     reservations: tuple[Reservation, ...] = ()
     uncertainty: tuple[UncertaintyTerm, ...] = ()
     attempts: tuple[Attempt, ...] = ()
+    alignment: Alignment | None = None
     confirmed_by_texture: bool = False
     fault: Fault | None = None
 
