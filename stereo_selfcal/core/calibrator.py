@@ -14,8 +14,10 @@ from .camera.rig import StereoRig
 from .config import CalibratorConfig
 from .drive.fusion import fuse_frames
 from .errors import shortened
+from .evidence.camera_yaw import yaw_posterior
 from .evidence.frame_evidence import FrameObservations
 from .evidence.road_surface import SurfaceCells
+from .geometry.alignment import Alignment
 from .lanes import frame_checks
 from .lanes.hypotheses import NoPattern, find_hypotheses, unused_lines
 from .lanes.lane_pair import LanePattern
@@ -126,6 +128,7 @@ class Calibrator:
             refusal, pattern = search.refusal(attempts)
             cause = diagnose(refusal, lines, pattern, frame, self.rig, self.config)
             result = replace(result, rejection=cause, message=cause.message, pattern=pattern)
+        result = replace(result, alignment=_alignment(frame, chosen, self.rig))
         if chosen is None:
             result = _with_what_was_seen(result, lines.matches, frame)
         return replace(result, unused_lines=unused_lines(lines, result.pattern, result.lane_line))
@@ -154,6 +157,16 @@ class Calibrator:
         frame = FrameObservations.from_images((left, right), self.rig, self.config)
         found = find_hypotheses(frame.points, frame.images, self.rig, self.config).patterns
         return found[0] if isinstance(found, list) else found
+
+
+def _alignment(frame: FrameObservations, chosen: Attempt | None, rig: StereoRig) -> Alignment:
+    """Return how the right camera is turned: by the rows, and by all that tells its yaw."""
+    told = frame.yaw_told if chosen is None or not chosen.yaw_told else chosen.yaw_told
+    yaw = yaw_posterior(told, frame.far, rig, calibrated=False)
+    covariance = np.zeros((3, 3))
+    covariance[:2, :2] = frame.turn.covariance
+    covariance[2, 2] = yaw.std_rad**2
+    return Alignment(frame.turn.pitch_rad, frame.turn.roll_rad, yaw.yaw_rad, covariance)
 
 
 def _with_what_was_seen(

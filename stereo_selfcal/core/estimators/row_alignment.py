@@ -10,6 +10,7 @@ that are not triggered at the same time look like those of a camera that sits fa
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,8 +34,8 @@ _LEAST_SCATTER_PX, _MOST_SCATTER_PX = 0.01, 1.0
 _LEAST_POINTS = 30  # six for each of five unknowns
 _DETERMINED = "numbers of the rows that the points determine"
 _ANY_YAW_RAD = 0.01  # half a degree: beyond, a pair of images is hardly matched at all
-# Of the smooth error of the rows that a calibration leaves, over the scatter of the points.
-_SMOOTH_PART = 0.5
+# Parts of the image, side by side and one above the other, in which rows have an error of their own.
+_PARTS_ACROSS, _PARTS_DOWN = 6, 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,6 +49,8 @@ class RowAlignment:
         up: How much higher it sits, over the baseline.
         covariance: (5, 5) of (pitch, roll, yaw, up, ahead), with the smooth error that calibrations leave.
         scatter_px: Standard deviation of the rows of one point.
+        distortion_px: Standard deviation over the image of the smooth error of the rows that no pitch and no
+            roll explains [px]: what lenses and rectification leave.
         n_points: Number of points that agree.
     """
 
@@ -56,12 +59,13 @@ class RowAlignment:
     up: float
     covariance: Array
     scatter_px: float
+    distortion_px: float
     n_points: int
 
     @property
-    def smooth_px(self) -> float:
-        """Standard deviation of the smooth error of the rows that no turn explains [px]."""
-        return _SMOOTH_PART * self.scatter_px
+    def yaw(self) -> tuple[float, float]:
+        """The yaw of the right camera and its standard deviation [rad]."""
+        return float(self.turn[2]), math.sqrt(float(self.covariance[2, 2]))
 
 
 def row_derivatives(rig: StereoRig, points: MatchedPoints) -> Array:
@@ -122,10 +126,29 @@ def align_rows(points: MatchedPoints, rig: StereoRig) -> RowAlignment | NotFitte
     if isinstance(covariance, NotFitted):
         return covariance
     # A smooth error of the rows is a pitch, one that grows with the column is a roll.
-    smooth = _SMOOTH_PART * scatter / rig.fy * np.array([1.0, 2.0 * rig.fx / rig.width])
-    covariance[:2, :2] += np.diag(smooth**2)
+    values, used = found.solution[0], int(np.count_nonzero(found.weights))
+    smooth_px = _smooth_error(points, found.residuals, found.weights, scatter, rig)
+    covariance[:2, :2] += np.diag(np.square(smooth_px / rig.fy * np.array([1.0, 2.0 * rig.fx / rig.width])))
+    # The product of column and row, over the image, by more than its standard deviation.
+    product = max(0.0, float(values[2] ** 2 - covariance[2, 2])) * (rig.width * rig.height / 4.0) ** 2 / 9.0
+    distortion_px = math.hypot(smooth_px, math.sqrt(product) / rig.fx)
     covariance[2, 2] += ROW_YAW_STD_RAD**2
     if not is_covariance(covariance):
         return NotFitted(_DETERMINED, 4, Bound.LEAST, 5)
-    values, used = found.solution[0], int(np.count_nonzero(found.weights))
-    return RowAlignment(values[:3], float(values[4]), float(values[3]), covariance, scatter, used)
+    turn, up, ahead = values[:3], float(values[3]), float(values[4])
+    return RowAlignment(turn, ahead, up, covariance, scatter, distortion_px, used)
+
+
+def _smooth_error(
+    points: MatchedPoints, residuals: Array, weights: Array, scatter_px: float, rig: StereoRig
+) -> float:
+    """Return the standard deviation of what points of a part of the image have in common [px]."""
+    column, row = points.right.astype(np.float64).T
+    across = np.clip(column * _PARTS_ACROSS / rig.width, 0, _PARTS_ACROSS - 1).astype(np.intp)
+    down = np.clip(row * _PARTS_DOWN / rig.height, 0, _PARTS_DOWN - 1).astype(np.intp)
+    part, n_parts = across * _PARTS_DOWN + down, _PARTS_ACROSS * _PARTS_DOWN
+    count = np.bincount(part, weights, n_parts)
+    sums = np.bincount(part, weights * residuals, n_parts)
+    # The square of a mean exceeds that of the smooth error by the variance of the mean.
+    excess = float((sums**2).sum() - scatter_px**2 * count.sum()) / float((count**2).sum())
+    return math.sqrt(max(0.0, excess))

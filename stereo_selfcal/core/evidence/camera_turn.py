@@ -58,7 +58,7 @@ class CameraTurn:
     def of_points(cls, rows: RowAlignment) -> CameraTurn:
         """Return the turn that the rows of matched points tell."""
         turn = float(rows.turn[0]), float(rows.turn[1])
-        return cls(*turn, rows.covariance[:2, :2], rows.smooth_px, rows)
+        return cls(*turn, rows.covariance[:2, :2], rows.distortion_px, rows)
 
     @classmethod
     def of_offset(cls, offset: VerticalOffset, rig: StereoRig) -> CameraTurn:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -24,13 +24,14 @@ from ..lanes.stripe_points import find_stripe_points
 from ..rejection import Bound, NotFitted, fitted
 from ..types import Array, Image
 from .camera_turn import CameraTurn, measure_turn, turned_back
+from .camera_yaw import YawTold, yaw_posterior
 from .far_disparity import FarDisparity, far_disparity
 from .profile import Profile
 from .rig_unknowns import CALIBRATED, RigStd
 from .road_surface import RoadSurface, find_road_surface
 from .row_offset import VerticalOffset
 from .stripe_border import StripeBorder
-from .vergence import Vergence, vergence_std_rad
+from .vergence import Vergence
 
 _HORIZON_MARGIN_PX = 8  # above the horizon of the road: reach of the edges' directions and continuity
 _CLIPPED_STEP = 4  # every fourth pixel of every fourth row is enough for two digits
@@ -51,6 +52,7 @@ class FrameObservations:
         far: Disparity of what is farthest away; None where the surface does not tell where that is.
         turn: Pitch and roll of the right camera, of which the images are free.
         rig_std: Standard deviations of what remains unknown of the rig.
+        yaw_told: The yaw of the right camera, by rows and lines.
     """
 
     images: tuple[Image, Image]
@@ -60,6 +62,7 @@ class FrameObservations:
     far: FarDisparity | None = None
     turn: CameraTurn = _ROWS_NOT_COMPARED
     rig_std: RigStd = CALIBRATED
+    yaw_told: tuple[YawTold, ...] = ()
 
     @classmethod
     def from_images(
@@ -91,8 +94,20 @@ class FrameObservations:
         left, right = (find_stripe_points(image, config.extraction, first_row) for image in images)
         far = None if coarse is None else fitted(far_disparity(images, rig, coarse.extrinsics))
         clipped = clipped_share(images)
-        rig_std = turn.rig_std(vergence_std_rad(far, rig))
-        return cls(images, (left, right), clipped, surface, far, turn, rig_std)
+        told = None if turn.points is None else YawTold(*turn.points.yaw)
+        frame = cls(images, (left, right), clipped, surface, far, turn)
+        return frame.with_yaw(told, rig)
+
+    def with_yaw(self, told: YawTold | None, rig: StereoRig) -> FrameObservations:
+        """Return the observations with something more that tells the yaw of the right camera.
+
+        Args:
+            told: The yaw; None where nothing more tells it.
+            rig: Intrinsics and baseline.
+        """
+        all_told = self.yaw_told if told is None else (*self.yaw_told, told)
+        yaw = yaw_posterior(all_told, self.far, rig, calibrated=True)
+        return replace(self, yaw_told=all_told, rig_std=self.turn.rig_std(yaw.rms_rad))
 
 
 def _first_row(surface: RoadSurface | None, rig: StereoRig) -> int:
@@ -131,6 +146,7 @@ class Hypothesis:
         other_lines: Lines that both cameras see, those of the pattern included.
         below: How deep another line lies below the plane of the pattern; None where it was not measured.
         texture: The alignment of the road surface on which the lines were looked for; None for ``hough``.
+        yaw_told: The yaw of the right camera by the clearest two of these lines; None without two.
     """
 
     found_by: FoundBy
@@ -138,6 +154,7 @@ class Hypothesis:
     other_lines: Matches = field(default_factory=lambda: ([], []))
     below: BelowPlane | None = None
     texture: TextureFit | None = None
+    yaw_told: YawTold | None = None
 
     def slim(self) -> Hypothesis:
         """Return the hypothesis without points and lines, which take as much memory as an image."""

@@ -21,12 +21,9 @@ from ..lanes.matching import Matches
 from ..road.priors import MAX_LANE_WIDTH_M, MIN_LANE_WIDTH_M, PAINT_ANGLE_STD_RAD, VERGENCE_STD_RAD
 from ..tolerances import EXCLUDED_SIGMAS, WRONG
 from ..types import Array, Mask
-from .far_disparity import MOST_TURN_RAD, FarDisparity
+from .far_disparity import MOST_TURN_RAD, FarDisparity, infinitely_far
 from .rig_unknowns import response_of_surface
 
-# So many directions with the same least disparity are no accident: the odds grow from none to sure between
-# these. In 50 recorded frames, up to three and a half were equal without being infinitely far.
-_FEW_EQUAL, _MANY_EQUAL = 3.0, 4.0
 # Least likeness of the two lines of a lane in both images for them to contradict the surface.
 _LEAST_LIKENESS = 0.9
 # Least votes of them, over those of the clearest line: a dashed line is painted over a third of its length.
@@ -50,25 +47,6 @@ class Vergence:
     std_rad: float
     wrong_rad: float
     by_lines: bool
-
-
-def vergence_std_rad(far: FarDisparity | None, rig: StereoRig, turns: tuple[Vergence, ...] = ()) -> float:
-    """Return the standard deviation of the right camera's turn about the vertical [rad].
-
-    It is that of calibrations, unless more is seen: what is far away has a negative disparity, or the same
-    positive one in many directions; or lines are parallel under a turn only.
-
-    Args:
-        far: The disparity of what is farthest away; None where nothing is seen.
-        rig: Intrinsics and baseline.
-        turns: What is measured of the turn.
-    """
-    seen = [(each.yaw_rad, each.std_rad) for each in turns]
-    if far is not None:
-        part = 1.0 if far.disparity_px < 0.0 else _infinitely_far(far)
-        seen.append((part * far.disparity_px / rig.fx, far.std_px / rig.fx))
-    excess = [value**2 - std**2 - VERGENCE_STD_RAD**2 for value, std in seen]
-    return math.sqrt(VERGENCE_STD_RAD**2 + max(0.0, *excess, 0.0))
 
 
 def measure_vergence(
@@ -100,11 +78,6 @@ def measure_vergence(
     if by_lines is not None and not _denied(by_lines, far, rig):
         found.append(by_lines)
     return tuple(sorted(found, key=lambda each: -abs(each.yaw_rad) / each.std_rad))
-
-
-def _infinitely_far(far: FarDisparity) -> float:
-    """Return how likely what is farthest away is infinitely far, 0 ... 1."""
-    return min(max((far.n_equal - _FEW_EQUAL) / (_MANY_EQUAL - _FEW_EQUAL), 0.0), 1.0)
 
 
 def _wrong_rad(rig: StereoRig, extrinsics: Extrinsics) -> float:
@@ -222,4 +195,4 @@ def _denied(by_lines: Vergence, far: FarDisparity | None, rig: StereoRig) -> boo
     # The disparity at infinity that lines tell, over the one that is seen: nothing is farther than infinity.
     excess_px = -by_lines.yaw_rad * rig.fx - far.disparity_px
     limit_px = EXCLUDED_SIGMAS * math.hypot(by_lines.std_rad * rig.fx, far.std_px)
-    return excess_px > limit_px or (_infinitely_far(far) >= 1.0 and -excess_px > limit_px)
+    return excess_px > limit_px or (infinitely_far(far) >= 1.0 and -excess_px > limit_px)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
+from ..evidence.camera_yaw import YawTold
 from ..evidence.estimate import Estimate, StagePoses
 from ..evidence.frame_evidence import FoundBy, Hypothesis
 from ..evidence.road_surface import SurfaceCells
@@ -40,6 +41,7 @@ class Attempt:
         lane_curvature_per_m: Curvature of the lane [1/m], > 0: bends left; None where it was not measured.
         genetic: Report of the genetic algorithm; None where it did not run.
         surface: The road surface the lines were compared with, or that is the estimate; None without one.
+        yaw_told: The yaw of the right camera, by rows and lines; empty where the hypothesis was refused.
         lane_line: The line of the left image that tells the yaw of an estimate without a pair of lines.
     """
 
@@ -53,6 +55,7 @@ class Attempt:
     lane_curvature_per_m: float | None = None
     genetic: GeneticResult | None = None
     surface: SurfaceCells | None = None
+    yaw_told: tuple[YawTold, ...] = ()
     lane_line: ImageLine | None = None
 
     @property

@@ -13,6 +13,7 @@ from ..estimators.fitness import PatternFitness
 from ..estimators.line_covariance import LineFit, measure_bends, propagate
 from ..estimators.stripe_fit import StripeFit, refine
 from ..estimators.texture_fit import TextureFit
+from ..evidence.camera_yaw import yaw_of_lines
 from ..evidence.cross_checks import JudgedEstimate, cross_check_surface, with_strip
 from ..evidence.estimate import Estimate, StagePoses
 from ..evidence.frame_evidence import Evidence, FrameObservations, Hypothesis
@@ -26,12 +27,13 @@ from ..evidence.profile import measure_profile
 from ..evidence.rig_unknowns import response_of_lines, response_of_surface, rig_terms
 from ..evidence.road_surface import SurfaceCells
 from ..evidence.row_offset import vertical_offset
-from ..evidence.vergence import Vergence, measure_vergence, vergence_std_rad
+from ..evidence.vergence import Vergence, measure_vergence
 from ..geometry.homography import SIDES
 from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, merge_terms
 from ..lanes.closed_form import contradictions, solve_plane
 from ..lanes.lane_pair import LanePattern
+from ..lanes.line_geometry import lane_in_road
 from ..lanes.matching import Matches
 from ..numerics.genetic import GeneticResult, maximise_each
 from ..numerics.linear import is_covariance, rank_of
@@ -143,6 +145,11 @@ def _solve_lines(
     estimate = _estimate(pose, fit, refined, evidence, reservations).with_terms(
         UncertaintyTerm("paint_angle", paint_angle_covariance(pattern, rig, pose))
     )
+    told = hypothesis.yaw_told
+    if told is None:
+        _, left_m, right_m = lane_in_road(pattern.boundaries, rig, estimate.pose)
+        told = yaw_of_lines(pattern.left, pattern.right, abs(float(left_m - right_m)), rig)
+    frame = frame.with_yaw(told, rig)
     lines = JudgedEstimate(
         estimate, poses, evidence, readings, response_of_lines(fit, pattern, rig, frame.rig_std)
     )
@@ -160,6 +167,7 @@ def _solve_lines(
         lane_curvature_per_m=bends.lateral_per_m,
         genetic=genetic,
         surface=surface,
+        yaw_told=frame.yaw_told,
     )
 
 
@@ -225,8 +233,8 @@ def _solve_surface(
     seen = Reservation(ReservationKind.NO_LINE_CONFIRMS if yaw is None else ReservationKind.ONE_LINE_ONLY)
     lines, pitch_std = hypothesis.other_lines, math.sqrt(float(texture.covariance[1, 1]))
     turns = measure_vergence(frame.far, lines, rig, texture.extrinsics, pitch_std)
-    rig_std = frame.turn.rig_std(vergence_std_rad(frame.far, rig, turns))
-    of_rig = response_of_surface(rig, texture.extrinsics, rig_std)
+    frame = frame.with_yaw(hypothesis.yaw_told, rig)
+    of_rig = response_of_surface(rig, texture.extrinsics, frame.rig_std)
     terms = merge_terms((*texture.terms, *rig_terms(of_rig)))
     estimate = Estimate(texture.extrinsics, terms, yaw, (seen,))
     evidence = Evidence(
@@ -239,8 +247,16 @@ def _solve_surface(
     readings, refusal = evaluate_gates(evidence)
     if refusal:
         return _refused(hypothesis, refusal, readings, poses)
+    accepted = Attempt(
+        hypothesis,
+        Verdict.ACCEPTED,
+        poses=poses,
+        readings=readings,
+        estimate=estimate,
+        yaw_told=frame.yaw_told,
+    )
     if frame.turn.corrected:
-        return Attempt(hypothesis, Verdict.ACCEPTED, poses=poses, readings=readings, estimate=estimate)
+        return accepted
     vertical = vertical_offset(frame.images, rig, texture.extrinsics, yaw or 0.0)
     if isinstance(vertical, NotFitted):  # the rows may be those of a camera that has turned
         message = f"the rows of both images are not compared; {vertical.reason}"
@@ -249,7 +265,7 @@ def _solve_surface(
     readings, refusal = evaluate_gates(evidence, already=readings)
     if refusal:
         return _refused(hypothesis, refusal, readings, poses)
-    return Attempt(hypothesis, Verdict.ACCEPTED, poses=poses, readings=readings, estimate=estimate)
+    return replace(accepted, readings=readings)
 
 
 def _refused(

@@ -15,6 +15,7 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..config import CORRECT_NOTHING, CalibratorConfig
 from ..evidence.camera_turn import CameraTurn
+from ..evidence.camera_yaw import yaw_of_matches
 from ..evidence.cross_checks import remaining_offset
 from ..evidence.frame_evidence import FoundBy, FrameObservations, Hypothesis
 from ..lanes.extra_lines import find_extra_lines
@@ -95,10 +96,12 @@ class FrameSearch:
             frame, rig, config = self._frame, self._rig, self._config
             found = lines_on_road(texture.extrinsics, frame.points, frame.images, rig, config)
             self.on_road = found
+            told = yaw_of_matches(found.matches, rig, texture.extrinsics)
             for pattern in found.patterns if isinstance(found.patterns, list) else ():
                 extra = find_extra_lines(pattern, found.matches, frame.points, rig, config)
-                yield Hypothesis(FoundBy.ROAD, pattern.joined(extra), found.matches, texture=texture)
-            yield Hypothesis(FoundBy.SURFACE, None, found.matches, texture=texture)
+                lines = pattern.joined(extra)
+                yield Hypothesis(FoundBy.ROAD, lines, found.matches, texture=texture, yaw_told=told)
+            yield Hypothesis(FoundBy.SURFACE, None, found.matches, texture=texture, yaw_told=told)
         yield from self._in_image(attempts)
 
     def _in_image(self, attempts: Sequence[Attempt]) -> Iterator[Hypothesis]:

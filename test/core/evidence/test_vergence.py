@@ -10,7 +10,7 @@ from independent_camera import ideal_pattern
 
 from stereo_selfcal import Extrinsics, RejectReason, calibrate
 from stereo_selfcal.core.evidence.far_disparity import FarDisparity
-from stereo_selfcal.core.evidence.vergence import measure_vergence, vergence_std_rad
+from stereo_selfcal.core.evidence.vergence import measure_vergence
 from stereo_selfcal.core.geometry.plane import DisparityPlane, PlaneCamera, plane_from_pose, pose_from_plane
 from stereo_selfcal.core.lanes.matching import Candidate, Match
 from stereo_selfcal.core.road.priors import PAINT_ANGLE_STD_RAD, VERGENCE_STD_RAD
