@@ -68,7 +68,8 @@ def cameras(**both):
 def picture(side: str, index: int, rig: StereoRig = RIG):
     """A grey picture that tells side and frame: their mean can be compared after any lossy coding."""
     columns = np.arange(rig.width, dtype=np.float64) * (1.0 if side == "left" else 0.5)
-    return np.tile(40 + 10 * index + columns, (rig.height, 1)).astype(np.uint8)
+    row = (40 + 10 * index + columns).astype(np.uint8)
+    return np.tile(row, (rig.height, 1))
 
 
 def make_bag(path: Path, cameras, n_frames=3, kind="mcap", rig=RIG, other_topics=(), first=0):

@@ -22,6 +22,8 @@ from .config import NodeConfig
 from .pair_source import PairSource, known_rectifier, no_pair_reason, publishers_text
 from .record import FrameReport, calibrate_timed, failed_frame, refused_frame
 
+INTERRUPTED = "interrupted: the node shuts down"
+
 _CLOCK_STEP_S = 1e-3  # a call that ends at once must not divide by zero
 # After this time without a pair, the camera is said to have stopped. It may send one image per second.
 _SILENCE_S = 1.5
@@ -97,7 +99,7 @@ class CalibrationCall:
             if pair is None or remaining_s == 0.0:
                 break
         if self._source.stopped:
-            return CallOutcome("interrupted: the node shuts down")
+            return CallOutcome(INTERRUPTED)
         elapsed_s = max(time.monotonic() - start_s, _CLOCK_STEP_S)
         return CallOutcome(self._failure(before, elapsed_s) + self._doubts(before))
 

@@ -22,6 +22,7 @@ from ..unforeseen import unforeseen
 from .arguments import RosParser
 from .memory import spare_what_stays, use_one_heap
 from .selfcal import SelfcalNode
+from .shutdown import silent_after_shutdown
 
 # For: parameter services, timer, images, a call of ~/calibrate that waits, and a second call, told "busy".
 _THREADS = 5
@@ -35,14 +36,20 @@ _LOG_PERIOD_S = 5.0
 class _Executor(MultiThreadedExecutor):  # type: ignore[misc]  # rclpy has no types
     """An executor whose callbacks can be waited for."""
 
+    _sigint_gc = None  # __del__ of rclpy 7 asks for it, even where a signal came before it was made
+
     def finish(self) -> None:
         """Wait for the running callbacks, before the node is destroyed.
 
-        ``shutdown()`` of rclpy 7 is meant to wait and does not.
+        ``shutdown()`` of rclpy 7 is meant to wait and does not. Nor does it ask for the errors of the
+        callbacks that it did not wait for: each would be printed as "never retrieved" when it is forgotten.
+        They all come from the shutdown.
         """
         pool = getattr(self, "_executor", None)
         if pool is not None:
             pool.shutdown(wait=True)
+        for callback in getattr(self, "_futures", ()):
+            callback.exception()
 
 
 def _end_at_hangup() -> None:
@@ -80,6 +87,23 @@ def _spin(executor: MultiThreadedExecutor) -> None:
                     )
 
 
+def _serve(selfcal: SelfcalNode) -> None:
+    """Run the node until its context is shut down, and take it apart."""
+    executor = None
+    try:
+        with silent_after_shutdown(selfcal.node.context):  # a signal may come before there is an executor
+            executor = _Executor(_THREADS)
+            executor.add_node(selfcal.node)
+            _spin(executor)
+    finally:
+        selfcal.stop()
+        if executor is not None:
+            executor.finish()
+            time.sleep(_CALM_S)
+            executor.shutdown()
+        selfcal.node.destroy_node()
+
+
 def _run(arguments: list[str]) -> None:
     """Start ROS and run the node until it is told to end."""
     use_one_heap()
@@ -96,16 +120,7 @@ def _run(arguments: list[str]) -> None:
                 return
             raise
         spare_what_stays()
-        executor = _Executor(_THREADS)
-        executor.add_node(selfcal.node)
-        try:
-            _spin(executor)
-        finally:
-            selfcal.stop()
-            executor.finish()
-            time.sleep(_CALM_S)
-            executor.shutdown()
-            selfcal.node.destroy_node()
+        _serve(selfcal)
     finally:
         rclpy.try_shutdown()
         ignore_ctrl_c_at_the_end()  # rclpy has put back what was before its own handlers

@@ -13,6 +13,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from ..bags import StereoBag
 from ..bags.topics import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, StereoTopics
+from .shutdown import silent_after_shutdown
 
 _TYPES = {IMAGE: Image, COMPRESSED_IMAGE: CompressedImage, CAMERA_INFO: CameraInfo}
 _NS_PER_S = 1_000_000_000
@@ -37,6 +38,7 @@ class BagPlayer:
 
     def __init__(self, node: Node, path: Path) -> None:
         self._path = path
+        self._context = node.context
         with StereoBag(path) as bag:
             self.topics: StereoTopics = bag.topics
         sides = (self.topics.left, self.topics.right)
@@ -69,8 +71,9 @@ class BagPlayer:
             self._publishers[topic].publish(data)
 
     def _run(self) -> None:
-        while not self._stop.wait(_PAUSE_S):
-            self.play_once()
+        with silent_after_shutdown(self._context):
+            while not self._stop.wait(_PAUSE_S):
+                self.play_once()
 
     def _messages(self) -> Iterator[tuple[str, int, bytes]]:
         """Yield (topic, time of the recording [ns], serialized message)."""

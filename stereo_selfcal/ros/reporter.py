@@ -22,6 +22,7 @@ from .inputs import StereoInput
 from .intake import IntakeWindow
 from .live import missing_info
 from .pair_source import known_rectifier, no_pair_reason
+from .shutdown import silent_after_shutdown
 
 PERIOD_S = 1.0
 # Rates are means over this number of reports at most: a camera with one image per second must not seem to
@@ -167,11 +168,8 @@ class DiagnosticsReporter:
         )
 
     def _on_timer(self) -> None:
-        self._measure()  # before the tick that may end a probe: the last second belongs to it
-        self._source.tick()
-        message = diagnostics_message(self._node.get_clock().now().to_msg(), self.snapshot())
-        try:
+        with silent_after_shutdown(self._node.context):
+            self._measure()  # before the tick that may end a probe: the last second belongs to it
+            self._source.tick()
+            message = diagnostics_message(self._node.get_clock().now().to_msg(), self.snapshot())
             self._publisher.publish(message)
-        except RuntimeError:  # rcl's errors
-            if self._node.context.ok():  # after Ctrl-C nothing can be published
-                raise

@@ -25,7 +25,7 @@ from ..core.types import Array
 from ..files.node_settings import NODE_NAME
 from ..files.result_file import restore, restore_old_default
 from ..files.saved_result import check_fits, topics_source
-from .calibration import CalibrationCall
+from .calibration import INTERRUPTED, CalibrationCall
 from .calibration_keeper import ActiveCalibration, CalibrationKeeper
 from .config import NodeConfig
 from .diagnostics import CalibrationReport
@@ -156,10 +156,10 @@ class SelfcalNode:
             self._keeper.begin()
             response.success, response.message = self._calibrate(self._parameters.config)
         except Exception as error:  # noqa: BLE001 - the caller gets an answer and the node goes on
+            response.success, response.message = False, INTERRUPTED
             if self.node.context.ok():  # after a shutdown everything fails
                 self.node.get_logger().error(traceback.format_exc())
-            response.success = False
-            response.message = f"internal error, see the node's log: {type(error).__name__}: {error}"
+                response.message = f"internal error, see the node's log: {type(error).__name__}: {error}"
         finally:
             self._keeper.fail()  # does nothing after a success
             self._last_success, self._last_answer = response.success, response.message

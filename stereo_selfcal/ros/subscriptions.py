@@ -20,6 +20,7 @@ from rclpy.qos import (
 )
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from ..core.errors import ConfigError
@@ -27,6 +28,7 @@ from ..core.geometry.homography import SIDES, Side
 from .config import NodeConfig
 from .overrides import QOS_PREFIX, check_qos_overrides, start_values
 from .pair_source import Topics
+from .shutdown import silent_after_shutdown
 
 # What rmw calls the node of a publisher that was discovered before its node was.
 _UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
@@ -139,8 +141,10 @@ class CameraSubscriptions:
         return Topics(*(stream.topic for stream in (*self._images, *self._infos)))
 
     def publishers(self, topic: str) -> int:
-        """Return how many publishers a topic has."""
-        return int(self._node.count_publishers(topic))
+        """Return how many publishers a topic has; 0 after a shutdown, when nobody can tell."""
+        with silent_after_shutdown(self._node.context):
+            return int(self._node.count_publishers(topic))
+        return 0
 
     def mismatches(self) -> tuple[str, ...]:
         """Return sentences about publishers that nothing can be received from, by their type or QoS."""
@@ -151,7 +155,7 @@ class CameraSubscriptions:
         found = []
         for stream in self._infos:
             found += self._mismatches_of(stream)
-            for publisher in self._node.get_publishers_info_by_topic(stream.topic):
+            for publisher in self._publishers_of(stream.topic):
                 profile = publisher.qos_profile
                 if profile.durability == _LATCHED.durability and not _is_latched(publisher):
                     found.append(
@@ -160,10 +164,16 @@ class CameraSubscriptions:
                     )
         return tuple(found)
 
+    def _publishers_of(self, topic: str) -> list[TopicEndpointInfo]:
+        """Return what is known of each publisher of a topic; none after a shutdown."""
+        with silent_after_shutdown(self._node.context):
+            return list(self._node.get_publishers_info_by_topic(topic))
+        return []
+
     def _mismatches_of(self, stream: Stream) -> list[str]:
         found = []
         topic, wanted = stream.topic, f"sensor_msgs/msg/{stream.message_type.__name__}"
-        for publisher in self._node.get_publishers_info_by_topic(topic):
+        for publisher in self._publishers_of(topic):
             compatible, reason = qos_check_compatible(publisher.qos_profile, self._profiles[topic])
             if publisher.topic_type != wanted:
                 found.append(
@@ -220,7 +230,7 @@ class CameraSubscriptions:
         """Return whether a topic has a publisher of latched messages, for which the user set nothing else."""
         if f"{QOS_PREFIX}{stream.topic}.subscription.durability" in self._overrides:
             return False
-        return any(map(_is_latched, self._node.get_publishers_info_by_topic(stream.topic)))
+        return any(map(_is_latched, self._publishers_of(stream.topic)))
 
     def _switch_latched(self, stream: Stream, needed: bool, group: _GatedGroup) -> None:
         if needed and stream.topic not in self._latched:

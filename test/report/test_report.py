@@ -22,6 +22,8 @@ from stereo_selfcal.core.geometry.uncertainty import TERMS
 from stereo_selfcal.core.rejection import Bound, GateReading, RejectReason
 from stereo_selfcal.core.reservations import Reservation, ReservationKind
 from stereo_selfcal.offline import BagSource, calibrate_recording
+from stereo_selfcal.offline.run import look_again
+from stereo_selfcal.report import pictures
 from stereo_selfcal.report.page import render_report
 from stereo_selfcal.report.remedies import remedies, remedy_of
 from stereo_selfcal.report.uncertainty import contributions
@@ -62,6 +64,22 @@ class Page(HTMLParser):
     @property
     def text(self):
         return " ".join(" ".join(self.words).split())
+
+
+SEEN_AGAIN = {}
+
+
+@pytest.fixture(autouse=True)
+def seen_again_once(monkeypatch):
+    """Read and calibrate a frame that many reports here show once only; a row says which frame it is."""
+
+    def look_again_once(source, row, config=None):
+        key = source, row.recorded_ns, config
+        if key not in SEEN_AGAIN:
+            SEEN_AGAIN[key] = look_again(source, row, config)
+        return SEEN_AGAIN[key]
+
+    monkeypatch.setattr(pictures, "look_again", look_again_once)
 
 
 @pytest.fixture(scope="module")
@@ -169,7 +187,9 @@ def test_it_needs_no_network_and_no_other_file(which, request):
     assert not re.search(r"https?:|@import|url\(|//[a-z]", re.sub(r"base64,[^\"]*", "", text))
 
 
-def test_same_recording_same_bytes(road, road_text):
+def test_same_recording_same_bytes(road, road_text, monkeypatch):
+    """With the frames that are shown calibrated anew."""
+    monkeypatch.setattr(pictures, "look_again", look_again)
     assert render_report(*road) == road_text
 
 
@@ -224,7 +244,8 @@ def drive_of(road, *, steps=(), refused=()):
 
 
 def test_a_move_is_told_with_both_poses(road):
-    page = Page(render_report(*drive_of(road, steps=((1800.0, np.array([0.0, math.radians(1.0), 0.0])),))))
+    text = render_report(*drive_of(road, steps=((1800.0, np.array([0.0, math.radians(1.0), 0.0])),)))
+    page = Page(text)
     assert "changes" in page.sections
     assert re.search(r"The camera was moved once, at 1(89|90)\d\.\d s. Since then it is 1\.40", page.text)
     assert re.search(r"before it was 1\.\d+ m above the road, pitched 3\.\d+°", page.text)
@@ -232,9 +253,7 @@ def test_a_move_is_told_with_both_poses(road):
     assert page.text.count("What the standard deviation is made of") == 2, "of each part of the drive"
     assert page.text.count("All together") == 2
     assert page.text.count("The squares add up") == 1
-    assert 'class="moved"' in render_report(
-        *drive_of(road, steps=((1800.0, np.array([0.0, math.radians(1.0), 0.0])),))
-    )
+    assert 'class="moved"' in text
 
 
 def test_a_long_drive_without_a_move_says_that_it_was_none(road):

@@ -51,6 +51,7 @@ class Stage:
             create_publisher=lambda *_: SimpleNamespace(publish=self.sent.append),
             create_timer=lambda *_, **__: None,
             get_clock=lambda: clock,
+            context=SimpleNamespace(ok=lambda: True),
             get_fully_qualified_name=lambda: "/stereo_selfcal",
         )
         self.reporter = DiagnosticsReporter(
