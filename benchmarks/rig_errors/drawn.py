@@ -39,6 +39,7 @@ class Road:
         seed: Seed of the series.
         index: Number within the series.
         paint_std_rad: Standard deviation of the angle between two lines; 0: they are parallel.
+        plane: Whether the carriageway is a plane; otherwise it falls as roads do, the own lane to one side.
     """
 
     rig_name: str
@@ -47,6 +48,7 @@ class Road:
     seed: int
     index: int
     paint_std_rad: float = 0.0
+    plane: bool = False
 
     @property
     def group(self) -> str:
@@ -101,6 +103,8 @@ class Road:
             draft = ordinary(rng, float(rng.uniform(*_STRENGTH)) if self.textured else 0.0)
             if draft.rig_name != self.rig_name:
                 continue
+            if self.plane:
+                draft.crown = []
             furnish(draft)
             world = finished(draft, self.group, self.seed, self.index)
             if world.good:

@@ -72,11 +72,9 @@ class Seen:
 def prior_tables(options: Options) -> Iterator[Table]:
     """Judge worlds of drawn and of perfect rigs: by what speaks and by rig, what is wrong, and everything."""
     tasks = [
-        Drawn(
-            Road(rig, textured, paint, options.seed, index, 0.0 if perfect else PAINT_STD_RAD), cue, perfect
-        )
+        Drawn(_road(cue, rig, options.seed, index, perfect), cue, perfect)
         for perfect in (False, True)
-        for cue, (textured, paint) in CUES.items()
+        for cue in CUES
         for rig in RIG_NAMES
         for index in range(0, options.rig_worlds, options.road_step)
     ]
@@ -90,13 +88,19 @@ def prior_tables(options: Options) -> Iterator[Table]:
     )
     yield _ratio_table(
         "rig_priors_noise",
-        "A perfect rig and parallel paint: error over the term of the pixels' noise",
+        "A perfect rig, parallel paint and a plane: error over the term of the pixels' noise",
         [each for each in seen if each.drawn.perfect],
         {f"pose over noise: {_POSE_AXES}": _noise_sigmas, f"pose: {_POSE_AXES}": _pose_sigmas},
     )
     verdicts = [each.verdict for each in seen]
     yield faults_table("rig_priors_faults", "Drawn and perfect rigs: accepted and wrong", verdicts)
     yield every_table("rig_priors_every", verdicts)
+
+
+def _road(cue: str, rig_name: str, seed: int, index: int, perfect: bool) -> Road:
+    """Return a road; over a perfect rig it is a plane, so that nothing is uncertain but the noise."""
+    textured, paint = CUES[cue]
+    return Road(rig_name, textured, paint, seed, index, 0.0 if perfect else PAINT_STD_RAD, plane=perfect)
 
 
 def judge_drawn(drawn: Drawn) -> Seen:
