@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from .options import QUICK, Options
+from .rig_errors import PARTS as RIG_PARTS
 from .road_pairs import SOURCES
 from .table import NothingToMeasureError, Table
 
@@ -53,6 +54,7 @@ SECTIONS = {
     "fleet_state": "fleet_state.state_table",
     "drives": "drives.drive_table",
     "offline": "offline.offline_tables",
+    "rig_errors": "rig_errors.rig_error_tables",
 }
 # Drawn by a section, shown below its tables.
 PLOTS = {"limit": "limit.png", "peers": "peers.png", "search": "search.png", "sizes": "sizes.png"}
@@ -79,10 +81,23 @@ def main(arguments: list[str]) -> int:
         choices=SOURCES,
         help="one of the sets of stereo pairs (may be repeated); all of them by default",
     )
-    parser.add_argument("--road-step", type=int, help="one pair out of so many of each set")
+    parser.add_argument(
+        "--road-step", "--every", type=int, dest="road_step", help="one pair out of so many of each set"
+    )
+    parser.add_argument("--rig-roads", type=int, help="rendered roads of each kind that rig_errors turns")
+    parser.add_argument("--rig-worlds", type=int, help="rendered roads of each kind of its drawn rigs")
+    parser.add_argument(
+        "--part",
+        action="append",
+        dest="rig_parts",
+        choices=RIG_PARTS,
+        help="one part of the section rig_errors (may be repeated); all of them by default",
+    )
     parser.add_argument("--processes", type=int, help="processes that judge stereo pairs")
     parser.add_argument("--folder", type=Path, help="where tables and plots go")
-    parser.add_argument("--seed", type=int, help="seed of the worlds of the second generator")
+    parser.add_argument(
+        "--seed", type=int, help="seed of the worlds of the second generator, and of rig_errors"
+    )
     parser.add_argument("--only", type=int, metavar="INDEX", help="write this one of them as a case")
     parser.add_argument("--kind", help="the only kind of them that is drawn")
     parser.add_argument("--turned", action="store_true", help="draw turned right cameras among them, too")
@@ -96,7 +111,7 @@ def main(arguments: list[str]) -> int:
         for name, value in vars(chosen).items()
         if value is not None and value is not False and value != [] and name not in ("sections", "quick")
     }
-    if chosen.sources or chosen.road_step:
+    if chosen.sources or chosen.road_step or chosen.rig_parts:
         # A part of the pairs does not replace what was measured on all of them.
         sizes.setdefault("folder", QUICK.folder)
     options = replace(QUICK if chosen.quick else Options(), **sizes)

@@ -37,6 +37,9 @@ class Options:
         seed: Seed of the worlds of the second generator.
         only: The one of them that is written as a case, and not judged.
         kind: The only kind of them that is drawn.
+        rig_roads: Rendered roads of each kind with every turn of the right camera.
+        rig_worlds: Rendered roads of each kind and rig with a right camera drawn from its priors.
+        rig_parts: Parts of the section of turned right cameras; none for all of them.
         turned: Whether worlds with a turned right camera are among them.
         folder: Where tables and plots go.
     """
@@ -66,6 +69,9 @@ class Options:
     only: int | None = None
     kind: str | None = None
     turned: bool = False
+    rig_roads: int = 6
+    rig_worlds: int = 24
+    rig_parts: tuple[str, ...] = ()
     folder: Path = RESULTS
 
 

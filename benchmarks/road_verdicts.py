@@ -5,13 +5,13 @@ from __future__ import annotations
 import multiprocessing
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import cv2
 import numpy as np
 
-from stereo_selfcal import Calibrator
+from stereo_selfcal import CalibrationResult, Calibrator
 
 from .frames import READABLE, Array
 from .road_pairs import RoadPair
@@ -151,6 +151,12 @@ def judge(pair: RoadPair, with_peer: bool = True) -> RoadVerdict:
         start = time.thread_time()
         peer = peer_pose(pair.left, pair.right, pair.rig)
         peer_cpu_s = time.thread_time() - start
+    seen = verdict_of(pair, result)
+    return replace(seen, cpu_s=cpu_s, peer=_NOTHING if peer is None else peer, peer_cpu_s=peer_cpu_s)
+
+
+def verdict_of(pair: RoadPair, result: CalibrationResult) -> RoadVerdict:
+    """Return the verdict of a pair that was calibrated, without its peer and its times."""
     pose, std = _NOTHING, _NOTHING
     if result.extrinsics is not None and result.std is not None:
         pose, std = result.extrinsics.as_array() * READABLE, result.std.as_array() * READABLE
@@ -167,9 +173,6 @@ def judge(pair: RoadPair, with_peer: bool = True) -> RoadVerdict:
         pair.reference_std,
         list(result.stages)[-1] if result.stages else "",
         result.message,
-        cpu_s,
-        _NOTHING if peer is None else peer,
-        peer_cpu_s,
     )
 
 

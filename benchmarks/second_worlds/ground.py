@@ -168,15 +168,22 @@ def _wear(scene: Scene, points: Points) -> Array32:
 def _candidates(stripe: Stripe, lane: _Lane) -> Ints:
     reach = np.float32(stripe.width_m / 2 + stripe.wobble_m)
     wide, long = (np.maximum(*size) for size in (lane.wide_m, lane.long_m))
-    near = np.abs(lane.t - np.float32(stripe.t_m)) < reach + wide
+    near = np.abs(_from_middle(stripe, lane.s, lane.t)) < reach + wide
     near &= lane.s > np.float32(stripe.start_m) - long
     near &= lane.s < np.float32(stripe.end_m) + long
     return np.flatnonzero(near)
 
 
+def _from_middle(stripe: Stripe, s: Array32, t: Array32) -> Array32:
+    """Return how far left of the middle of a stripe places of the lane are."""
+    away: Array32 = t - np.float32(stripe.t_m)
+    return away - np.float32(stripe.slope) * s if stripe.slope else away
+
+
 def _cover(stripe: Stripe, lane: _Lane, chosen: Ints) -> Array32:
     """Return the share of each pixel that a stripe covers."""
-    s, t = lane.s[chosen], lane.t[chosen] - np.float32(stripe.t_m)
+    s = lane.s[chosen]
+    t = _from_middle(stripe, s, lane.t[chosen])
     long_m, wide_m = ((size[0][chosen], size[1][chosen]) for size in (lane.long_m, lane.wide_m))
     if stripe.wobble_m:
         t = t - np.float32(stripe.wobble_m) * (np.sin(s * 1.1 + stripe.phase_m) + np.sin(s * 0.37)) / 2

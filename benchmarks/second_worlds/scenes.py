@@ -30,6 +30,7 @@ class Stripe:
         taper: Whether it narrows to a point at its end.
         wobble_m: How far it leaves its place to either side.
         reflects: Whether it gives the light of headlamps back.
+        slope: How far its middle goes to the left for each metre along the lane: paint is never parallel.
     """
 
     t_m: float
@@ -45,6 +46,7 @@ class Stripe:
     taper: bool = False
     wobble_m: float = 0.0
     reflects: bool = False
+    slope: float = 0.0
 
 
 @dataclass(frozen=True)

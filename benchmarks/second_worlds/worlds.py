@@ -11,7 +11,7 @@ import numpy.typing as npt
 from stereo_selfcal import Extrinsics, StereoRig
 
 from .cameras import Camera, camera_pair, pose_over_plane
-from .drafts import SIDES, furnish
+from .drafts import SIDES, Draft, furnish
 from .kinds import GOOD_KINDS, Kind
 from .rigs import is_low
 from .scenes import Scene, Stripe
@@ -96,13 +96,15 @@ class World:
 
     def render(self) -> tuple[Image, Image]:
         """Return the left and the right image, shape (rows, cols), the same ones at each call."""
+        return self.image("left"), self.image("right")
+
+    def image(self, side: str) -> Image:
+        """Return the image of one camera, shape (rows, cols), the same one at each call."""
+        number = SIDES.index(side)
         plane, _ = self.scene.road.plane()
-        images: list[Image] = []
-        for number, camera in enumerate(self._cameras()):
-            light, warmth = picture(self.scene, camera, plane)
-            rng = np.random.default_rng([self.seed, self.index, 1 + number])
-            images.append(self.scene.sensor.develop(light, warmth, bool(number), rng))
-        return images[0], images[1]
+        light, warmth = picture(self.scene, self._cameras()[number], plane)
+        rng = np.random.default_rng([self.seed, self.index, 1 + number])
+        return self.scene.sensor.develop(light, warmth, bool(number), rng)
 
     def _cameras(self) -> tuple[Camera, Camera]:
         scene = self.scene
@@ -162,13 +164,25 @@ def draw(seed: int, index: int, *, turned: bool = False, kind: str | None = None
         chosen = named[0]
     draft = chosen.draw(rng)
     furnish(draft)
+    return finished(draft, chosen.name, seed, index)
+
+
+def finished(draft: Draft, kind: str, seed: int, index: int) -> World:
+    """Return the world of a draft that is not changed any more.
+
+    Args:
+        draft: The draft.
+        kind: Name of its kind.
+        seed: Seed of the series.
+        index: Number within the series.
+    """
     if is_low(draft.mount):
         draft.tags.add("low_rig")
     lines = {side: tuple(draft.lines.get(side, ())) for side in SIDES}
     return World(
         seed,
         index,
-        chosen.name,
+        kind,
         draft.rig_name,
         draft.scene(),
         draft.fair,

@@ -1,0 +1,31 @@
+"""Right cameras that have turned: measured and told, or refused, and never believed (issue 20).
+
+It was written from the interface and the renderers, without a look at how the estimator works. The parts are
+turns of the right camera on recorded and rendered roads (:mod:`.turns`), rigs and paint drawn from the stated
+priors (:mod:`.priors`), and rows that are off, the change over a drive and the worlds of others
+(:mod:`.others`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ..options import Options
+from ..table import Table
+from .others import drive_tables, row_tables, world_tables
+from .priors import prior_tables
+from .turns import turn_tables
+
+PARTS = {
+    "turns": turn_tables,
+    "priors": prior_tables,
+    "rows": row_tables,
+    "change": drive_tables,
+    "worlds": world_tables,
+}
+
+
+def rig_error_tables(options: Options) -> Iterator[Table]:
+    """Measure the chosen parts, all of them by default."""
+    for part in options.rig_parts or PARTS:
+        yield from PARTS[part](options)
