@@ -25,7 +25,7 @@ from .lanes.matching import Matches
 from .numerics.linear import is_covariance
 from .results import CalibrationResult, caught, rejected, result_of
 from .search.attempt import Attempt
-from .search.diagnosis import diagnose
+from .search.diagnosis import diagnose, not_synchronised
 from .search.solve import coarse_pose, solve
 from .search.strategy import FrameSearch, choose, turn_under_pose
 from .types import Image
@@ -127,6 +127,7 @@ class Calibrator:
         if chosen is None or not chosen.accepted:
             refusal, pattern = search.refusal(attempts)
             cause = diagnose(refusal, lines, pattern, frame, self.rig, self.config)
+            cause = not_synchronised(cause, chosen, frame, self.rig)
             result = replace(result, rejection=cause, message=cause.message, pattern=pattern)
         result = replace(result, alignment=_alignment(frame, chosen, self.rig))
         if chosen is None:

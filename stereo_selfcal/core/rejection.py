@@ -37,6 +37,7 @@ class RejectReason(Enum):
     IMAGES_UPSIDE_DOWN = "images_upside_down"
     IMAGES_MIRRORED = "images_mirrored"
     IMAGES_NOT_RECTIFIED = "images_not_rectified"
+    IMAGES_NOT_SYNCHRONISED = "images_not_synchronised"
     FITNESS_TOO_LOW = "fitness_too_low"
     SEARCH_SPACE_EDGE = "search_space_edge"
     NO_FRAMES = "no_frames"

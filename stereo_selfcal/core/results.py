@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from .evidence.road_surface import SurfaceCells
+from .evidence.synchronisation import Lateness
 from .faults import Fault
 from .geometry.alignment import Alignment
 from .geometry.pose import Extrinsics
@@ -44,6 +45,7 @@ class CalibrationResult:
             rejected.
         alignment: How the right camera is turned against where the rig has it; None where
             the images were not looked at.
+        lateness: The way of the car between both images; None where the road does not tell it.
         attempts: Every hypothesis that was solved for this frame, in order; empty when several are fused.
         confirmed_by_texture: Whether the texture of the road surface has confirmed the lines.
         fault: The fault of the program for which the frame is refused; None in any other case.
@@ -70,6 +72,7 @@ class CalibrationResult:
     uncertainty: tuple[UncertaintyTerm, ...] = ()
     attempts: tuple[Attempt, ...] = ()
     alignment: Alignment | None = None
+    lateness: Lateness | None = None
     confirmed_by_texture: bool = False
     fault: Fault | None = None
 
@@ -155,6 +158,7 @@ def result_of(chosen: Attempt | None, attempts: Sequence[Attempt], stamp_s: floa
         lane_curvature_per_m=chosen.lane_curvature_per_m,
         n_frames=1,
         reservations=chosen.estimate.reservations,
+        lateness=chosen.lateness,
         confirmed_by_texture=chosen.poses.textured is not None,
     )
     return replace(accepted, message=announce(accepted))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
@@ -31,6 +32,7 @@ from .rig_unknowns import CALIBRATED, RigStd
 from .road_surface import RoadSurface, find_road_surface
 from .row_offset import VerticalOffset
 from .stripe_border import StripeBorder
+from .synchronisation import Lateness
 from .vergence import Vergence
 
 _HORIZON_MARGIN_PX = 8  # above the horizon of the road: reach of the edges' directions and continuity
@@ -209,6 +211,8 @@ class Evidence:
         coarse: Plane of the dense disparities, for an estimate that rests on the lines alone.
         sweeps: Planes under which the faintest texture and the tracks between the lines agree, for such an
             estimate.
+        lateness: The way of the car between both images; None where the road does not tell it.
+        most_way_m: The way that makes a height wrong [m].
         vergence: Turn of the right camera about the vertical, by what contradicts its calibration most.
     """
 
@@ -237,6 +241,8 @@ class Evidence:
     own_strip: TextureFit | None = None
     coarse: CoarseRoad | None = None
     sweeps: tuple[LaneSweep, ...] = ()
+    lateness: Lateness | None = None
+    most_way_m: float = math.inf
     vergence: Vergence | None = None
 
     @property

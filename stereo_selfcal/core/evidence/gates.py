@@ -166,6 +166,13 @@ GATES: tuple[Gate, ...] = (
         measurements.read_clipped_part,
     ),
     Gate(
+        "synchronised",
+        "images of one moment",
+        RejectReason.IMAGES_NOT_SYNCHRONISED,
+        "trigger both cameras together, and check that the driver pairs images of the same moment",
+        rig_measurements.read_lateness,
+    ),
+    Gate(
         "texture_sufficient",
         "enough texture",
         RejectReason.ROAD_WITHOUT_TEXTURE,

@@ -37,6 +37,14 @@ def read_camera_turn(evidence: Evidence) -> Reading | None:
     return Reading(what, math.degrees(value), Bound.MOST, math.degrees(limit), "deg", value <= limit)
 
 
+def read_lateness(evidence: Evidence) -> Reading | None:
+    """Read the way of the car between both images."""
+    if evidence.lateness is None:
+        return None
+    value, limit = abs(evidence.lateness.way_m), evidence.most_way_m
+    return Reading(evidence.lateness.what, value, Bound.MOST, limit, "m", value <= limit)
+
+
 def read_vergence(evidence: Evidence) -> Reading | None:
     """Read the angle by which the right camera has turned about the vertical."""
     seen = evidence.vergence

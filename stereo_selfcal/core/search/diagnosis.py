@@ -16,6 +16,7 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
 from ..evidence.frame_evidence import FrameObservations
+from ..evidence.synchronisation import measure_lateness
 from ..geometry.homography import SIDES
 from ..lanes.closed_form import solve_plane
 from ..lanes.detector import detect_by_hough
@@ -25,6 +26,7 @@ from ..lanes.lane_pair import ImageLine, LanePattern
 from ..lanes.stripe_points import find_stripe_points
 from ..rejection import Bound, NotFitted, Rejection, RejectReason
 from ..types import Array, Image
+from .attempt import Attempt
 from .both_images import BothImages, Relation, same_picture
 
 # Refusals that say that the lines of both images do not fit each other, or that there are none.
@@ -123,6 +125,24 @@ def diagnose(
     if rejection.reason in _OF_MISSING_LINES:
         cause = _exchanged_or_upside_down(view, found, frame, rig, config)
     return cause or rejection
+
+
+def not_synchronised(
+    rejection: Rejection, attempt: Attempt | None, frame: FrameObservations, rig: StereoRig
+) -> Rejection:
+    """Return that the images are not of one moment, where the road shows it, else the refusal itself.
+
+    Args:
+        rejection: The refusal.
+        attempt: The attempt that was refused, None without one.
+        frame: Images, and what is known of them without a hypothesis.
+        rig: Intrinsics and baseline.
+    """
+    if attempt is None or rejection.reason not in _OF_LINES:
+        return rejection
+    pose = attempt.poses.by_lines or attempt.poses.textured
+    late = None if pose is None else measure_lateness(frame.images, rig, pose, None)
+    return late.refusal() if late is not None and late.surely else rejection
 
 
 def _exchanged_or_upside_down(

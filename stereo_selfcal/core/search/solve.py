@@ -27,6 +27,7 @@ from ..evidence.profile import measure_profile
 from ..evidence.rig_unknowns import response_of_lines, response_of_surface, rig_terms
 from ..evidence.road_surface import SurfaceCells
 from ..evidence.row_offset import vertical_offset
+from ..evidence.synchronisation import Lateness, measure_lateness
 from ..evidence.vergence import Vergence, measure_vergence
 from ..geometry.homography import SIDES
 from ..geometry.pose import Extrinsics
@@ -138,7 +139,15 @@ def _solve_lines(
             profile=measure_profile(stripe_fit.residuals, rig, stripe_fit.extrinsics),
             wide_profile=measure_profile(stripe_fit.residuals, rig, stripe_fit.extrinsics, wide=True),
         )
-    evidence = replace(evidence, refined=refined, clipped=frame.clipped)
+    best = pose if refined is None else refined.extrinsics
+    late = measure_lateness(frame.images, rig, best, fit.lane_yaw_rad)
+    evidence = replace(
+        evidence,
+        refined=refined,
+        clipped=frame.clipped,
+        lateness=late,
+        most_way_m=math.inf if late is None else late.limit_m(best, rig),
+    )
     readings, refusal = evaluate_gates(evidence, already=readings)
     if refusal:
         return _refused(hypothesis, refusal, readings, poses, genetic)
@@ -163,11 +172,12 @@ def _solve_lines(
         Verdict.ACCEPTED,
         poses=checked.poses,
         readings=checked.readings,
-        estimate=checked.estimate,
+        estimate=_with_lateness(checked.estimate, late, rig),
         lane_curvature_per_m=bends.lateral_per_m,
         genetic=genetic,
         surface=surface,
         yaw_told=frame.yaw_told,
+        lateness=late,
     )
 
 
@@ -236,12 +246,15 @@ def _solve_surface(
     frame = frame.with_yaw(hypothesis.yaw_told, rig)
     of_rig = response_of_surface(rig, texture.extrinsics, frame.rig_std)
     terms = merge_terms((*texture.terms, *rig_terms(of_rig)))
-    estimate = Estimate(texture.extrinsics, terms, yaw, (seen,))
+    late = measure_lateness(frame.images, rig, texture.extrinsics, yaw)
+    estimate = _with_lateness(Estimate(texture.extrinsics, terms, yaw, (seen,)), late, rig)
     evidence = Evidence(
         config,
         texture=texture,
         std=np.sqrt(np.diag(estimate.covariance)),
         vergence=next(iter(turns), None),
+        lateness=late,
+        most_way_m=math.inf if late is None else late.limit_m(texture.extrinsics, rig),
     )
     evidence = with_strip(evidence, texture, frame, rig)
     readings, refusal = evaluate_gates(evidence)
@@ -254,6 +267,7 @@ def _solve_surface(
         readings=readings,
         estimate=estimate,
         yaw_told=frame.yaw_told,
+        lateness=late,
     )
     if frame.turn.corrected:
         return accepted
@@ -266,6 +280,13 @@ def _solve_surface(
     if refusal:
         return _refused(hypothesis, refusal, readings, poses)
     return replace(accepted, readings=readings)
+
+
+def _with_lateness(estimate: Estimate, late: Lateness | None, rig: StereoRig) -> Estimate:
+    """Return an estimate with the term by the way of the car between both images."""
+    if late is None:
+        return estimate
+    return estimate.with_terms(UncertaintyTerm("synchronisation", late.covariance(estimate.pose, rig)))
 
 
 def _refused(

@@ -1,0 +1,95 @@
+"""Whether both images were taken at the same time, as the road shows it.
+
+A car that moves between the images moves the road in them: by much along the way, and by a little across it.
+What is across makes the baseline seem longer or shorter, and the height with it. What is along is measured.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..camera.rig import StereoRig
+from ..estimators.road_shift import find_road_shift
+from ..geometry.pose import Extrinsics
+from ..rejection import Bound, Rejection, RejectReason
+from ..road.priors import SIDEWAYS_PART
+from ..tolerances import EXCLUDED_SIGMAS, WRONG
+from ..types import Array, Image
+
+# Least height of the peak of the correlation over its scatter; chance makes 5 of the 33 000 cells.
+_LEAST_SIGMAS = 10.0
+# Standard deviation of the way. In recorded pairs of cameras that are triggered together, it is 1.6 cm, as
+# rows that are off by a tenth of a pixel move the road by a centimetre 10 m ahead.
+_WAY_STD_M = 0.02
+_USUAL_SPEED_MPS = 50.0 / 3.6
+_REMEDY = "trigger both cameras together, and check that the driver pairs images of the same moment"
+
+
+@dataclass(frozen=True, slots=True)
+class Lateness:
+    """The way of the car between the right image and the left one.
+
+    Attributes:
+        way_m: The way [m], > 0: the right image was taken earlier.
+        std_m: Its standard deviation.
+    """
+
+    way_m: float
+    std_m: float
+
+    def limit_m(self, pose: Extrinsics, rig: StereoRig) -> float:
+        """Return the way that makes a height wrong by its part across [m]."""
+        wrong_m = float(WRONG[0]) * rig.baseline_m / (pose.height_m * SIDEWAYS_PART)
+        return max(EXCLUDED_SIGMAS * self.std_m, wrong_m)
+
+    @property
+    def surely(self) -> bool:
+        """Whether the images were surely not taken at the same time."""
+        return abs(self.way_m) > EXCLUDED_SIGMAS * self.std_m
+
+    @property
+    def what(self) -> str:
+        """The finding in words, with a place for the value."""
+        late = "left" if self.way_m > 0.0 else "right"
+        delay_ms = 1e3 * abs(self.way_m) / _USUAL_SPEED_MPS
+        return (
+            f"the {late} image was taken {{value}} of the way later than the other one, which is "
+            f"{delay_ms:.0f} ms at 50 km/h"
+        )
+
+    def refusal(self) -> Rejection:
+        """Return the refusal of a pair that was surely not taken at the same time."""
+        numbers = abs(self.way_m), Bound.MOST, EXCLUDED_SIGMAS * self.std_m, "m"
+        return Rejection(RejectReason.IMAGES_NOT_SYNCHRONISED, self.what, *numbers, _REMEDY)
+
+    def covariance(self, pose: Extrinsics, rig: StereoRig) -> Array:
+        """Return the covariance (3, 3) of a pose by what the car moved sideways between the images.
+
+        Args:
+            pose: The pose.
+            rig: The rig: the height is proportional to its baseline.
+        """
+        across_m = SIDEWAYS_PART * float(np.hypot(self.way_m, self.std_m))
+        covariance = np.zeros((3, 3))
+        covariance[0, 0] = (pose.height_m * across_m / rig.baseline_m) ** 2
+        return covariance
+
+
+def measure_lateness(
+    images: tuple[Image, Image], rig: StereoRig, pose: Extrinsics, yaw_rad: float | None
+) -> Lateness | None:
+    """Measure the way of the car between both images.
+
+    Args:
+        images: Left and right image, (H, W) uint8.
+        rig: Intrinsics and baseline.
+        pose: Pose over the road.
+        yaw_rad: Yaw of the camera against the lane, None where it is not known.
+
+    Returns:
+        The way; None where the road shows nothing that tells it.
+    """
+    shift = find_road_shift(images, rig, pose, yaw_rad or 0.0)
+    return Lateness(shift.ahead_m, _WAY_STD_M) if shift.sigmas >= _LEAST_SIGMAS else None
