@@ -21,7 +21,6 @@ from ..numerics.robust import Reweighting, fit_reweighted, scale_by_median
 from ..rejection import Bound, NotFitted
 from ..road.priors import (
     BASELINE_DIRECTION_STD_RAD,
-    CALIBRATED_TURN_STD_RAD,
     ROW_YAW_STD_RAD,
 )
 from ..types import Array
@@ -33,7 +32,7 @@ _REWEIGHTING = Reweighting(rounds=8, absolute_rounds=4)
 _LEAST_SCATTER_PX, _MOST_SCATTER_PX = 0.01, 1.0
 _LEAST_POINTS = 30  # six for each of five unknowns
 _DETERMINED = "numbers of the rows that the points determine"
-_ANY_YAW_RAD = 0.01  # half a degree: beyond, a pair of images is hardly matched at all
+_ANY_TURN_RAD = 0.02  # a degree: beyond, a pair of images is hardly matched at all
 # Parts of the image, side by side and one above the other, in which rows have an error of their own.
 _PARTS_ACROSS, _PARTS_DOWN = 6, 3
 
@@ -88,8 +87,9 @@ def row_derivatives(rig: StereoRig, points: MatchedPoints) -> Array:
 def align_rows(points: MatchedPoints, rig: StereoRig) -> RowAlignment | NotFitted:
     """Fit the turn of the right camera to the rows of matched points.
 
-    Each unknown has a prior with heavy tails (Cauchy): what calibrations leave, or much more where a camera
-    was moved or its images are late. Its variance is that of the prior and the square of the estimate.
+    The angles have no prior here: other evidence tells them, too. The direction of the baseline has one with
+    heavy tails (Cauchy): what calibrations leave, or much more where images are late. Its variance is that of
+    the prior and the square of the estimate.
 
     Args:
         points: Matched points.
@@ -102,8 +102,7 @@ def align_rows(points: MatchedPoints, rig: StereoRig) -> RowAlignment | NotFitte
         return NotFitted("points of texture that both images show", len(points), Bound.LEAST, _LEAST_POINTS)
     rows = (points.right[:, 1] - points.left[:, 1]).astype(np.float64)
     design = row_derivatives(rig, points)
-    prior = np.array([*CALIBRATED_TURN_STD_RAD, BASELINE_DIRECTION_STD_RAD, BASELINE_DIRECTION_STD_RAD])
-    prior[2] = _ANY_YAW_RAD  # other evidence tells it better, and the prior belongs to all together
+    prior = np.array([_ANY_TURN_RAD] * 3 + [BASELINE_DIRECTION_STD_RAD] * 2)
     solution = np.zeros(5)
 
     def fit(weights: Array, scale: float | Array) -> tuple[tuple[Array, Array], Array] | NotFitted:

@@ -9,6 +9,7 @@ of the rig.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -21,7 +22,12 @@ from ..estimators.row_alignment import RowAlignment, align_rows
 from ..geometry.alignment import optical_rotation
 from ..geometry.pose import Extrinsics
 from ..rejection import NotFitted
-from ..road.priors import CALIBRATED_TURN_STD_RAD, RECTIFICATION_STD_PX
+from ..road.priors import (
+    CALIBRATED_TURN_STD_RAD,
+    RECTIFICATION_STD_PX,
+    TURNED_ROWS_PART,
+    TURNED_STD_RAD,
+)
 from ..types import Array, Image
 from .rig_unknowns import RigStd
 from .row_offset import VerticalOffset, vertical_offset
@@ -53,6 +59,16 @@ class CameraTurn:
     def seen(self) -> bool:
         """Whether the rows of both images were compared."""
         return self.lacking is None
+
+    def as_array(self) -> Array:
+        """Return pitch and roll (2,) [rad]."""
+        return np.array([self.pitch_rad, self.roll_rad])
+
+    @property
+    def std_rad(self) -> Array:
+        """(2,) standard deviations of both."""
+        std: Array = np.sqrt(np.diag(self.covariance))
+        return std
 
     @classmethod
     def of_points(cls, rows: RowAlignment) -> CameraTurn:
@@ -96,13 +112,46 @@ def measure_turn(
         coarse: Pose over the road that these tell; None where they show none.
     """
     by_points = align_rows(match_points(images, disparities), rig)
-    if not isinstance(by_points, NotFitted):
-        return CameraTurn.of_points(by_points)
-    if coarse is not None:
+    told = [] if isinstance(by_points, NotFitted) else [CameraTurn.of_points(by_points)]
+    clear = bool(told) and bool(np.all(told[0].std_rad < CALIBRATED_TURN_STD_RAD[:2]))
+    if not clear and coarse is not None:
         on_road = vertical_offset(images, rig, coarse)
         if not isinstance(on_road, NotFitted):
-            return CameraTurn.of_offset(on_road, rig)
-    return CameraTurn.unknown(by_points)
+            told.append(CameraTurn.of_offset(on_road, rig))
+    if isinstance(by_points, NotFitted) and not told:
+        return CameraTurn.unknown(by_points)
+    return _with_prior(told)
+
+
+def _with_prior(told: Sequence[CameraTurn]) -> CameraTurn:
+    """Return the mean of what tells a turn, weighted by information, with the prior of calibrated pairs.
+
+    Of these, few have turned by more than calibrations leave: the prior is a sum of two normal distributions,
+    and so is what follows from it (Bayes). The angles are taken one by one, as they hardly correlate.
+    """
+    information = [np.linalg.inv(each.covariance) for each in told]
+    measured = np.linalg.inv(sum(information))
+    mean = measured @ sum(each @ turn.as_array() for each, turn in zip(information, told, strict=True))
+    values, stds = np.zeros(2), np.zeros(2)
+    for index, calibrated_std in enumerate(CALIBRATED_TURN_STD_RAD[:2]):
+        values[index], stds[index] = _shrunk(mean[index], measured[index, index], calibrated_std)
+    scale = stds / np.sqrt(np.diag(measured))
+    covariance = measured * np.outer(scale, scale)
+    return replace(told[0], pitch_rad=float(values[0]), roll_rad=float(values[1]), covariance=covariance)
+
+
+def _shrunk(value: float, variance: float, calibrated_std: float) -> tuple[float, float]:
+    """Return mean and standard deviation of an angle that was measured, with the prior of calibrated pairs."""
+    priors = np.array([calibrated_std, math.hypot(calibrated_std, TURNED_STD_RAD)]) ** 2
+    total = priors + variance
+    weights = np.array([1.0 - TURNED_ROWS_PART, TURNED_ROWS_PART]) * np.exp(
+        -0.5 * value**2 * (1.0 / total - 1.0 / total.max())
+    )
+    weights /= np.sqrt(total)
+    weights /= weights.sum()
+    means, variances = value * priors / total, variance * priors / total
+    mean = float(weights @ means)
+    return mean, math.sqrt(float(weights @ (variances + (means - mean) ** 2)))
 
 
 def turned_back(

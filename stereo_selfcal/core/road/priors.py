@@ -35,6 +35,8 @@ VERGENCE_STD_RAD = CALIBRATED_TURN_STD_RAD[2]
 # by a wrong assembly. No statistics are known: so much that a frame with clear evidence is believed, and so
 # little that one without is worth its calibration.
 TURNED_PART, TURNED_STD_RAD = 0.05, math.radians(0.15)
+# The same of pitch and roll, which rows show at once: such pairs are calibrated again, and fewer are left.
+TURNED_ROWS_PART = 0.01
 # How often the two clearest lines on a road, as far apart as those of a lane, are paint that is parallel;
 # others meet anywhere.
 PARALLEL_PART = 0.9

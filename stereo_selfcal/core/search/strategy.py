@@ -182,5 +182,5 @@ def turn_under_pose(
     if offset is None:
         return None
     turn = CameraTurn.of_offset(offset, rig)
-    usual = np.abs([turn.pitch_rad, turn.roll_rad]) <= CALIBRATED_TURN_STD_RAD[:2]
+    usual = np.abs(turn.as_array()) <= CALIBRATED_TURN_STD_RAD[:2]
     return None if np.all(usual) else turn
