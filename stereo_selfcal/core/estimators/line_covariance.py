@@ -69,7 +69,11 @@ class LineFit:
 
 
 def propagate(
-    pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics, config: FitnessConfig
+    pattern: LanePattern,
+    rig: StereoRig,
+    extrinsics: Extrinsics,
+    config: FitnessConfig,
+    by_rig: Array | None = None,
 ) -> LineFit | NotFitted:
     """Propagate the covariance of the measured lines to the extrinsics.
 
@@ -78,6 +82,8 @@ def propagate(
         rig: Intrinsics and baseline.
         config: The fitness that was maximised.
         extrinsics: The estimate, near which the fit starts.
+        by_rig: (8, K) change of the lines by one standard deviation of each unknown of the rig, which lines
+            may contradict each other by; None for a perfect rig. The covariance does not include it.
 
     Returns:
         The fit, or the reason why the lines leave a parameter undetermined. Where the lines disagree more
@@ -85,7 +91,7 @@ def propagate(
         of errors by the method of least squares", Phys. Rev. 40, 1932).
     """
     pattern = pattern.boundaries  # the information of the extra lines is not counted
-    fit = _fit_parameters(pattern, rig, extrinsics)
+    fit = _fit_parameters(pattern, rig, extrinsics, by_rig)
     if isinstance(fit, NotFitted):
         return fit
     parameters, of_lines, chi2 = fit
@@ -101,17 +107,18 @@ def propagate(
 
 
 def _fit_parameters(
-    pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics
+    pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics, by_rig: Array | None
 ) -> tuple[Array, Array, float] | NotFitted:
     """Return the six parameters of the lines, the covariance (8, 8) of the lines, and their chi-squared."""
     lines = (*pattern.left, *pattern.right)
     measured = np.array([value for line in lines for value in (line.u_mid, line.slope)])
-    information = np.zeros((8, 8))
+    covariance = np.zeros((8, 8))
     for i, line in enumerate(lines):
-        of_line = invert(line.covariance, "numbers of a line that its points determine")
-        if isinstance(of_line, NotFitted):
-            return of_line
-        information[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = of_line
+        covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = line.covariance
+    whole = covariance if by_rig is None else covariance + by_rig @ by_rig.T
+    information = invert(whole, "numbers of the lines that their points determine")
+    if isinstance(information, NotFitted):
+        return information
     parameters = np.concatenate([extrinsics.as_array(), lane_in_road(pattern, rig, extrinsics)])
     for _ in range(_N_ITERATIONS):
         predicted, jac_transposed = linearise(lambda p: _predict(p, lines, rig), parameters, _STEPS)
@@ -125,8 +132,7 @@ def _fit_parameters(
         parameters = parameters + step
     residual = measured - _predict(parameters[None], lines, rig)[0]
     chi2 = float(residual @ information @ residual)
-    covariance = invert(information, "numbers of the lines that their points determine")
-    return covariance if isinstance(covariance, NotFitted) else (parameters, covariance, chi2)
+    return parameters, covariance, chi2
 
 
 def _enlargement(chi2: float) -> float:

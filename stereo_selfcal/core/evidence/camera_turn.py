@@ -97,7 +97,7 @@ class CameraTurn:
         if not self.corrected and self.seen:
             variances = variances + np.square([self.pitch_rad, self.roll_rad])
         pitch, roll = (math.sqrt(float(each)) for each in variances)
-        return RigStd(pitch, roll, yaw_rad, self.distortion_px)
+        return RigStd(pitch, roll, yaw_rad, self.distortion_px, rows_measured=self.seen)
 
 
 def measure_turn(
@@ -141,7 +141,7 @@ def _with_prior(told: Sequence[CameraTurn]) -> CameraTurn:
 
 
 def _shrunk(value: float, variance: float, calibrated_std: float) -> tuple[float, float]:
-    """Return mean and standard deviation of an angle that was measured, with the prior of calibrated pairs."""
+    """Return mean and standard deviation of a measured angle, with the prior of calibrated pairs."""
     priors = np.array([calibrated_std, math.hypot(calibrated_std, TURNED_STD_RAD)]) ** 2
     total = priors + variance
     weights = np.array([1.0 - TURNED_ROWS_PART, TURNED_ROWS_PART]) * np.exp(

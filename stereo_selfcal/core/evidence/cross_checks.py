@@ -28,7 +28,6 @@ from ..reservations import ReservationKind
 from ..road.cell_grid import CELL_WIDTH_M
 from ..road.priors import KERB_DOUBT_STD_M
 from ..tolerances import EXCLUDED_SIGMAS, MAX_LINE_HEIGHT_M, WRONG
-from ..types import Array
 from .cue_fusion import combine, difference_covariance
 from .estimate import Estimate, StagePoses
 from .frame_evidence import Contradictor, Evidence, FrameObservations, Hypothesis
@@ -41,7 +40,7 @@ from .nuisances import (
     road_shape_terms,
     unseen_slope_covariance,
 )
-from .rig_unknowns import response_of_surface, rig_terms
+from .rig_unknowns import RigResponse, response_of_surface, rig_terms
 from .row_offset import VerticalOffset, vertical_offset
 from .stripe_border import measure_borders
 
@@ -64,7 +63,7 @@ class JudgedEstimate:
         poses: Pose by every stage that ran.
         evidence: Results of the stages so far.
         readings: Readings of the gates so far.
-        line_response: (3, 4) change of the estimate by one standard deviation of each unknown of the rig.
+        line_response: What the unknowns of the rig do to the estimate.
         rejection: Refusal by a gate; None where every gate was passed.
     """
 
@@ -72,7 +71,7 @@ class JudgedEstimate:
     poses: StagePoses
     evidence: Evidence
     readings: tuple[GateReading, ...]
-    line_response: Array
+    line_response: RigResponse
     rejection: Rejection | None = None
 
     def judged(self) -> JudgedEstimate:

@@ -19,26 +19,30 @@ from ..numerics.linear import invert, solve_linear
 from ..rejection import NotFitted
 from ..types import Array
 from .estimate import Estimate
-from .rig_unknowns import rig_terms
+from .rig_unknowns import RigResponse, rig_terms
 
 _DETERMINED = "numbers of the pose that lines and texture determine"
 
 
-def difference_covariance(lines: Estimate, texture: TextureFit, of_lines: Array, of_surface: Array) -> Array:
+def difference_covariance(
+    lines: Estimate, texture: TextureFit, of_lines: RigResponse, of_surface: RigResponse
+) -> Array:
     """Return the covariance (3, 3) of the difference between an estimate from lines and one from texture.
 
     Args:
         lines: Estimate from lines, without what is unknown of the rig.
         texture: The alignment of the road surface.
-        of_lines: (3, K) change of the lines' pose by one standard deviation of each unknown of the rig.
+        of_lines: What the unknowns of the rig do to the lines' pose.
         of_surface: The same of the surface's pose.
     """
-    apart = of_lines - of_surface
+    apart = of_lines.changes - of_surface.changes
     covariance: Array = lines.covariance + texture.covariance + apart @ apart.T
     return covariance
 
 
-def combine(lines: Estimate, texture: TextureFit, of_lines: Array, of_surface: Array) -> Estimate | NotFitted:
+def combine(
+    lines: Estimate, texture: TextureFit, of_lines: RigResponse, of_surface: RigResponse
+) -> Estimate | NotFitted:
     """Return the mean of lines and texture, weighted by their information, with the terms of both.
 
     They share no pixel, as the texture is aligned without the paint. What is unknown of the rig is common to
@@ -50,14 +54,14 @@ def combine(lines: Estimate, texture: TextureFit, of_lines: Array, of_surface: A
     Args:
         lines: Estimate from lines, with the terms of the road's shape, without those of the rig.
         texture: The alignment of the road surface.
-        of_lines: (3, K) change of the lines' pose by one standard deviation of each unknown of the rig.
+        of_lines: What the unknowns of the rig do to the lines' pose.
         of_surface: The same of the surface's pose.
 
     Returns:
         The mean, or why there is none: one of them leaves a component of the pose open.
     """
-    response = np.concatenate([of_lines, of_surface])
-    both = response @ response.T
+    response = RigResponse(np.concatenate([of_lines.changes, of_surface.changes]), of_lines.terms)
+    both = response.changes @ response.changes.T
     both[:3, :3] += lines.covariance
     both[3:, 3:] += texture.covariance
     same_pose = np.concatenate([np.eye(3), np.eye(3)])
@@ -72,7 +76,7 @@ def combine(lines: Estimate, texture: TextureFit, of_lines: Array, of_surface: A
     terms = [
         *propagate_terms(lines.terms, gain[:, :3]),
         *propagate_terms(texture.terms, gain[:, 3:]),
-        *rig_terms(gain @ response),
+        *rig_terms(response.through(gain)),
     ]
     difference = line_pose - texture_pose
     explained = solve_linear(

@@ -54,6 +54,8 @@ _FARTHEST_SCATTER_PX = 0.1  # of the disparities of things at infinity, in as ma
 # So many directions with the same least disparity are no accident: the odds grow from none to sure between
 # these. In 50 recorded frames, up to three and a half were equal without being infinitely far.
 _FEW_EQUAL, _MANY_EQUAL = 3.0, 4.0
+# Odds of infinity where they are equal in all directions: woods and hills around a plain are as equal.
+_INFINITE_PART = 0.3
 _WHAT = "directions in which far things are seen"
 
 
@@ -75,6 +77,11 @@ class FarDisparity:
 
 def infinitely_far(far: FarDisparity) -> float:
     """Return how likely what is farthest away is infinitely far, 0 ... 1."""
+    return _INFINITE_PART * equally_far(far)
+
+
+def equally_far(far: FarDisparity) -> float:
+    """Return how likely what is farthest away has the same disparity in many directions, 0 ... 1."""
     return min(max((far.n_equal - _FEW_EQUAL) / (_MANY_EQUAL - _FEW_EQUAL), 0.0), 1.0)
 
 

@@ -27,6 +27,8 @@ from ..types import Array
 _TERMS = ("vergence", "rectification", "rectification", "row_offset", "row_offset")
 # The names of these terms: their causes are the same in all frames of a rig, and do not average out.
 RIG_TERMS = frozenset(_TERMS)
+# The same where the rows of the frame were compared: what remains of pitch and roll is the noise of that.
+_TERMS_WITH_ROWS = ("vergence", "rectification", "rectification", "noise", "noise")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,19 +40,43 @@ class RigStd:
         roll_rad: Of its roll.
         yaw_rad: Of its yaw, the vergence.
         distortion_px: Of what lenses and rectification leave in the disparities, at the border [px].
+        rows_measured: Whether pitch and roll were measured in the same frame.
     """
 
     pitch_rad: float = CALIBRATED_TURN_STD_RAD[0]
     roll_rad: float = CALIBRATED_TURN_STD_RAD[1]
     yaw_rad: float = CALIBRATED_TURN_STD_RAD[2]
     distortion_px: float = RECTIFICATION_STD_PX
+    rows_measured: bool = False
 
 
 CALIBRATED = RigStd()  # what calibrations leave
 
 
-def response_of_surface(rig: StereoRig, pose: Extrinsics, std: RigStd = CALIBRATED) -> Array:
-    """Return the change (3, 5) of a pose over the road surface by one standard deviation of each unknown.
+@dataclass(frozen=True, slots=True, eq=False)
+class RigResponse:
+    """What the unknowns of the rig do to a pose.
+
+    Attributes:
+        changes: (3, K) change of the pose by one standard deviation of each unknown.
+        terms: (K,) names of the terms of the uncertainty that they cause.
+    """
+
+    changes: Array
+    terms: tuple[str, ...]
+
+    @classmethod
+    def of(cls, changes: Array, std: RigStd) -> RigResponse:
+        """Return the response to unknowns with these standard deviations."""
+        return cls(changes, _TERMS_WITH_ROWS if std.rows_measured else _TERMS)
+
+    def through(self, gain: Array) -> RigResponse:
+        """Return the response (N, K) of what is a linear function (N, 3) of the pose."""
+        return RigResponse(gain @ self.changes, self.terms)
+
+
+def response_of_surface(rig: StereoRig, pose: Extrinsics, std: RigStd = CALIBRATED) -> RigResponse:
+    """Return the change of a pose over the road surface by one standard deviation of each unknown.
 
     Rows that are off by a fraction of a pixel do not change it, as texture has no direction.
 
@@ -68,18 +94,33 @@ def response_of_surface(rig: StereoRig, pose: Extrinsics, std: RigStd = CALIBRAT
     changes[2, 2] = down * std.distortion_px
     # A right camera whose right side is too low: what lies lower moves to the right.
     changes[2, 4] = rig.fx * std.roll_rad
-    response: Array = jac_pose_plane @ changes
-    return response
+    return RigResponse.of(jac_pose_plane @ changes, std)
 
 
-def response_of_lines(fit: LineFit, pattern: LanePattern, rig: StereoRig, std: RigStd = CALIBRATED) -> Array:
-    """Return the change (3, 5) of a pose from two lines by one standard deviation of each unknown.
+def response_of_lines(
+    fit: LineFit, pattern: LanePattern, rig: StereoRig, std: RigStd = CALIBRATED
+) -> RigResponse:
+    """Return the change of a pose from two lines by one standard deviation of each unknown.
 
     Args:
         fit: The fit of a flat road to the lines.
         pattern: The lines.
         rig: Intrinsics and baseline.
         std: Standard deviations of the unknowns.
+    """
+    return RigResponse.of(fit.jac_pose_lines @ changes_of_lines(pattern, rig, std), std)
+
+
+def changes_of_lines(pattern: LanePattern, rig: StereoRig, std: RigStd = CALIBRATED) -> Array:
+    """Return the change of two lines in both images by one standard deviation of each unknown.
+
+    Args:
+        pattern: The lines.
+        rig: Intrinsics and baseline.
+        std: Standard deviations of the unknowns.
+
+    Returns:
+        (8, 5) changes of (u_mid, slope) of the lines of the left and of the right camera.
     """
     stds_px = np.array([rig.fx * std.yaw_rad, std.distortion_px, std.distortion_px])
     changes = np.zeros((8, len(_TERMS)))
@@ -95,17 +136,16 @@ def response_of_lines(fit: LineFit, pattern: LanePattern, rig: StereoRig, std: R
         changes[u_mid, 3] = line.slope * rig.fy * std.pitch_rad
         changes[u_mid, 4] = (rig.fx * y + line.slope * rig.fy * x) * std.roll_rad
         changes[slope, 4] = (rig.fx / rig.fy + line.slope**2 * rig.fy / rig.fx) * std.roll_rad
-    response: Array = fit.jac_pose_lines @ changes
-    return response
+    return changes
 
 
-def rig_terms(response: Array) -> tuple[UncertaintyTerm, ...]:
+def rig_terms(response: RigResponse) -> tuple[UncertaintyTerm, ...]:
     """Return the terms of the uncertainty by the unknowns of the rig.
 
     Args:
-        response: (3, 5) change of the pose by one standard deviation of each unknown.
+        response: What they do to the pose.
     """
     return tuple(
         UncertaintyTerm(name, np.outer(change, change))
-        for name, change in zip(_TERMS, response.T, strict=True)
+        for name, change in zip(response.terms, response.changes.T, strict=True)
     )

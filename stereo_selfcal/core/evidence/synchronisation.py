@@ -20,6 +20,9 @@ from ..types import Array, Image
 
 # Least height of the peak of the correlation over its scatter; chance makes 5 of the 33 000 cells.
 _LEAST_SIGMAS = 10.0
+# Where the correlation without a shift is that much of the greatest one, the road does not exclude it: under a
+# plane that is not the road, such as that of a kerb and a line, the greatest one lies beside zero.
+_MOST_AT_ZERO = 0.5
 # Standard deviation of the way. In recorded pairs of cameras that are triggered together, it is 1.6 cm, as
 # rows that are off by a tenth of a pixel move the road by a centimetre 10 m ahead.
 _WAY_STD_M = 0.02
@@ -34,10 +37,12 @@ class Lateness:
     Attributes:
         way_m: The way [m], > 0: the right image was taken earlier.
         std_m: Its standard deviation.
+        clear: Whether the road tells that the way is not zero, either.
     """
 
     way_m: float
     std_m: float
+    clear: bool
 
     def limit_m(self, pose: Extrinsics, rig: StereoRig) -> float:
         """Return the way that makes a height wrong by its part across [m]."""
@@ -47,7 +52,7 @@ class Lateness:
     @property
     def surely(self) -> bool:
         """Whether the images were surely not taken at the same time."""
-        return abs(self.way_m) > EXCLUDED_SIGMAS * self.std_m
+        return self.clear and abs(self.way_m) > EXCLUDED_SIGMAS * self.std_m
 
     @property
     def what(self) -> str:
@@ -92,4 +97,6 @@ def measure_lateness(
         The way; None where the road shows nothing that tells it.
     """
     shift = find_road_shift(images, rig, pose, yaw_rad or 0.0)
-    return Lateness(shift.ahead_m, _WAY_STD_M) if shift.sigmas >= _LEAST_SIGMAS else None
+    if shift.sigmas < _LEAST_SIGMAS:
+        return None
+    return Lateness(shift.ahead_m, _WAY_STD_M, shift.sigmas_at_zero < _MOST_AT_ZERO * shift.sigmas)

@@ -21,7 +21,7 @@ from ..lanes.matching import Matches
 from ..road.priors import MAX_LANE_WIDTH_M, MIN_LANE_WIDTH_M, PAINT_ANGLE_STD_RAD, VERGENCE_STD_RAD
 from ..tolerances import EXCLUDED_SIGMAS, WRONG
 from ..types import Array, Mask
-from .far_disparity import MOST_TURN_RAD, FarDisparity, infinitely_far
+from .far_disparity import MOST_TURN_RAD, FarDisparity, equally_far
 from .rig_unknowns import response_of_surface
 
 # Least likeness of the two lines of a lane in both images for them to contradict the surface.
@@ -82,7 +82,7 @@ def measure_vergence(
 
 def _wrong_rad(rig: StereoRig, extrinsics: Extrinsics) -> float:
     """Return the turn from which on a pose over the road surface is wrong."""
-    response = np.abs(response_of_surface(rig, extrinsics)[:, 0]) / VERGENCE_STD_RAD
+    response = np.abs(response_of_surface(rig, extrinsics).changes[:, 0]) / VERGENCE_STD_RAD
     return float(np.min(WRONG / np.maximum(response, np.finfo(np.float64).eps)))
 
 
@@ -195,4 +195,4 @@ def _denied(by_lines: Vergence, far: FarDisparity | None, rig: StereoRig) -> boo
     # The disparity at infinity that lines tell, over the one that is seen: nothing is farther than infinity.
     excess_px = -by_lines.yaw_rad * rig.fx - far.disparity_px
     limit_px = EXCLUDED_SIGMAS * math.hypot(by_lines.std_rad * rig.fx, far.std_px)
-    return excess_px > limit_px or (infinitely_far(far) >= 1.0 and -excess_px > limit_px)
+    return excess_px > limit_px or (equally_far(far) >= 1.0 and -excess_px > limit_px)

@@ -24,7 +24,7 @@ from ..evidence.nuisances import (
     stage_disagreement_covariance,
 )
 from ..evidence.profile import measure_profile
-from ..evidence.rig_unknowns import response_of_lines, response_of_surface, rig_terms
+from ..evidence.rig_unknowns import changes_of_lines, response_of_lines, response_of_surface, rig_terms
 from ..evidence.road_surface import SurfaceCells
 from ..evidence.row_offset import vertical_offset
 from ..evidence.synchronisation import Lateness, measure_lateness
@@ -113,7 +113,9 @@ def _solve_lines(
     readings, refusal = evaluate_gates(evidence)
     if refusal:
         return _refused(hypothesis, refusal, readings, poses, genetic)
-    fit = propagate(pattern, rig, pose, config.fitness)
+    fit = propagate(
+        pattern, rig, pose, config.fitness, changes_of_lines(pattern.boundaries, rig, frame.rig_std)
+    )
     bends = measure_bends(pattern, rig, pose.height_m)
     evidence = replace(evidence, bends=bends, lines=fitted(fit))
     readings, refusal = evaluate_gates(evidence, already=readings)
