@@ -20,8 +20,8 @@ from ..types import Array, Image
 
 # Least height of the peak of the correlation over its scatter; chance makes 5 of the 33 000 cells.
 _LEAST_SIGMAS = 10.0
-# Where the correlation without a shift is that much of the greatest one, the road does not exclude it: under a
-# plane that is not the road, such as that of a kerb and a line, the greatest one lies beside zero.
+# Where the correlation without a shift is that much of the greatest one, the road does not exclude it. Under
+# a plane that is not the road, such as that of a kerb and a line, the greatest one lies beside zero.
 _MOST_AT_ZERO = 0.5
 # Standard deviation of the way. In recorded pairs of cameras that are triggered together, it is 1.6 cm, as
 # rows that are off by a tenth of a pixel move the road by a centimetre 10 m ahead.
