@@ -10,9 +10,8 @@ pytest.importorskip("distributed")
 
 import dask
 from distributed.security import Security
-from fleet_making import NANNY_HEARS_S, deadly, make_bags, report_of, run_fleet
+from fleet_making import NANNY_HEARS_S, QUICK, deadly, make_bags, report_of, run_fleet
 
-from stereo_selfcal.core.config import CalibratorConfig
 from stereo_selfcal.fleet import cluster as cluster_module
 from stereo_selfcal.fleet.cluster import DaskWorkers, existing_cluster, local_cluster
 from stereo_selfcal.fleet.outcome import Status
@@ -24,7 +23,7 @@ from stereo_selfcal.fleet.workers import WorkersError
 # A cluster of workers, which the tests share.
 pytestmark = pytest.mark.slow
 
-SETTINGS = FleetSettings(CalibratorConfig())
+SETTINGS = FleetSettings(QUICK)
 PATIENCE_S = 60.0
 HANGS_S = 4.0  # far longer than these recordings are silent, also on a busy machine
 CALIBRATED = dict.fromkeys(["road0", "road1", "road2"], Status.CALIBRATED)

@@ -7,7 +7,7 @@ import threading
 import time
 
 import pytest
-from fleet_making import deadly, make_bags, run_fleet
+from fleet_making import QUICK, deadly, make_bags, run_fleet
 
 from stereo_selfcal.core.config import CalibratorConfig
 from stereo_selfcal.fleet import processes
@@ -20,7 +20,7 @@ from stereo_selfcal.fleet.workers import Failure, Job, WorkersError
 
 pytestmark = pytest.mark.slow
 
-SETTINGS = FleetSettings(CalibratorConfig())
+SETTINGS = FleetSettings(QUICK)
 HANGS_S = 4.0  # far longer than these recordings are silent, also on a busy machine
 PATIENCE_S = 60.0
 
@@ -119,13 +119,14 @@ def test_a_recording_that_hangs_is_given_up_and_the_others_are_done(roads, how):
 
 def test_a_recording_that_gives_frames_may_take_longer_than_the_patience(tmp_path, monkeypatch):
     """Time counts between frames, not for the whole recording."""
+    settings = FleetSettings(CalibratorConfig())
     (path,) = make_bags(tmp_path, 1, n_frames=12)
     with ProcessWorkers(1, 60.0) as workers:
         begin_s = time.monotonic()
-        run_fleet(workers, [path], SETTINGS)
+        run_fleet(workers, [path], settings)
         took_s = time.monotonic() - begin_s
     with ProcessWorkers(1, max(took_s * 0.9, HANGS_S)) as workers:
-        assert statuses(run_fleet(workers, [path], SETTINGS)) == {path.name: Status.CALIBRATED}
+        assert statuses(run_fleet(workers, [path], settings)) == {path.name: Status.CALIBRATED}
 
 
 def test_what_cannot_be_sent_or_raises_is_the_outcome_of_its_job_alone():
