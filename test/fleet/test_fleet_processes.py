@@ -21,7 +21,8 @@ from stereo_selfcal.fleet.workers import Failure, Job, WorkersError
 pytestmark = pytest.mark.slow
 
 SETTINGS = FleetSettings(QUICK)
-HANGS_S = 4.0  # far longer than these recordings are silent, also on a busy machine
+HANGS_S = 8.0  # far longer than these recordings are silent, also on a busy machine
+SILENT_S = 4.0  # longer than they are silent on a machine that does little else
 PATIENCE_S = 60.0
 
 
@@ -113,7 +114,7 @@ def test_a_recording_that_hangs_is_given_up_and_the_others_are_done(roads, how):
         "road1": Status.FAILED,
         "road2": Status.CALIBRATED,
     }
-    assert "no frame came for 4 s" in done["road1"].outcome.reason
+    assert "no frame came for 8 s" in done["road1"].outcome.reason
     assert "--patience" in done["road1"].outcome.reason
 
 
@@ -125,7 +126,7 @@ def test_a_recording_that_gives_frames_may_take_longer_than_the_patience(tmp_pat
         begin_s = time.monotonic()
         run_fleet(workers, [path], settings)
         took_s = time.monotonic() - begin_s
-    with ProcessWorkers(1, max(took_s * 0.9, HANGS_S)) as workers:
+    with ProcessWorkers(1, max(took_s * 0.9, SILENT_S)) as workers:
         assert statuses(run_fleet(workers, [path], settings)) == {path.name: Status.CALIBRATED}
 
 
