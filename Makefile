@@ -36,10 +36,10 @@ help:  ## list these targets
 demo: .venv  ## calibrate the real node from a replayed bag; the answer goes to demo/
 	.venv/bin/python -m stereo_selfcal demo
 
-# Tests run on all cores, a process each. What one has finished it takes over from another, from the end of its
-# share: tests of a file stay together, and with them the pictures that they have in common. Many start programs:
-# without compiled modules those would take a minute more.
-PYTEST = -m pytest -n logical --dist worksteal
+# Tests run in one process more than there are cores, as many of them wait for a node or a program. What one has
+# finished it takes over from another, from the end of its share: tests of a file stay together, and with them the
+# pictures that they have in common. Many start programs: without compiled modules those would take a minute more.
+PYTEST = -m pytest -n $$(($$(nproc) + 1)) --dist worksteal
 WITH_COMPILED_MODULES = env -u PYTHONDONTWRITEBYTECODE
 
 .PHONY: test

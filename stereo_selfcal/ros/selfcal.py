@@ -236,7 +236,8 @@ class SelfcalNode:
 
     def _count(self, report: FrameReport) -> None:
         self._record.add(report)
-        self._faults.note(report.result.fault, report.result.stamp_s)
+        if self.node.context.ok():  # after a shutdown everything fails
+            self._faults.note(report.result.fault, report.result.stamp_s)
 
     def _on_watched(self, report: FrameReport) -> None:
         """Give a frame to the watch; called by its thread."""

@@ -34,6 +34,7 @@ from .live import LiveFrame, NoFrame
 from .messages import image_message
 from .overrides import QOS_PREFIX, check_qos_overrides, start_values
 from .record import FrameReport
+from .shutdown import silent_after_shutdown
 
 # One picture a second is enough for somebody who turns a camera. Drawing takes a few percent of a core then
 # (25 ms for both pictures of 1280 x 720).
@@ -109,7 +110,9 @@ class Views:
             self._draw_current(self._take(PERIOD_S))
 
     def _watched(self) -> bool:
-        return bool(self._debug_image.get_subscription_count() or self._birds_eye.get_subscription_count())
+        with silent_after_shutdown(self._node.context):
+            return any(each.get_subscription_count() for each in (self._debug_image, self._birds_eye))
+        return False
 
     def _draw_current(self, frame: LiveFrame | NoFrame | None) -> None:
         active = self._active()

@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
-from fleet_making import make_bags
+from fleet_making import QUICK, make_bags, quick_options
 
 from stereo_selfcal.cli.fleet import listed, main
 from stereo_selfcal.cli.replay import main as replay
@@ -225,7 +225,7 @@ def wait_for_group_to_end(group):
 def test_interrupted_it_ends_cleanly_and_goes_on_where_it_was(tmp_path):
     make_bags(tmp_path / "bags", 6, n_frames=4)
     command = [sys.executable, "-m", "stereo_selfcal", "fleet", str(tmp_path / "bags")]
-    command += ["--output", str(tmp_path / "out"), "--workers", "1"]
+    command += ["--output", str(tmp_path / "out"), "--workers", "1", *quick_options(tmp_path)]
     # In a process group of its own, all of which gets the Ctrl-C, as in a terminal.
     run = subprocess.Popen(
         command,
@@ -267,9 +267,9 @@ def test_killed_again_and_again_it_loses_no_result_leaves_nothing_and_comes_to_a
     scratch.mkdir()
     out = tmp_path / "out"
     command = [sys.executable, "-m", "stereo_selfcal", "fleet", str(tmp_path / "bags"), "--output", str(out)]
-    command += ["--workers", "2"]
+    command += ["--workers", "2", *quick_options(tmp_path)]
     store = Store(out, reports=True)
-    settings = FleetSettings(CalibratorConfig())
+    settings = FleetSettings(QUICK)
     seen = set()
     for kills in range(2):
         run = subprocess.Popen(

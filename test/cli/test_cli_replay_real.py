@@ -60,7 +60,7 @@ def test_named_scene_gives_what_its_truth_says(bags, capsys, scene):
 @pytest.mark.slow
 def test_result_file_and_json_hold_the_same_digits(bags, capsys, tmp_path):
     output = tmp_path / "result.yaml"
-    _, content = replay(capsys, bags / "straight_road", "--output", output)
+    _, content = replay(capsys, bags / "straight_road", "--output", output, "--max-frames", "3")
     saved = yaml.safe_load(output.read_text())["/**"]["ros__parameters"]["extrinsics"]
     assert {name: saved[name] for name in content["extrinsics"]} == content["extrinsics"]
     assert saved["height_std_m"] == content["std"]["height_m"]
@@ -69,6 +69,7 @@ def test_result_file_and_json_hold_the_same_digits(bags, capsys, tmp_path):
 @pytest.mark.slow
 def test_two_processes_say_the_same(bags):
     command = [sys.executable, "-m", "stereo_selfcal", "replay", str(bags / "noisy_10"), "--json"]
+    command += ["--max-frames", "3"]
     runs = [subprocess.run(command, cwd=ROOT, capture_output=True, check=True).stdout for _ in range(2)]
     assert runs[0] == runs[1]
 

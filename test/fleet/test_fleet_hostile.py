@@ -20,7 +20,7 @@ from stereo_selfcal.fleet.store import Bag
 from stereo_selfcal.fleet.work import FleetSettings
 
 SETTINGS = FleetSettings(CalibratorConfig())
-HANGS_S = 4.0
+HANGS_S = 8.0
 AT_ONCE_S = 20.0  # takes milliseconds; without an end it would be hours
 
 

@@ -2,7 +2,7 @@
 
 import bag_making
 import pytest
-from fleet_making import deadly, make_bags, report_of, run_fleet
+from fleet_making import QUICK, deadly, make_bags, report_of, run_fleet
 
 from stereo_selfcal.cli.report import as_json
 from stereo_selfcal.core.config import CalibratorConfig
@@ -16,7 +16,7 @@ from stereo_selfcal.offline import BagSource, calibrate_recording
 # Workers, which the tests share.
 pytestmark = pytest.mark.slow
 
-SETTINGS = FleetSettings(CalibratorConfig())
+SETTINGS, QUICKLY = FleetSettings(CalibratorConfig()), FleetSettings(QUICK)
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,7 @@ def test_a_recording_that_kills_every_worker_is_a_row_and_the_others_are_done(wo
 
 def test_a_recording_that_cannot_be_read_is_a_row_with_its_reason(workers, roads, tmp_path):
     (tmp_path / "broken.mcap").write_bytes(b"no recording")
-    done = run_fleet(workers, [tmp_path / "broken.mcap", tmp_path / "nowhere", roads[0]], SETTINGS)
+    done = run_fleet(workers, [tmp_path / "broken.mcap", tmp_path / "nowhere", roads[0]], QUICKLY)
     assert done["broken.mcap"].outcome.status is done["nowhere"].outcome.status is Status.FAILED
     assert "cannot be read as a recording" in done["broken.mcap"].outcome.reason
     assert "no such file" in done["nowhere"].outcome.reason
@@ -107,7 +107,7 @@ def test_repeated_images_in_stretches_are_those_of_the_whole(workers, tmp_path, 
 
 
 def test_reports_are_made_by_workers_and_one_that_fails_costs_nothing_else(workers, roads):
-    done = run_fleet(workers, roads, SETTINGS, make_report=report_of)
+    done = run_fleet(workers, roads, QUICKLY, make_report=report_of)
     assert done["road0"].report.decode().startswith("<p>calibrated from 2 frames")
     assert done["road1"].report is None
     assert done["road1"].problem == "no report today"
@@ -122,6 +122,6 @@ def test_nothing_is_left_to_do_when_the_caller_stops(workers, roads):
         raise StopError
 
     with pytest.raises(StopError):
-        FleetRun(workers, SETTINGS).run([Bag.of(path, SETTINGS) for path in roads], on_done)
+        FleetRun(workers, QUICKLY).run([Bag.of(path, QUICKLY) for path in roads], on_done)
     assert workers.result(0.5) is None
-    assert set(run_fleet(workers, roads[:1], SETTINGS)) == {"road0"}
+    assert set(run_fleet(workers, roads[:1], QUICKLY)) == {"road0"}

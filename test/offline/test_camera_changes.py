@@ -115,13 +115,14 @@ def test_a_stale_first_camera_info_costs_its_frame_alone(tmp_path, capsys):
 def test_workers_and_stretches_see_each_frame_with_its_own_rig(tmp_path, monkeypatch):
     """Workers from the second frame on, stretches that end before, in and after the change."""
     monkeypatch.setattr(pool, "_ALONE_FRAMES", 1)
+    config = CalibratorConfig.from_mapping({"texture": {"check": 0}})  # in a quarter of the time
     path = make_road_bag(tmp_path / "bag", 8, lambda index: None if index > 3 else 480.0)
     with open_source([path]) as source:
-        one = calibrate_recording(source, jobs=1)
+        one = calibrate_recording(source, config, jobs=1)
     with open_source([path]) as source:
-        assert as_dict(calibrate_recording(source, jobs=2)) == as_dict(one)
+        assert as_dict(calibrate_recording(source, config, jobs=2)) == as_dict(one)
     assert one.estimate.n_frames == 4
-    settings = FleetSettings(CalibratorConfig())
+    settings = FleetSettings(config)
     parts = [
         calibrate_stretch(str(path), settings, Selection(start_s, end_s))
         for start_s, end_s in ((0.0, 0.25), (0.25, 0.55), (0.55, None))

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import worker_tasks
 
-from stereo_selfcal import Calibrator
+from stereo_selfcal import Calibrator, CalibratorConfig
 from stereo_selfcal.bags import BagError, StereoFrame
 from stereo_selfcal.cli.report import as_json
 from stereo_selfcal.offline import FrameSource, Selection, WorkerError, as_csv, calibrate_recording, pool
@@ -20,6 +20,10 @@ from stereo_selfcal.offline.pool import default_jobs
 from stereo_selfcal.synth.scenes import PAPER_RIG, custom_scene
 
 ROOT = Path(__file__).resolve().parent.parent.parent
+
+
+# For tests of processes and not of numbers: lines alone, in a quarter of the time.
+QUICK = CalibratorConfig.from_mapping({"texture": {"check": 0}})
 
 
 class Road(FrameSource):
@@ -80,12 +84,12 @@ def test_workers_have_frames_at_the_same_time_and_this_process_has_none(soon, mo
 
 def test_few_frames_start_no_process(monkeypatch):
     monkeypatch.setattr(pool, "_workers", None)
-    assert len(calibrate_recording(Road(3), jobs=2).rows) == 3
+    assert len(calibrate_recording(Road(3), QUICK, jobs=2).rows) == 3
 
 
 @pytest.mark.slow
 def test_frames_before_the_damage_are_done(soon):
-    replay = calibrate_recording(Road(5, BagError("bag: cut off")), jobs=2)
+    replay = calibrate_recording(Road(5, BagError("bag: cut off")), QUICK, jobs=2)
     assert len(replay.rows) == 5
     assert replay.damage == (
         "bag: cut off; it ended early, after 5 frames: --max-frames 5 calibrates from these alone"
@@ -96,23 +100,23 @@ def test_frames_before_the_damage_are_done(soon):
 def test_a_worker_that_dies_is_an_error_with_a_reason(soon, monkeypatch):
     monkeypatch.setattr(pool, "_calibrate", worker_tasks.die)
     with pytest.raises(WorkerError, match=r"a worker process died near the frame of \d\.\d00 s.*--jobs"):
-        calibrate_recording(Road(40), jobs=2)
+        calibrate_recording(Road(40), QUICK, jobs=2)
 
 
 @pytest.mark.slow
 def test_a_bug_in_a_worker_is_raised_here(soon, monkeypatch):
     monkeypatch.setattr(pool, "_calibrate", worker_tasks.fail)
     with pytest.raises(ZeroDivisionError, match="a bug"):
-        calibrate_recording(Road(40), jobs=2)
+        calibrate_recording(Road(40), QUICK, jobs=2)
 
 
 @pytest.mark.slow
 def test_a_fault_on_one_frame_refuses_it_and_its_traceback_comes_from_the_worker(soon, caplog):
     road = Road(6)
     road.images[2] = tuple(image.view(worker_tasks.Faulty) for image in road.images[2])
-    alone = calibrate_recording(road)
+    alone = calibrate_recording(road, QUICK)
     caplog.clear()
-    together = calibrate_recording(road, jobs=2)
+    together = calibrate_recording(road, QUICK, jobs=2)
     assert text(together) == text(alone)
     assert [row.reason for row in together.rows] == [None, None, "internal_error"] * 2
     assert "ZeroDivisionError: a bug (worker_tasks.py, line" in together.rows[2].rejection.message
@@ -129,7 +133,7 @@ def test_workers_end_when_nobody_wants_the_rest(soon):
             raise BrokenPipeError
 
     with pytest.raises(BrokenPipeError):
-        calibrate_recording(Road(2000), on_row=on_row, jobs=2)
+        calibrate_recording(Road(2000), QUICK, on_row=on_row, jobs=2)
     assert not multiprocessing.active_children()
 
 
@@ -139,7 +143,7 @@ def test_few_frames_are_in_memory(soon):
     road = Road(16)
     behind = []
     rows = iter(range(16))
-    calibrate_recording(road, on_row=lambda row: behind.append(road.given - next(rows)), jobs=2)
+    calibrate_recording(road, QUICK, on_row=lambda row: behind.append(road.given - next(rows)), jobs=2)
     assert max(behind) <= pool._AHEAD * 2 + 2
 
 
@@ -169,7 +173,7 @@ def main():
             sys.stdout.flush()
 
     def work(argv):
-        return len(calibrate_recording(test_pool.Road(2000), None, on_row, 2).rows)
+        return len(calibrate_recording(test_pool.Road(2000), test_pool.QUICK, on_row, 2).rows)
 
     sys.exit(run("tool", work, []))
 

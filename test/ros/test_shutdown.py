@@ -14,10 +14,12 @@ import ros_graph
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from stereo_selfcal.core.faults import Fault
 from stereo_selfcal.ros import node as node_program
 from stereo_selfcal.ros.demo import packaged_bag
 from stereo_selfcal.ros.live import missing_info
 from stereo_selfcal.ros.player import BagPlayer
+from stereo_selfcal.ros.record import failed_frame
 from stereo_selfcal.ros.selfcal import SelfcalNode
 from stereo_selfcal.ros.shutdown import silent_after_shutdown
 
@@ -93,6 +95,17 @@ def test_the_graph_that_nobody_can_ask_any_more_has_no_publishers(selfcal):
     assert source.publishers(source.topics.left) == 0
     assert (source.state.mismatches, source.state.info_mismatches) == ((), ())
     assert missing_info(source).startswith("no CameraInfo on /left/camera_info (publishers: 0)")
+
+
+def test_a_frame_that_was_calibrated_at_that_moment_is_no_fault(selfcal, capfd):
+    """The thread of the call asks whether somebody looks at the picture, and logs what has failed."""
+    rclpy.shutdown()
+    capfd.readouterr()
+    error = RuntimeError("publisher's context is invalid")
+    selfcal._on_frame(failed_frame(Fault.of(error), 5))
+    selfcal._on_watched(failed_frame(Fault.of(error), 6))
+    assert capfd.readouterr() == ("", "")
+    assert selfcal._record.statistics.total == 2
 
 
 def test_a_signal_before_there_is_an_executor_ends_the_node(selfcal, capfd):

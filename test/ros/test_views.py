@@ -50,6 +50,7 @@ class Stage:
         node = SimpleNamespace(
             create_publisher=lambda kind, topic, qos, **_: self.publishers.setdefault(topic, Publisher()),
             resolve_topic_name=lambda topic: topic,
+            context=SimpleNamespace(ok=lambda: True),
             get_clock=lambda: SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=11)),
         )
         self.views = Views(node, self.take, lambda: self.active, lambda: CONFIG, lambda: self.now_s)
@@ -223,7 +224,6 @@ class Waiting:
 def test_one_picture_a_period_even_if_one_fails(stage, monkeypatch):
     steps, errors = [], []
     stage.views._stopped = Waiting()
-    stage.views._node.context = SimpleNamespace(ok=lambda: True)
     stage.views._node.get_logger = lambda: SimpleNamespace(error=lambda text, **_: errors.append(text))
 
     def step():

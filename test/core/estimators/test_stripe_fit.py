@@ -75,9 +75,14 @@ def std_of(result):
 
 
 @cache
-def draws(scene, n, noise=NOISE):
+def fit_of_draw(scene, seed):
+    """Return what is fitted to a draw of noise; many tests look at the same ones."""
+    return fit(scene, noisy(pictures(scene), seed))
+
+
+def draws(scene, n):
     """Return errors (n, 3) and claimed standard deviations (n, 3) over draws of noise."""
-    fits = [fit(scene, noisy(pictures(scene), seed, noise)) for seed in range(n)]
+    fits = [fit_of_draw(scene, seed) for seed in range(n)]
     return np.array([error_of(f, scene) for f in fits]), np.array([std_of(f) for f in fits])
 
 
@@ -156,7 +161,7 @@ def test_covariance_is_honest_for_all_three_together():
     """The correlations count, too: Mahalanobis distances have a mean of 3."""
     scene, distances = scene_of(), []
     for seed in range(30):
-        result = fit(scene, noisy(pictures(scene), seed))
+        result = fit_of_draw(scene, seed)
         np.testing.assert_allclose(result.covariance, result.covariance.T, rtol=1e-6)
         assert np.all(np.linalg.eigvalsh(result.covariance) > 0)
         error = error_of(result, scene)
@@ -194,7 +199,7 @@ def test_cameras_do_not_bias_it_without_noise(name):
     """What 20 draws cannot see: 0.3 of the standard deviation at 5 % noise is 4 standard errors of 200."""
     scene = scene_of(None, *CAMERA_PAIRS[name])
     error = error_of(fit(scene, noisy(pictures(scene), 0, 0.0)), scene)
-    std = std_of(fit(scene, noisy(pictures(scene), 0)))
+    std = std_of(fit_of_draw(scene, 0))
     assert np.all(np.abs(error) < 0.3 * std), error / std
 
 
@@ -204,8 +209,8 @@ def test_cameras_do_not_bias_it_without_noise(name):
 def test_gaps_between_dashes_drop_out():
     dashed = Road(lines=(LaneLine(-1.75), LaneLine(1.75, dash_m=4.0, gap_m=4.0)), texture_amplitude=0.0)
     scene, solid = scene_of(dashed), scene_of()
-    results = [fit(scene, noisy(pictures(scene), seed)) for seed in range(8)]
-    whole = [fit(solid, noisy(pictures(solid), seed)) for seed in range(8)]
+    results = [fit_of_draw(scene, seed) for seed in range(8)]
+    whole = [fit_of_draw(solid, seed) for seed in range(8)]
     # Gaps are blocks that do not count, and what is not seen is not claimed. A claim scatters by 6 %, as the
     # scatter of the blocks is measured, so means are compared.
     assert all(result.n_blocks < 0.9 * whole[0].n_blocks for result in results)
@@ -234,7 +239,7 @@ def with_car(images, scene):
 def test_a_car_before_a_line_does_not_move_it(noise):
     scene = scene_of()
     images = with_car(pictures(scene), scene)
-    whole = fit(scene, noisy(pictures(scene), 0, NOISE))
+    whole = fit_of_draw(scene, 0)
     for seed in range(4):
         result = fit(scene, noisy(images, seed, noise))
         assert result.n_blocks < whole.n_blocks
@@ -255,7 +260,7 @@ def test_widths_are_recovered(widths):
 
 def test_yaw_and_positions_are_recovered():
     scene = scene_of()
-    result = fit(scene, noisy(pictures(scene), 0))
+    result = fit_of_draw(scene, 0)
     assert result.lane_yaw_rad == pytest.approx(YAW, abs=math.radians(0.02))
     middles = (np.array([1.75, -1.75]) - LATERAL) / math.cos(YAW)
     np.testing.assert_allclose(result.positions_m, middles, atol=0.01)
@@ -269,7 +274,7 @@ def test_blur_is_recovered(sigmas):
 
 
 def test_noise_is_measured():
-    result = fit(scene_of(), noisy(pictures(scene_of()), 0))
+    result = fit_of_draw(scene_of(), 0)
     # 120 blocks of 180 pixels each; 3 % for the median's own bias and clipping.
     assert result.noise_grey == pytest.approx(255 * NOISE, rel=0.03)
     assert result.scale == pytest.approx(1.0, abs=0.2)
