@@ -18,6 +18,8 @@ import numpy as np
 from ..camera.camera_info import CameraModel
 from ..camera.pair_geometry import is_corrected
 from ..camera.plain_camera_info import PlainCameraInfo
+from ..camera.rectifier import StereoRectifier
+from ..errors import RigError
 from .alignment import Alignment, optical_rotation
 
 # An angle that is off by fewer standard deviations may well be none: of 100 good angles, 0.3 are.
@@ -87,6 +89,39 @@ def repair_camera_info(
     before = (left.rotation, right.rotation) if is_corrected(*cameras) else (np.eye(3), np.eye(3))
     pair = left.rectified(before[0]), right.rectified(turn @ before[1])
     return RepairedPair(*pair, originals, angles, alignment, rectified)
+
+
+def repaired_pairs(cameras: StereoRectifier, alignment: Alignment | None) -> tuple[RepairedPair, ...]:
+    """Return the corrected CameraInfo of cameras: for their images, and for the driver of raw ones.
+
+    The CameraInfo beside rectified images may be that of the raw cameras, of which image_proc made them. For
+    the images as they are, K, D and R are past. The driver needs those of the raw cameras, turned further.
+
+    Args:
+        cameras: The cameras of the images from which the alignment was measured.
+        alignment: How the right camera is turned against where they have it; None: not measured.
+
+    Returns:
+        One pair, or a second one where it is corrected and the CameraInfo is that of raw cameras.
+    """
+    infos = cameras.infos or PlainCameraInfo.of_rig(cameras.rig)
+    pair = repair_camera_info(*infos, alignment, rectified=not cameras.raw)
+    if cameras.raw or cameras.turned or not pair.corrected or not _are_raw(cameras):
+        return (pair,)
+    return pair, repair_camera_info(*infos, alignment, rectified=False)
+
+
+def _are_raw(cameras: StereoRectifier) -> bool:
+    """Whether the CameraInfo of both says how raw images are rectified."""
+    models = cameras.cameras or ()
+    try:
+        for camera in models:
+            camera.check_raw()
+    except RigError:
+        return False
+    return all(camera.k[0] for camera in models) and any(
+        camera.is_turned or not camera.leaves_only_r for camera in models
+    )
 
 
 def surely_off(alignment: Alignment) -> tuple[str, ...]:
