@@ -165,7 +165,7 @@ def _is_written(replay: Replay) -> bool:
 
 def _repaired_pairs(replay: Replay) -> tuple[RepairedPair, ...]:
     cameras = replay.cameras or StereoRectifier.of_rig(replay.rig)
-    return repaired_pairs(cameras, getattr(replay.estimate, "alignment", None))
+    return repaired_pairs(cameras, replay.estimate.alignment)
 
 
 def _of_one_pair(arguments: argparse.Namespace, name: str, pair: StereoTopics) -> argparse.Namespace:
