@@ -206,6 +206,8 @@ NOT_ON_THE_WAY = {
     "unknown of the rig, and what shows it",
     "drive/drive, drive/motion, drive/changes": "the whole of a drive",
     "camera/topic_names, camera/camera_difference, drive/camera_changes": "topics, changes of cameras",
+    "camera/plain_camera_info, camera/rotations, geometry/camera_info_repair": "CameraInfo, corrected where "
+    "the right camera has turned",
     "drive/drift, drive/watch, drive/states": "the watch over an active calibration",
     "analysis/cramer_rao": "the limit of what a rig can reach",
 }

@@ -26,8 +26,15 @@ def cameras(fx=500.0, rectified=True, baseline_m=0.2, **changes):
     return StereoRectifier.from_camera_info(*infos, rectified)
 
 
-def make_road_bag(path, n_frames, fx_of):
-    """Write a recording of a road at 1.4 m, 3 degrees, 0.8 degrees; ``fx_of(index)`` is in its CameraInfo."""
+def make_road_bag(path, n_frames, fx_of=lambda index: None, seen=lambda side, pixels: pixels):
+    """Write a recording of a road at 1.4 m, 3 degrees, 0.8 degrees.
+
+    Args:
+        path: Folder to make.
+        n_frames: Frames; two are rendered, and take turns.
+        fx_of: Returns of the number of a frame the focal length in its CameraInfo, None for the true one.
+        seen: Returns the image that a camera takes of what it should see.
+    """
     scene = custom_scene(height_m=1.4, pitch_rad=math.radians(3.0), roll_rad=math.radians(0.8), n_frames=2)
     rendered = [scene.frame(index) for index in range(2)]
     types = get_typestore(Stores.ROS2_JAZZY)
@@ -46,7 +53,7 @@ def make_road_bag(path, n_frames, fx_of):
             stamp_ns = START_NS + index * PERIOD_NS
             sec, nanosec = divmod(stamp_ns, 1_000_000_000)
             frame = rendered[index % 2]
-            for side, pixels in (("left", frame.left), ("right", frame.right)):
+            for side, pixels in (("left", seen("left", frame.left)), ("right", seen("right", frame.right))):
                 head = header(stamp=time(sec=sec, nanosec=nanosec), frame_id=side)
                 info = camera_info_message(scene.scene.rig, side, head)
                 info.k[[0, 4]] = info.p[[0, 5]] = fx = fx_of(index) or scene.scene.rig.fx

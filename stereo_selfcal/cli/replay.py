@@ -15,11 +15,13 @@ from typing import Any
 import cv2
 
 from ..bags import StereoTopics, stereo_pairs
+from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
 from ..core.errors import SelfcalError, one_line, printable
+from ..core.geometry.camera_info_repair import RepairedPair, repaired_pairs
 from ..files.atomic_file import write_atomically
-from ..files.exports import export_paths, write_exports
+from ..files.exports import CAMERA_INFO, export_paths, write_exports
 from ..files.parameter_file import chosen_config, load_frames
 from ..files.result_file import write_result
 from ..files.rig_file import read_rig_file
@@ -71,10 +73,17 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _replay(argv: list[str]) -> int:
     arguments = replay_parser().parse_args(argv)
-    of_one_pair = (arguments.left, arguments.right, arguments.left_info, arguments.right_info)
+    of_one_pair = (
+        arguments.left,
+        arguments.right,
+        arguments.left_info,
+        arguments.right_info,
+        arguments.camera_info,
+    )
     if arguments.all_pairs and any(topic is not None for topic in of_one_pair):
         raise UsageError(
-            "--all takes every pair: it does not go with --left, --right, --left-info and --right-info"
+            "--all takes every pair: it does not go with --left, --right, --left-info, --right-info and "
+            "--camera-info"
         )
     _check_outputs(arguments)
     settings = _Settings(
@@ -86,8 +95,7 @@ def _replay(argv: list[str]) -> int:
     if arguments.all_pairs:
         return _replay_all(arguments, settings)
     replay, unwritten = _replay_one(arguments, settings)
-    report = as_json if arguments.json else table_summary
-    sys.stdout.write(report(replay))
+    sys.stdout.write(as_json(replay) if arguments.json else _summary(replay, arguments))
     return _status(replay, unwritten)
 
 
@@ -109,6 +117,7 @@ def _replay_one(arguments: argparse.Namespace, settings: _Settings) -> tuple[Rep
         a.left_info,
         a.right_info,
         a.rectified,
+        None if a.camera_info is None else tuple(a.camera_info),
     ) as source:
         replay = _run_with_output(source, settings.config, arguments)
         unwritten = _write_files(source, replay, arguments, settings.frames)
@@ -134,11 +143,29 @@ def _replay_all(arguments: argparse.Namespace, settings: _Settings) -> int:
             continue
         outcomes.append({"name": name, **topics, **as_dict(replay)})
         if not arguments.json:
-            sys.stdout.write(f"{table_summary(replay)}\n")
+            sys.stdout.write(f"{_summary(replay, of_pair)}\n")
         status = max(status, _status(replay, unwritten))
     if arguments.json:
         sys.stdout.write(json.dumps({"pairs": outcomes}, allow_nan=False) + "\n")
     return status
+
+
+def _summary(replay: Replay, arguments: argparse.Namespace) -> str:
+    """Return what stands below the table, with what was corrected of an exported CameraInfo."""
+    summary = table_summary(replay)
+    if CAMERA_INFO in arguments.exports and _is_written(replay):
+        summary += f"CameraInfo: {_repaired_pairs(replay)[0].describe()}\n"
+    return summary
+
+
+def _is_written(replay: Replay) -> bool:
+    """Whether there is a result to be written: none that rests on a part of a damaged recording."""
+    return replay.estimate.accepted and replay.damage is None
+
+
+def _repaired_pairs(replay: Replay) -> tuple[RepairedPair, ...]:
+    cameras = replay.cameras or StereoRectifier.of_rig(replay.rig)
+    return repaired_pairs(cameras, replay.estimate.alignment)
 
 
 def _of_one_pair(arguments: argparse.Namespace, name: str, pair: StereoTopics) -> argparse.Namespace:
@@ -199,6 +226,7 @@ def _inputs(arguments: argparse.Namespace) -> list[File]:
     """Return the files that are going to be read."""
     given = (("--config", arguments.config), ("--rig", arguments.rig))
     files = [File(option, path) for option, path in given if path is not None]
+    files += [File("--camera-info", path) for path in arguments.camera_info or ()]
     return [*files, *recording_files(arguments.bags, arguments.left, arguments.right)]
 
 
@@ -258,10 +286,11 @@ def _write_result(
     path: Path, source: FrameSource, replay: Replay, exports: Sequence[str], frames: tuple[str, str]
 ) -> None:
     estimate, rig = replay.estimate, replay.rig
-    if estimate.extrinsics is not None and estimate.accepted and replay.damage is None:
+    if estimate.extrinsics is not None and _is_written(replay):
         # The folders above the recording are nobody's business.
         write_result(path, estimate, rig, source=source.name, seed=replay.config.seed)
-        write_exports(path, exports, estimate.extrinsics, rig, *frames)
+        pairs = _repaired_pairs(replay) if CAMERA_INFO in exports else ()
+        write_exports(path, exports, estimate.extrinsics, rig, *frames, pairs)
 
 
 def _write_report(path: Path, source: FrameSource, replay: Replay) -> None:

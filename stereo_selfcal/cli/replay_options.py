@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from ..core.errors import ConfigError, shortened
-from ..files.exports import EXPORTS, parse_exports
+from ..files.exports import EXPORT_NAMES, parse_exports
 from ..offline import default_jobs
 from .console import OTHER_STATUSES, Parser
 
@@ -42,6 +42,13 @@ def replay_parser() -> Parser:
     add = parser.add_argument
     add("bags", metavar="BAG", type=Path, nargs="+", help="the recording")
     add_camera_options(parser)
+    add(
+        "--camera-info",
+        metavar=("LEFT", "RIGHT"),
+        type=Path,
+        nargs=2,
+        help="CameraInfo files (YAML of camera_info_manager) of both cameras instead of the topics",
+    )
     add("--all", dest="all_pairs", action="store_true", help="calibrate every stereo pair of the recording")
     add("--output", metavar="FILE", type=Path, help="write the result as a ROS 2 parameter file (YAML)")
     add(
@@ -50,7 +57,7 @@ def replay_parser() -> Parser:
         metavar="NAME[,NAME]",
         type=_exports,
         default=(),
-        help=f"write these formats beside FILE of --output: {', '.join(EXPORTS)}",
+        help=f"write these formats beside FILE of --output: {', '.join(EXPORT_NAMES)}",
     )
     add(
         "--picture",

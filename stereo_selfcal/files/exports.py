@@ -1,8 +1,9 @@
 """The calibration in the formats of other tools, as text and as files beside the result file.
 
-All hold the same transform, with all its digits: ``p_road = R_y(pitch) R_x(roll) p_camera + [0, 0, height]``
-is the roll, pitch, yaw about fixed axes of URDF, tf2 and Autoware, with the road as parent and the camera
-body (x forward, y left, z up) as child.
+:data:`CAMERA_INFO` is the CameraInfo of the pair, corrected by how the right camera was found to be turned.
+All others hold the same transform, with all its digits: ``p_road = R_y(pitch) R_x(roll) p_camera +
+[0, 0, height]`` is the roll, pitch, yaw about fixed axes of URDF, tf2 and Autoware, with the road as parent
+and the camera body (x forward, y left, z up) as child.
 """
 
 from __future__ import annotations
@@ -17,10 +18,12 @@ from xml.sax.saxutils import quoteattr
 import yaml
 
 from ..core.camera.rig import StereoRig
-from ..core.errors import ConfigError, OutputError
+from ..core.errors import ConfigError, OutputError, printable
+from ..core.geometry.camera_info_repair import RepairedPair
 from ..core.geometry.homography import SIDES, image_from_road
 from ..core.geometry.pose import Extrinsics
 from .atomic_file import write_atomically
+from .camera_info_file import format_camera_info, is_ours
 
 _TRANSLATION, _ROTATION = ("x", "y", "z"), ("roll", "pitch", "yaw")
 _AXES = "x forward, y left, z up; metres, radians; roll, pitch, yaw about fixed axes"
@@ -114,6 +117,28 @@ def homographies(extrinsics: Extrinsics, rig: StereoRig, parent_frame: str, chil
     return _HOMOGRAPHY + text
 
 
+def camera_infos(pairs: Sequence[RepairedPair], camera_name: str) -> dict[str, str]:
+    """Return the CameraInfo files of camera_info_manager, by the ending of their names.
+
+    Args:
+        pairs: The corrected pair of the images that were calibrated. Where those are rectified images of raw
+            cameras with a CameraInfo of their own, the corrected pair of these as well.
+        camera_name: Name of the pair.
+    """
+    texts = {}
+    for pair in pairs:
+        images = "rectified" if pair.rectified else "raw"
+        of_driver = "_raw" if pair is not pairs[0] else ""
+        for side, info, original in zip(SIDES, (pair.left, pair.right), pair.originals, strict=True):
+            name = f"{camera_name}/{side}"
+            whose = f"of the {side} camera, for its {images} images"
+            texts[f".{side}{of_driver}.yaml"] = format_camera_info(info, name, f"{whose}\n{pair.describe()}")
+            if not of_driver:
+                comment = f"{whose}\nas it was before it was corrected"
+                texts[f".{side}_original.yaml"] = format_camera_info(original, name, comment)
+    return texts
+
+
 class Export(NamedTuple):
     """One format: the ending of its file's name, and the function that returns its text."""
 
@@ -128,23 +153,33 @@ EXPORTS: Mapping[str, Export] = {
     "homographies": Export(".homographies.yaml", homographies),
 }
 
+CAMERA_INFO = "camera_info"
+EXPORT_NAMES = (*EXPORTS, CAMERA_INFO)
+# Files of the CameraInfo; those of raw cameras are not always written.
+_CAMERA_INFO_SUFFIXES = tuple(f".{side}{what}.yaml" for what in ("", "_original", "_raw") for side in SIDES)
+
 
 def parse_exports(text: str) -> tuple[str, ...]:
     """Return the names in a comma separated list, each once; none for an empty text.
 
     Raises:
-        ConfigError: A name is not one of :data:`EXPORTS`.
+        ConfigError: A name is not one of :data:`EXPORT_NAMES`.
     """
     names = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
     for name in names:
-        if name not in EXPORTS:
-            raise ConfigError(f"there is no export {name!r}: they are {', '.join(EXPORTS)}")
+        if name not in EXPORT_NAMES:
+            raise ConfigError(f"there is no export {name!r}: they are {', '.join(EXPORT_NAMES)}")
     return names
 
 
 def export_paths(result_path: Path, names: Sequence[str]) -> list[Path]:
-    """Return the files that :func:`write_exports` writes, in the order of the names."""
-    return [result_path.with_name(result_path.stem + EXPORTS[name].suffix) for name in names]
+    """Return the files that :func:`write_exports` may write, in the order of the names."""
+    suffixes = [
+        suffix
+        for name in names
+        for suffix in (_CAMERA_INFO_SUFFIXES if name == CAMERA_INFO else (EXPORTS[name].suffix,))
+    ]
+    return [_beside(result_path, suffix) for suffix in suffixes]
 
 
 def write_exports(
@@ -154,29 +189,48 @@ def write_exports(
     rig: StereoRig,
     road_frame: str,
     camera_frame: str,
+    pairs: Sequence[RepairedPair] = (),
 ) -> list[Path]:
     """Write exports beside a result file, each whole or not at all.
 
     Args:
         result_path: The result file; ``out.yaml`` gets ``out.urdf.xml`` and so on beside it.
-        names: Names of the exports (:data:`EXPORTS`).
+        names: Names of the exports (:data:`EXPORT_NAMES`).
         extrinsics: The calibration.
         rig: The rig it holds for.
         road_frame: Frame of the road.
         camera_frame: Frame of the camera body.
+        pairs: The CameraInfo for :data:`CAMERA_INFO`, as :func:`camera_infos` takes them.
 
     Returns:
         The files, in the order of the names.
 
     Raises:
-        OutputError: A frame has a name that not every format can hold, or a file cannot be written;
-            those before it are.
+        OutputError: A frame has a name that not every format can hold, or a CameraInfo file that was not
+            written here would be replaced; then no file is written. Or a file cannot be written; those
+            before it are.
     """
     for frame in (road_frame, camera_frame):
         if not frame.isprintable():
             raise OutputError(f"frame {frame!r} cannot be exported: give it a name of printable characters")
-    texts = [EXPORTS[name].text(extrinsics, rig, road_frame, camera_frame) for name in names]
-    paths = export_paths(result_path, names)
-    for path, text in zip(paths, texts, strict=True):
+    texts: dict[Path, str] = {}
+    for name in names:
+        if name != CAMERA_INFO:
+            text = EXPORTS[name].text(extrinsics, rig, road_frame, camera_frame)
+            texts[_beside(result_path, EXPORTS[name].suffix)] = text
+            continue
+        for suffix, text in camera_infos(pairs, camera_frame).items():
+            path = _beside(result_path, suffix)
+            if not is_ours(path):
+                raise OutputError(
+                    f"{printable(str(path))} is not replaced: a CameraInfo that was not written by this "
+                    "program is there; move it away, or choose another name for the result"
+                )
+            texts[path] = text
+    for path, text in texts.items():
         write_atomically(path, text.encode("utf-8"))
-    return paths
+    return list(texts)
+
+
+def _beside(result_path: Path, suffix: str) -> Path:
+    return result_path.with_name(result_path.stem + suffix)

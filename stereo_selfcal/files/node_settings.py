@@ -149,7 +149,14 @@ NODE_SETTINGS = (
         "exports",
         "",
         "Formats written beside output_path, comma separated: urdf, static_transform_publisher, autoware, "
-        "homographies",
+        "homographies, camera_info",
+    ),
+    NodeSetting(
+        "publish_camera_info",
+        False,
+        "Whether ~/left/camera_info and ~/right/camera_info get the CameraInfo of the pair, corrected where "
+        "the right camera is three standard deviations off",
+        fixed=True,
     ),
     NodeSetting(
         "publish_tf",

@@ -9,6 +9,7 @@ from ..bags import BagError, Selection, StereoBag, StereoFrame
 from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
 from ..core.camera.rig_checks import Finding
+from .camera_files import cameras_of_files, check_topics, turn_note
 from .recording import FrameSource
 
 
@@ -26,6 +27,7 @@ class BagSource(FrameSource):
         left_info: CameraInfo topic of the left camera, None to find it.
         right_info: The same of the right camera.
         rectified: Whether the images are rectified whatever their topics are called.
+        camera_info: CameraInfo files of the left and of the right camera, in place of the topics.
 
     Raises:
         BagError: A bag cannot be read, or there is no unambiguous stereo pair or no rig.
@@ -43,11 +45,19 @@ class BagSource(FrameSource):
         left_info: str | None = None,
         right_info: str | None = None,
         rectified: bool = False,
+        camera_info: tuple[Path, Path] | None = None,
     ) -> None:
-        if rig is not None and not (left_info is None and right_info is None):
-            raise BagError(
-                "a rig file stands in place of CameraInfo: leave out --rig or the CameraInfo topics"
+        named = [
+            option
+            for option, given in (
+                ("--rig", rig),
+                ("--camera-info", camera_info),
+                ("the CameraInfo topics", left_info or right_info),
             )
+            if given is not None
+        ]
+        if len(named) > 1:
+            raise BagError(f"the rig is given by {' and by '.join(named)}: leave one of them")
         if raw and rig is not None:
             raise BagError(
                 "a rig file describes rectified cameras: K, D, R and P of raw ones come from CameraInfo; "
@@ -61,12 +71,19 @@ class BagSource(FrameSource):
             self.n_images = topics.left.count, topics.right.count
             self.start_ns = self._bag.start_ns
             self._doubts: dict[Finding, None] = {}
-            if rig is None:
+            self._given: StereoRectifier | None = None
+            if camera_info is not None:
+                self._given = cameras = cameras_of_files(camera_info, raw)
+                names = self.left_name, self.right_name
+                check_topics(cameras, camera_info, names, raw, rectified)
+                rig = cameras.rig
+            elif rig is None:
                 cameras = self._bag.follow_cameras(not raw, selection, rectified)
                 rig = cameras.rig
             else:
                 cameras = StereoRectifier.of_rig(rig)
             self._note(cameras)
+            self.notes = turn_note(cameras)
             self.rig = rig
             self._bag.rig_size = rig.width, rig.height
             self.selection = selection or Selection()
@@ -93,13 +110,18 @@ class BagSource(FrameSource):
 
     def frames(self) -> Iterator[StereoFrame]:
         """Yield the selected frames in the order of the recording."""
-        for frame in self._bag.frames(self.selection):
+        for recorded in self._bag.frames(self.selection):
+            frame = self._seen(recorded)
             self._note(frame.cameras)
             yield frame
 
     def frame_at(self, recorded_ns: int) -> StereoFrame:
         """Return one frame again."""
-        return self._bag.frame_at(recorded_ns)
+        return self._seen(self._bag.frame_at(recorded_ns))
+
+    def _seen(self, frame: StereoFrame) -> StereoFrame:
+        """Return a frame as the cameras of the CameraInfo files see it, if there are any."""
+        return frame if self._given is None else frame.seen_by(self._given)
 
     def _note(self, cameras: StereoRectifier | None) -> None:
         """Remember what is unusual about the cameras of a frame."""

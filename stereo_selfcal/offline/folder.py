@@ -17,6 +17,7 @@ from ..core.camera.pairing import stamp_to_s
 from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
 from ..core.errors import ImageError, printable
+from .camera_files import turn_note
 from .image_stamps import image_stamps
 from .recording import FrameSource
 
@@ -43,6 +44,7 @@ class FolderSource(FrameSource):
         left: Folder of the left images in ``path``, None for "left".
         right: Folder of the right images in it, None for "right".
         selection: Which frames are used, None for all.
+        cameras: Cameras that the images are rectified for; None where the rig is all there is.
 
     Raises:
         BagError: There are no two folders with images of the same names, or it is not certain which image
@@ -56,7 +58,9 @@ class FolderSource(FrameSource):
         left: str | None = None,
         right: str | None = None,
         selection: Selection | None = None,
+        cameras: StereoRectifier | None = None,
     ) -> None:
+        self._cameras = cameras
         self.path, self.rig, self.selection = path, rig, selection or Selection()
         self.name = path.resolve().name
         self.left_name, self.right_name = folders_of(left, right)
@@ -75,8 +79,10 @@ class FolderSource(FrameSource):
             stamps = image_stamps(names)
         except BagError as error:
             raise BagError(f"{path}: {error}") from error
-        self._doubts = tuple(doubt.message for doubt in StereoRectifier.of_rig(rig).doubts)
-        self.notes = (stamps.note,)
+        seen_by = cameras or StereoRectifier.of_rig(rig)
+        self._doubts = tuple(doubt.message for doubt in seen_by.doubts)
+        self._stamps_note = (stamps.note,)
+        self.notes = (stamps.note, *turn_note(seen_by))
         self.counted = stamps.counted
         self._pairs = [
             (stamp_ns, files[0][name], files[1][name])
@@ -89,7 +95,7 @@ class FolderSource(FrameSource):
     @property
     def remarks(self) -> tuple[str, ...]:
         """Sentences about the rig, stamps that are none, bits of the images, and those in no frame."""
-        remarks = self._doubts + (self.notes if self.counted else ())
+        remarks = self._doubts + (self._stamps_note if self.counted else ())
         if self._depth.remark:
             remarks += (self._depth.remark,)
         alone = [count - len(self._pairs) for count in self.n_images]
@@ -119,7 +125,7 @@ class FolderSource(FrameSource):
 
     def _frame(self, index: int) -> StereoFrame:
         stamp_ns, left, right = self._pairs[index]
-        return StereoFrame.from_images(
+        frame = StereoFrame.from_images(
             stamp_to_s(stamp_ns),
             lambda: self._read(left),
             lambda: self._read(right),
@@ -128,6 +134,7 @@ class FolderSource(FrameSource):
             left.name,
             self._frozen(index),
         )
+        return frame if self._cameras is None else frame.seen_by(self._cameras)
 
     def _frozen(self, index: int) -> FrozenImage | None:
         """Return which image of a pair is only the one before again, as :class:`.FrozenImages` does."""

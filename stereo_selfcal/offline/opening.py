@@ -9,6 +9,7 @@ from ..bags import BagError, Selection
 from ..core.camera.rig import StereoRig
 from ..files.rig_file import read_rig_file
 from .bag import BagSource
+from .camera_files import cameras_of_files
 from .folder import FolderSource, is_image_folder
 from .recording import FrameSource
 
@@ -27,6 +28,7 @@ def open_source(
     left_info: str | None = None,
     right_info: str | None = None,
     rectified: bool = False,
+    camera_info: tuple[Path, Path] | None = None,
 ) -> FrameSource:
     """Open a recording.
 
@@ -41,6 +43,7 @@ def open_source(
         left_info: CameraInfo topic of the left camera in bags, None to find it.
         right_info: The same of the right camera.
         rectified: Whether the images of bags are rectified whatever their topics are called.
+        camera_info: CameraInfo files of the left and of the right camera, in place of the rig.
 
     Raises:
         SelfcalError: It cannot be read, or has no unambiguous stereo pair or no rig.
@@ -48,12 +51,25 @@ def open_source(
     folders = [path for path in paths if is_image_folder(path, left, right)]
     if not folders:
         return BagSource(
-            paths, left, right, tolerance_s, rig, selection, raw, left_info, right_info, rectified
+            paths,
+            left,
+            right,
+            tolerance_s,
+            rig,
+            selection,
+            raw,
+            left_info,
+            right_info,
+            rectified,
+            camera_info,
         )
-    if raw:
+    if raw and camera_info is None:
         raise BagError(
-            f"{folders[0]}: raw images need CameraInfo, which a folder of images has not: rectify them"
+            f"{folders[0]}: raw images need CameraInfo, which a folder of images has not: rectify them, or "
+            "give --camera-info"
         )
+    if not (rig is None or camera_info is None):
+        raise BagError("the rig is given by --rig and by --camera-info: leave one of them")
     if not (left_info is None and right_info is None):
         raise BagError(
             f"{folders[0]}: a folder of images has no CameraInfo topics: leave out --left-info and "
@@ -61,6 +77,9 @@ def open_source(
         )
     if len(paths) > 1:
         raise BagError(f"{folders[0]}: a folder of images is a recording by itself: give it alone")
+    if camera_info is not None:
+        cameras = cameras_of_files(camera_info, raw)
+        return FolderSource(folders[0], cameras.rig, left, right, selection, cameras)
     return FolderSource(folders[0], rig or _rig_in(folders[0]), left, right, selection)
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 from ..bags import BagError, StereoFrame
 from ..core.calibrator import Calibrator
+from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
 from ..core.drive.camera_changes import CameraChange, CameraFollower
@@ -36,6 +37,7 @@ class Replay:
         remarks: Sentences about anomalies of the recording.
         camera_changes: Changes of CameraInfo, in order; the estimate is of the frames since the last one.
         since: Index of the first row since then.
+        cameras: The cameras of the estimate; None where the rig is all that is known.
     """
 
     rows: tuple[FrameRow, ...]
@@ -46,6 +48,7 @@ class Replay:
     remarks: tuple[str, ...] = ()
     camera_changes: tuple[CameraChange, ...] = ()
     since: int = 0
+    cameras: StereoRectifier | None = None
 
     @property
     def rows_of_rig(self) -> tuple[FrameRow, ...]:
@@ -149,7 +152,17 @@ def assemble_replay(
         f"frames, the first one of {stamps[0]:.3f} s, are refused"
         for side, stamps in sorted(frozen.items())
     )
-    return Replay(tuple(rows), drive, calibrator.rig, calibrator.config, damage, remarks, changes, since)
+    return Replay(
+        tuple(rows),
+        drive,
+        calibrator.rig,
+        calibrator.config,
+        damage,
+        remarks,
+        changes,
+        since,
+        follower.current,
+    )
 
 
 def look_again(

@@ -40,12 +40,14 @@ class CallOutcome:
         result: The accepted calibration, None when there is none.
         rig: The rig it holds for.
         stamp_ns: Stamp of the last frame in it [ns].
+        cameras: The cameras of its frames, None where they are not known.
     """
 
     message: str
     result: CalibrationResult | None = None
     rig: StereoRig | None = None
     stamp_ns: int = 0
+    cameras: StereoRectifier | None = None
 
 
 class CalibrationCall:
@@ -94,7 +96,8 @@ class CalibrationCall:
                     estimate = self._calibrator.estimate
                     message = estimate.message + self._changes() + self._doubts(before)
                     if estimate.accepted:
-                        return CallOutcome(message, estimate, self._calibrator.rig, pair.stamp_ns)
+                        rig, cameras = self._calibrator.rig, self._follower.current
+                        return CallOutcome(message, estimate, rig, pair.stamp_ns, cameras)
                     return CallOutcome(message)
             if pair is None or remaining_s == 0.0:
                 break

@@ -5,9 +5,11 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass, replace
 
+from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
 from ..core.drive.states import Event, State, StateMachine, event_of
 from ..core.drive.watch import Watch
+from ..core.geometry.camera_info_repair import RepairedPair, repaired_pairs
 from ..core.results import CalibrationResult
 
 _NEVER = "call ~/calibrate on a straight road with painted lines"
@@ -24,6 +26,7 @@ class ActiveCalibration:
         since_s: Steady time [s] of its beginning (:func:`time.monotonic`).
         saved: Where it is saved, or why it is not saved.
         save_failed: Whether saving was tried and failed.
+        cameras: The cameras whose frames it is from; None where they are not known, as after a restart.
     """
 
     result: CalibrationResult
@@ -31,6 +34,12 @@ class ActiveCalibration:
     since_s: float
     saved: str = ""
     save_failed: bool = False
+    cameras: StereoRectifier | None = None
+
+    @property
+    def repaired_pairs(self) -> tuple[RepairedPair, ...]:
+        """The CameraInfo of the cameras, corrected (:func:`.repaired_pairs`); none of unknown cameras."""
+        return () if self.cameras is None else repaired_pairs(self.cameras, self.result.alignment)
 
 
 class CalibrationKeeper:

@@ -36,6 +36,7 @@ class NodeConfig:
         road_frame: Frame of the road.
         camera_frame: Frame of the camera body.
         exports: Names of the files written beside the result file.
+        publish_camera_info: Whether the corrected CameraInfo of the pair is published.
         publish_tf: Whether the result goes to /tf_static as well.
         rig: Values of ``rig.*`` without the prefix, empty when all are 0.
         calibrator: Settings of the calibrator.
@@ -54,6 +55,7 @@ class NodeConfig:
     road_frame: str
     camera_frame: str
     exports: tuple[str, ...]
+    publish_camera_info: bool
     publish_tf: bool
     rig: Mapping[str, float]
     calibrator: CalibratorConfig

@@ -11,8 +11,10 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion, TransformStamped
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import Parameter
+from sensor_msgs.msg import CameraInfo, RegionOfInterest
 from sensor_msgs.msg import Image as ImageMessage
 
+from ..core.camera.plain_camera_info import PlainCameraInfo
 from ..core.geometry.pose import Extrinsics
 from ..core.types import Array, Image
 
@@ -125,4 +127,42 @@ def image_message(picture: Image, frame: str, stamp_ns: int) -> ImageMessage:
     message.header.stamp = time_message(stamp_ns)
     message.header.frame_id = frame
     message.data = array("B", picture.tobytes())  # rclpy checks other types byte by byte
+    return message
+
+
+def camera_info_message(info: PlainCameraInfo, stamp_ns: int) -> CameraInfo:
+    """Return a CameraInfo as a message.
+
+    Args:
+        info: The CameraInfo.
+        stamp_ns: Stamp of the (last) frame [ns].
+    """
+    message = CameraInfo(
+        width=info.width,
+        height=info.height,
+        distortion_model=info.distortion_model,
+        d=info.d.tolist(),
+        k=info.k,
+        r=info.rotation.ravel(),
+        p=info.p,
+        binning_x=info.binning_x,
+        binning_y=info.binning_y,
+    )
+    roi = info.roi
+    message.roi = RegionOfInterest(
+        x_offset=roi.x_offset, y_offset=roi.y_offset, height=roi.height, width=roi.width
+    )
+    message.header.stamp = time_message(stamp_ns)
+    message.header.frame_id = info.frame_id
+    return message
+
+
+def no_camera_info_message(stamp_ns: int) -> CameraInfo:
+    """Return the CameraInfo of a camera that is not calibrated: all zero, as sensor_msgs/CameraInfo has it.
+
+    Args:
+        stamp_ns: Time from which it is not [ns].
+    """
+    message = CameraInfo()
+    message.header.stamp = time_message(stamp_ns)
     return message

@@ -11,9 +11,12 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
+from sensor_msgs.msg import CameraInfo
 from visualization_msgs.msg import MarkerArray
 
 from ..core.errors import ConfigError, OutputError
+from ..core.geometry.camera_info_repair import RepairedPair
+from ..core.geometry.homography import SIDES
 from ..core.results import CalibrationResult
 from ..core.types import Array
 from ..files.node_settings import RESULT_PREFIX
@@ -21,7 +24,14 @@ from ..files.result_file import result_parameters
 from ..files.saved_result import RESULT_NAMES
 from .config import NodeConfig
 from .markers import markers_message, no_markers_message
-from .messages import deleted_message, extrinsics_message, pose_message, transform_message
+from .messages import (
+    camera_info_message,
+    deleted_message,
+    extrinsics_message,
+    no_camera_info_message,
+    pose_message,
+    transform_message,
+)
 from .parameters import NodeParameters
 
 # The default callback group runs only short work: after this time it is taken to hang.
@@ -41,12 +51,14 @@ class Publication:
         config: Parameters it is published with.
         stamp_ns: Stamp of the (last) frame [ns].
         lanes: Lane lines of the last frame on the road, each (N, 2) [m]; empty where they are not known.
+        pair: The corrected CameraInfo of both cameras; None where the cameras are not known.
     """
 
     result: CalibrationResult
     config: NodeConfig
     stamp_ns: int
     lanes: tuple[Array, ...] = ()
+    pair: RepairedPair | None = None
 
 
 @dataclass(slots=True, eq=False)
@@ -75,6 +87,11 @@ class Outputs:
         self._extrinsics = node.create_publisher(ParameterEvent, "~/extrinsics", _LATCHED)
         self._pose = node.create_publisher(PoseWithCovarianceStamped, "~/pose", _LATCHED)
         self._markers = node.create_publisher(MarkerArray, "~/markers", _LATCHED)
+        self._camera_infos = (
+            [node.create_publisher(CameraInfo, f"~/{side}/camera_info", _LATCHED) for side in SIDES]
+            if parameters.config.publish_camera_info
+            else []
+        )
         self._transform = _transform_broadcaster(node) if parameters.config.publish_tf else None
         # Done in the default callback group, in which the parameter services run.
         self._request: _Request | None = None
@@ -95,8 +112,9 @@ class Outputs:
     def withdraw(self) -> None:
         """Withdraw what was published; callers and errors as of :meth:`publish`.
 
-        The parameters lose their values, ``~/extrinsics`` says that they were deleted, and the markers are
-        deleted. ``~/pose`` and ``/tf_static`` cannot express it.
+        The parameters lose their values, ``~/extrinsics`` says that they were deleted, the markers are
+        deleted, and the CameraInfo is that of cameras that are not calibrated. ``~/pose`` and ``/tf_static``
+        cannot express it.
         """
         self._do(None)
 
@@ -126,12 +144,16 @@ class Outputs:
         pose = pose_message(extrinsics, covariance, config.road_frame, stamp_ns)
         markers = markers_message(extrinsics, publication.lanes, config.road_frame, stamp_ns)
         transform = transform_message(extrinsics, config.road_frame, config.camera_frame, stamp_ns)
+        pair = publication.pair
+        infos = [camera_info_message(each, stamp_ns) for each in ((pair.left, pair.right) if pair else ())]
         self._parameters.publish_result(parameters)
         self._extrinsics.publish(event)
         self._pose.publish(pose)
         self._markers.publish(markers)
         if self._transform is not None:
             self._transform.sendTransform(transform)
+        for publisher, info in zip(self._camera_infos, infos, strict=False):
+            publisher.publish(info)
 
     def stop(self) -> None:
         """End the waiting in :meth:`publish`: the node shuts down, and the request will not be served."""
@@ -148,6 +170,8 @@ class Outputs:
         names = [RESULT_PREFIX + name for name in RESULT_NAMES]
         self._extrinsics.publish(deleted_message(self._node.get_fully_qualified_name(), stamp_ns, names))
         self._markers.publish(no_markers_message())
+        for publisher in self._camera_infos:
+            publisher.publish(no_camera_info_message(stamp_ns))
 
     def _on_guard(self) -> None:
         request, self._request = self._request, None

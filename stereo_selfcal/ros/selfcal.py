@@ -15,6 +15,7 @@ from rclpy.qos import qos_profile_parameters
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 from std_srvs.srv import Trigger
 
+from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
 from ..core.drive.states import Event, State
 from ..core.errors import ConfigError, RigError, printable
@@ -36,6 +37,7 @@ from .memory import trim_heap
 from .monitor import Monitor
 from .outputs import Outputs, Publication
 from .overrides import unused_start_values
+from .pair_source import known_rectifier
 from .parameters import NodeParameters
 from .record import FrameRecord, FrameReport
 from .reporter import DiagnosticsReporter
@@ -180,7 +182,7 @@ class SelfcalNode:
         result, rig = outcome.result, outcome.rig
         if result is None or rig is None:
             return False, outcome.message
-        saved = self._activate(result, rig, outcome.stamp_ns, config)
+        saved = self._activate(result, rig, outcome.stamp_ns, config, outcome.cameras)
         return True, f"{outcome.message}; {saved}"
 
     def _activate(
@@ -189,13 +191,15 @@ class SelfcalNode:
         rig: StereoRig,
         stamp_ns: int,
         config: NodeConfig,
+        cameras: StereoRectifier | None,
         settled: bool = False,
     ) -> str:
         """Publish, activate and save a result; return where it was saved, or why it was not."""
         with self._publishing:
-            self._outputs.publish(Publication(result, config, stamp_ns, self._lanes(result)))
+            active = ActiveCalibration(result, rig, time.monotonic(), saved="not yet", cameras=cameras)
+            pair = next(iter(active.repaired_pairs), None) if config.publish_camera_info else None
+            self._outputs.publish(Publication(result, config, stamp_ns, self._lanes(result), pair))
             # It is active from here on, even if it cannot be saved.
-            active = ActiveCalibration(result, rig, time.monotonic(), saved="not yet")
             self._keeper.accept(active, settled)
             topics = self._input.topics
             try:
@@ -228,6 +232,15 @@ class SelfcalNode:
         except RigError:  # /diagnostics reports it
             return None
 
+    def _cameras_of(self, rig: StereoRig, config: NodeConfig) -> StereoRectifier | None:
+        """Return the cameras that are known now, None where they are not those of this rig."""
+        try:
+            cameras = known_rectifier(self._input, config)
+        except RigError:
+            return None
+        found = (cameras, None if cameras is None else cameras.whole)
+        return next((each for each in found if each is not None and each.rig == rig), None)
+
     def _on_frame(self, report: FrameReport) -> None:
         """Count and show a frame that was calibrated; called by the thread of the call."""
         self._count(report)
@@ -258,7 +271,8 @@ class SelfcalNode:
         if better is None:
             return
         self._remember_lines(report)
-        saved = self._activate(better, report.rig, report.stamp_ns, config, settled=True)
+        cameras = self._cameras_of(report.rig, config)
+        saved = self._activate(better, report.rig, report.stamp_ns, config, cameras, settled=True)
         self.node.get_logger().info(f"recalibrated by the watch: {better.message}; {saved}")
 
     def _remember_lines(self, report: FrameReport) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..core.errors import OutputError, printable
 from ..files.atomic_file import cannot_be_written
-from ..files.exports import write_exports
+from ..files.exports import CAMERA_INFO, write_exports
 from ..files.node_settings import ros_home
 from ..files.result_file import write_result
 from ..files.saved_result import SavedResult
@@ -66,7 +66,8 @@ def save(active: ActiveCalibration, config: NodeConfig, source: str) -> tuple[st
     assert extrinsics is not None  # it was written
     frames = config.road_frame, config.camera_frame
     try:
-        write_exports(path, config.exports, extrinsics, active.rig, *frames)
+        pairs = active.repaired_pairs if CAMERA_INFO in config.exports else ()
+        write_exports(path, config.exports, extrinsics, active.rig, *frames, pairs)
     except _FAILURES as error:
         return f"saved to {shown}, but not exported: {_reason(error, path)}{kept}", True
     return f"saved to {shown} and exported as {', '.join(config.exports)}{kept}", False

@@ -110,6 +110,9 @@ def _differences_of(before: CameraModel, after: CameraModel) -> list[Difference]
     for i, (a, b) in enumerate(zip(before.p, after.p, strict=True)):
         found += _number(_P_NAMES.get(i, f"P[{i}]"), a, b)
     if before.rectified and after.rectified:
+        if before.correction != after.correction:
+            turns = [_array(each.correction) if each.correction else "none" for each in (before, after)]
+            found.append(Difference("R that is applied", *turns))
         return found
     for i, (a, b) in enumerate(zip(before.k, after.k, strict=True)):
         found += _number(_K_NAMES.get(i, f"K[{i}]"), a, b)

@@ -15,13 +15,17 @@ from typing import Any
 import numpy as np
 
 from ..errors import RigError, shortened
+from .rotations import ROTATION_TOLERANCE, rotation_error, turn_deg
 
 # Distance of a principal point from the middle of the sensor, as a fraction of its side, up to which it is
 # usual: at most 0.05 for the cameras of KITTI and EuRoC. Half the resolution moves it by 0.25.
 _MIDDLE = 0.15
 
-# R is written with six digits or more, so a rotation is orthogonal to about 1e-6.
-_ROTATION_TOLERANCE = 1e-3
+# K is P, and R the identity, up to this: a thousandth of a pixel at a focal length of 1000 px.
+SAME = 1e-6
+# A right camera that has turned since it was calibrated is put right by R, if by no more than this. Drift by
+# temperature and bumps is below a degree; a greater turn is that of a pair that nobody has rectified.
+MOST_CORRECTED_DEG = 5.0
 
 NO_DISTORTION = ""
 PLUMB_BOB, RATIONAL, EQUIDISTANT = "plumb_bob", "rational_polynomial", "equidistant"
@@ -56,6 +60,7 @@ class InfoReason(Enum):
     SEEMS_UNRECTIFIED = "seems_unrectified"
     REFERENCE_IS_RIGHT = "reference_is_right"
     REGION_NOT_APPLIED = "region_not_applied"
+    ROTATION_NOT_APPLIED = "rotation_not_applied"
 
     def __str__(self) -> str:
         return self.value
@@ -77,7 +82,8 @@ class CameraInfoError(RigError):
 class CameraModel:
     """Parameters of a camera from its CameraInfo, for its images: region of interest and binning are applied.
 
-    Of the CameraInfo of rectified images only P is used; K may be all zeros.
+    Of the CameraInfo of rectified images only P is used; K may be all zeros. R is used as well where it is
+    all that is left to be done (:attr:`correction`).
 
     Attributes:
         width: Image width [px].
@@ -142,8 +148,8 @@ class CameraModel:
             *region.size,
             region.applied_to(k) if k[0] else tuple(k),
             region.applied_to(p),
-            tuple(_values(info, "r") or ()),
-            tuple(_values(info, "d") or ()),
+            tuple(values_of(info, "r") or ()),
+            tuple(values_of(info, "d") or ()),
             str(getattr(info, "distortion_model", "")),
             region.cropped,
             str(region),
@@ -156,7 +162,7 @@ class CameraModel:
         """What is used of the parameters: cameras for which it is equal rectify and see alike."""
         size = (self.width, self.height)
         if self.rectified:
-            return (*size, self.p)
+            return (*size, self.p, self.correction)
         n = next((n for n in range(len(self.d), 0, -1) if self.d[n - 1]), 0)  # trailing zeros change nothing
         return (
             *size,
@@ -166,6 +172,32 @@ class CameraModel:
             self.d[:n],
             self.model if n or self.model == EQUIDISTANT else "",
         )
+
+    @property
+    def is_turned(self) -> bool:
+        """Whether there is a rotation R that is not the identity."""
+        given = len(self.r) == 9 and any(self.r)
+        return given and not np.allclose(self.r, np.eye(3).ravel(), atol=SAME)
+
+    @property
+    def k_is_p(self) -> bool:
+        """Whether K is the left part of P."""
+        return all(abs(self.k[3 * i + j] - self.p[4 * i + j]) <= SAME for i in range(3) for j in range(3))
+
+    @property
+    def leaves_only_r(self) -> bool:
+        """Whether K is P and D is zero: images that still have to be turned by R, or not even that."""
+        return self.k_is_p and not any(self.d)
+
+    @property
+    def correction(self) -> tuple[float, ...]:
+        """R (9,) where K is P, D is zero and R is a small rotation; () where there is none.
+
+        Such is the CameraInfo of rectified images of a camera that has turned since it was calibrated.
+        """
+        turned = self.leaves_only_r and self.is_turned
+        small = turned and turn_deg(np.array(self.r).reshape(3, 3)) <= MOST_CORRECTED_DEG
+        return self.r if small else ()
 
     def check_raw(self) -> None:
         """Check the parameters that raw images are undistorted and rectified with.
@@ -200,13 +232,12 @@ class CameraModel:
                 "the pair as a stereo pair, or write the identity if the cameras are aligned",
             )
         rotation = np.array(self.r).reshape(3, 3)
-        with np.errstate(over="ignore", invalid="ignore"):  # impossible values may give infinity or NaN
-            error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-        if not error <= _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
+        error = rotation_error(rotation)
+        if not error <= ROTATION_TOLERANCE:
             raise CameraInfoError(
                 InfoReason.NOT_A_ROTATION,
                 f"R of the {self.side} CameraInfo is no rotation (R R^T differs from the identity by "
-                f"{error:.2g}, at most {_ROTATION_TOLERANCE:g} allowed): calibrate the pair again",
+                f"{error:.2g}, at most {ROTATION_TOLERANCE:g} allowed): calibrate the pair again",
             )
 
 
@@ -295,8 +326,8 @@ class _Region:
         return tuple(float(value) for value in values.ravel())
 
 
-def _values(info: Any, name: str) -> list[float] | None:
-    """Return an array of a CameraInfo, from the spelling of ROS 2 or ROS 1."""
+def values_of(info: Any, name: str) -> list[float] | None:
+    """Return an array of a CameraInfo, from the spelling of ROS 2 or ROS 1; None where there is none."""
     values = getattr(info, name, None)
     if values is None:
         values = getattr(info, name.upper(), None)
@@ -305,7 +336,7 @@ def _values(info: Any, name: str) -> list[float] | None:
 
 def _matrix(info: Any, name: str, size: int, side: str) -> list[float]:
     """Return matrix ``name`` of a CameraInfo as ``size`` finite floats."""
-    values = _values(info, name)
+    values = values_of(info, name)
     if values is None or len(values) != size:
         raise CameraInfoError(
             InfoReason.MALFORMED, f"{side} CameraInfo has no matrix {name.upper()} of {size} values"
@@ -351,4 +382,4 @@ def content_of(info: Any) -> bytes | None:
 
 def is_uncalibrated(info: Any) -> bool:
     """Whether a CameraInfo has neither K nor P, as one of a camera that was never calibrated."""
-    return not any(value and value[0] for value in (_values(info, "k"), _values(info, "p")))
+    return not any(value and value[0] for value in (values_of(info, "k"), values_of(info, "p")))

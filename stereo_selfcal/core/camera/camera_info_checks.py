@@ -8,8 +8,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from .camera_info import EQUIDISTANT, CameraInfoError, CameraModel, InfoReason
-from .pair_geometry import shifts_text
+from .camera_info import EQUIDISTANT, MOST_CORRECTED_DEG, CameraInfoError, CameraModel, InfoReason
+from .pair_geometry import is_corrected, shifts_text
 from .rig_checks import (
     Finding,
     find_principal_point_at_border,
@@ -23,7 +23,6 @@ from .topic_names import says_rectified
 # wide lenses are zoomed more.
 _MOST_ZOOM = 2.0
 _MOST_ZOOM_FISHEYE = 4.0
-_SAME_PX = 1e-6
 
 # A rectification that moves no pixel by more than this changes nothing: lines are located to about a tenth
 # of a pixel, which is 0.01 degrees of pitch at a focal length of 500 px.
@@ -55,6 +54,25 @@ def find_unusual_values(
     found += find_unusual_focal_length(left.p[0], left.p[5], (left.width, left.height), "P")
     for camera in (left, right):
         found += _unusual_values_of(camera, rectified)
+    return found + (_ignored_rotations(left, right) if rectified else [])
+
+
+def _ignored_rotations(left: CameraModel, right: CameraModel) -> list[Finding]:
+    """Return the corrections of rectified images that are not made, with the reason."""
+    if is_corrected(left, right):
+        return []
+    found = []
+    for camera, other in ((left, right), (right, left)):
+        if not (camera.k[0] and camera.leaves_only_r and camera.is_turned):
+            continue
+        why = (
+            f"K is P and D is zero in the {camera.side} one alone; give the {other.side} one of the same pair"
+            if camera.correction and not other.leaves_only_r
+            else f"at most {MOST_CORRECTED_DEG:g} deg are a correction of rectified images; if these images "
+            "are not rectified, set rectified: false"
+        )
+        text = f"R of the {camera.side} CameraInfo turns the camera and is not applied: {why}"
+        found.append(Finding(InfoReason.ROTATION_NOT_APPLIED, text))
     return found
 
 
@@ -67,6 +85,10 @@ def check_claim(
     rectified only where rectification would change nothing. Raw images that are taken for rectified ones
     give a pose that is off by the rotation of the camera, with a small standard deviation.
 
+    A pair whose K is P and whose D is zero, and of which R turns one camera a little, is used alike for raw
+    and for rectified images: that camera is turned by R. So there is nothing to compare. Where R turns both,
+    it may be that of raw cameras.
+
     Args:
         cameras: Left and right camera.
         topics: Names of the image topics.
@@ -76,6 +98,8 @@ def check_claim(
     Raises:
         CameraInfoError: They are not.
     """
+    if is_corrected(*cameras) and not all(camera.is_turned for camera in cameras):
+        return
     for camera, topic in zip(cameras, topics, strict=True):
         called_rectified, called_raw = says_rectified(topic)
         believed = called_rectified if rectified else (called_raw or not called_rectified)
@@ -106,7 +130,7 @@ def rectification_moves_px(camera: CameraModel) -> float:
         camera: The camera.
     """
     if not camera.k[0]:
-        return math.inf if any(camera.d) or _is_turned(camera) else 0.0
+        return math.inf if any(camera.d) or camera.is_turned else 0.0
     d = np.array(camera.d)
     if not all(map(math.isfinite, (*camera.d, *camera.r))):
         return math.inf
@@ -139,20 +163,11 @@ def _project(model: str, rays: Any, k: Any, d: Any) -> Any:
 def _why_raw(camera: CameraModel) -> str:
     """Return which matrices say that an image has still to be rectified."""
     why = ["D is not zero"] if any(camera.d) else []
-    if _is_turned(camera):
+    if camera.is_turned:
         why.append("R is not the identity")
-    if camera.k[0] and not _same_matrix(camera):
+    if camera.k[0] and not camera.k_is_p:
         why.append("K is not P")
     return ", ".join(why)
-
-
-def _is_turned(camera: CameraModel) -> bool:
-    given = len(camera.r) == 9 and any(camera.r)
-    return given and not np.allclose(camera.r, np.eye(3).ravel(), atol=_SAME_PX)
-
-
-def _same_matrix(camera: CameraModel) -> bool:
-    return all(abs(camera.k[3 * i + j] - camera.p[4 * i + j]) <= _SAME_PX for i in range(3) for j in range(3))
 
 
 def check_image_size(model: CameraModel, size: tuple[int, int]) -> Finding | None:
@@ -193,8 +208,8 @@ def _unusual_values_of(camera: CameraModel, rectified: bool) -> list[Finding]:
             if at_border:
                 found += at_border
                 break
-    unturned = len(camera.r) == 9 and bool(np.allclose(camera.r, np.eye(3).ravel(), atol=_SAME_PX))
-    if rectified and _same_matrix(camera) and unturned and any(camera.d):
+    unturned = len(camera.r) == 9 and not camera.is_turned and any(camera.r)
+    if rectified and camera.k_is_p and unturned and any(camera.d):
         text = (
             f"the {side} CameraInfo is that of a single camera, not of a rectified pair (P is K, R is the "
             "identity, D is not zero): if the images are not rectified, set rectified: false or calibrate "

@@ -65,6 +65,17 @@ def pair_geometry(left: CameraModel, right: CameraModel) -> PairGeometry:
     return PairGeometry(baseline_m, shift_px if abs(shift_px) > _RECTIFIED_TOLERANCE_PX else 0.0)
 
 
+def is_corrected(left: CameraModel, right: CameraModel) -> bool:
+    """Whether a pair is that of rectified images of which a camera has turned, so that R turns it back.
+
+    Both cameras have K = P and D = 0, and R is a small rotation of one of them at least. Where a CameraInfo
+    of rectified images is that of the raw camera, as image_proc sends it along, K is not P or D is not zero.
+    """
+    turned = [camera for camera in (left, right) if camera.is_turned]
+    alone = left.leaves_only_r and right.leaves_only_r
+    return bool(turned) and alone and all(camera.correction for camera in turned)
+
+
 def projections_differ(
     left: CameraModel, right: CameraModel, name: str, i: int, most_px: float = _RECTIFIED_TOLERANCE_PX
 ) -> CameraInfoError:

@@ -1,13 +1,14 @@
 """Rectification of the images of a stereo camera for one rig. Node and replay use the same code.
 
 Raw images are undistorted and rectified with K, D, R and P of their CameraInfo. Rectified images are not
-changed, unless the cx of the right camera differs from that of the left one. In that case the right image is
-shifted.
+changed, with two exceptions. Where the cx of the right camera differs from that of the left one, the right
+image is shifted. Where K is P and D is zero, but R turns a camera a little, its image is turned by R: such is
+the CameraInfo of a rectified camera that has turned since (:mod:`..geometry.camera_info_repair`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -19,7 +20,8 @@ from ..errors import RigError
 from ..types import Image
 from .camera_info import EQUIDISTANT, CameraModel, InfoReason
 from .camera_info_checks import check_image_size, find_unusual_values
-from .pair_geometry import pair_geometry
+from .pair_geometry import is_corrected, pair_geometry
+from .plain_camera_info import PlainCameraInfo
 from .rig import StereoRig
 from .rig_checks import Finding, check_focal_length, check_possible, find_unusual_rig
 
@@ -40,17 +42,21 @@ class StereoRectifier:
         doubts: Unusual values in the CameraInfo of the cameras, or in the rig.
         cameras: Left and right camera, None where the rig was given by parameters.
         raw: Whether the images are raw, so that they have to be undistorted and rectified.
+        turned: Whether they are rectified images that have to be turned by R.
         shift_px: Shift of the right image to the right, for rectified images [px].
         whole: The same for images of the whole sensor, where CameraInfo says that they are cropped or binned;
             else None.
+        infos: The CameraInfo of both cameras; that of the rig where it was given by parameters.
     """
 
     rig: StereoRig
     doubts: tuple[Finding, ...] = ()
     cameras: tuple[CameraModel, CameraModel] | None = None
     raw: bool = False
+    turned: bool = False
     shift_px: float = 0.0
     whole: StereoRectifier | None = None
+    infos: tuple[PlainCameraInfo, PlainCameraInfo] | None = field(default=None, compare=False, repr=False)
 
     @classmethod
     def of_rig(cls, rig: StereoRig) -> StereoRectifier:
@@ -60,7 +66,7 @@ class StereoRectifier:
             RigError: No stereo camera of a car has such a rig.
         """
         check_possible(rig)
-        return cls(rig, tuple(find_unusual_rig(rig)))
+        return cls(rig, tuple(find_unusual_rig(rig)), infos=PlainCameraInfo.of_rig(rig))
 
     @classmethod
     def from_camera_info(cls, left: Any, right: Any, rectified: bool = True) -> StereoRectifier:
@@ -78,6 +84,7 @@ class StereoRectifier:
             RigError: A value of the rig cannot be right.
         """
         cameras = CameraModel.read(left, "left", rectified), CameraModel.read(right, "right", rectified)
+        infos = PlainCameraInfo.of(left), PlainCameraInfo.of(right)
         whole = None
         if cameras[0].region or cameras[1].region:
             sensors = (
@@ -98,8 +105,8 @@ class StereoRectifier:
                     for camera in cameras
                     if camera.region
                 )
-                whole = replace(whole, doubts=whole.doubts + ignored)
-        return replace(cls._of_cameras(*cameras), whole=whole)
+                whole = replace(whole, doubts=whole.doubts + ignored, infos=infos)
+        return replace(cls._of_cameras(*cameras), whole=whole, infos=infos)
 
     @classmethod
     def _of_cameras(cls, left: CameraModel, right: CameraModel) -> StereoRectifier:
@@ -111,7 +118,8 @@ class StereoRectifier:
         rig = StereoRig.of_camera(left, pair.baseline_m)
         check_focal_length(rig, "CameraInfo gives")
         doubts = tuple(find_unusual_values(left, right, pair.baseline_m, rectified))
-        return cls(rig, doubts, (left, right), not rectified, pair.shift_px)
+        turned = rectified and is_corrected(left, right)
+        return cls(rig, doubts, (left, right), not rectified, turned, pair.shift_px)
 
     def for_images(self, left: Image, right: Image) -> StereoRectifier:
         """Return the one for images of this size: CameraInfo may say that they are binned when they are not.
@@ -152,6 +160,14 @@ class StereoRectifier:
                 _remap(image, rectification_maps(camera, p))
                 for image, camera in zip((left, right), self.cameras, strict=True)
             )
+            return left, right
+        if self.turned:
+            p = self.cameras[0].p
+            left_camera, right_camera = self.cameras
+            if left_camera.is_turned:
+                left = _turned(left, rectification_maps(left_camera, p))
+            if right_camera.is_turned or self.shift_px:
+                right = _turned(right, rectification_maps(right_camera, p))
             return left, right
         return left, shifted(right, self.shift_px) if self.shift_px else right
 
@@ -217,3 +233,9 @@ def _remap(image: Image, maps: Maps) -> Image:
     # Linear, as in image_proc: of OpenCV's interpolations it alone causes no shift (cubic: 0.05 px, Lanczos:
     # 0.03 px).
     return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR), dtype=np.uint8)
+
+
+def _turned(image: Image, maps: Maps) -> Image:
+    # The same for an image that is turned a little. Its border is repeated: one of black would be an edge.
+    interpolation = cv2.INTER_LINEAR
+    return np.asarray(cv2.remap(image, *maps, interpolation, borderMode=cv2.BORDER_REPLICATE), np.uint8)
