@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..types import Array
 from .pose import BODY_FROM_OPTICAL, road_from_camera_rotation
+
+# Public names of the angles and of their standard deviations, in the order of the covariance: those of
+# attributes, files, tables and ROS parameters.
+ALIGNMENT_NAMES = ("pitch_rad", "roll_rad", "yaw_rad")
+ALIGNMENT_STD_NAMES = ("pitch_std_rad", "roll_std_rad", "yaw_std_rad")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,12 +27,36 @@ class Alignment:
         yaw_rad: Yaw [rad], > 0: it looks farther left; its content moves right, and disparities are smaller
             by ``fx * yaw_rad``.
         covariance: (3, 3) of (pitch_rad, roll_rad, yaw_rad). What is not seen has a large variance.
+        unexplained_rad: Standard deviation of the smooth error of the rows that no turn explains [rad]; 0
+            where it is not known.
     """
 
     pitch_rad: float
     roll_rad: float
     yaw_rad: float
     covariance: Array
+    unexplained_rad: float = 0.0
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, float], covariance: Array | None = None) -> Alignment:
+        """Build from angles and standard deviations by name.
+
+        Args:
+            values: By the names of :data:`ALIGNMENT_NAMES` and :data:`ALIGNMENT_STD_NAMES`.
+            covariance: (3, 3); None: that of the standard deviations alone.
+        """
+        pitch_rad, roll_rad, yaw_rad = (float(values[name]) for name in ALIGNMENT_NAMES)
+        if covariance is None:
+            covariance = np.diag(np.square([float(values[name]) for name in ALIGNMENT_STD_NAMES]))
+        return cls(pitch_rad, roll_rad, yaw_rad, covariance)
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the angles by name, as numbers that JSON and YAML take."""
+        return dict(zip(ALIGNMENT_NAMES, map(float, self.as_array()), strict=True))
+
+    def std_dict(self) -> dict[str, float]:
+        """Return the standard deviations by name, as numbers that JSON and YAML take."""
+        return dict(zip(ALIGNMENT_STD_NAMES, map(float, self.std), strict=True))
 
     def as_array(self) -> Array:
         """Return (pitch_rad, roll_rad, yaw_rad) as an array (3,)."""
