@@ -17,7 +17,7 @@ from ..core.errors import ConfigError, OutputError
 from ..core.results import CalibrationResult
 from ..core.types import Array
 from ..files.node_settings import RESULT_PREFIX
-from ..files.result_file import result_parameters
+from ..files.result_file import alignment_parameters, result_parameters
 from ..files.saved_result import RESULT_NAMES
 from .config import NodeConfig
 from .markers import markers_message, no_markers_message
@@ -126,7 +126,7 @@ class Outputs:
         pose = pose_message(extrinsics, covariance, config.road_frame, stamp_ns)
         markers = markers_message(extrinsics, publication.lanes, config.road_frame, stamp_ns)
         transform = transform_message(extrinsics, config.road_frame, config.camera_frame, stamp_ns)
-        self._parameters.publish_result(parameters)
+        self._parameters.publish_result(parameters | alignment_parameters(result))
         self._extrinsics.publish(event)
         self._pose.publish(pose)
         self._markers.publish(markers)
