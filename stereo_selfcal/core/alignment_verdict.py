@@ -55,7 +55,7 @@ _REMEDIES = {
     AlignmentVerdict.CALIBRATE_AGAIN: "calibrate the cameras again: {why}",
     AlignmentVerdict.NOT_SEEN: "the rest is no more than calibrations leave",
 }
-_NOTHING_SEEN = "how the right camera is turned was not seen"
+_NOTHING_SEEN = "it is not seen how the right camera is turned"
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,8 +187,10 @@ def _roll(alignment: Alignment, rig: StereoRig) -> str:
 def _decimals(alignment: Alignment, index: int) -> int:
     """Return the decimals of an angle in degrees: those of the first digit of its standard deviation."""
     std_deg = math.degrees(float(alignment.std[index]))
-    wanted = -math.floor(math.log10(std_deg)) if 0.0 < std_deg < math.inf else _LEAST_DECIMALS
-    return min(max(wanted, _LEAST_DECIMALS), _MOST_DECIMALS)
+    if not 0.0 < std_deg < math.inf:
+        return _LEAST_DECIMALS
+    first_digit = float(f"{std_deg:.0e}")  # rounded: 0.0097 is told as 0.01
+    return min(max(-math.floor(math.log10(first_digit)), _LEAST_DECIMALS), _MOST_DECIMALS)
 
 
 def _amount(alignment: Alignment, index: int) -> str:

@@ -115,7 +115,7 @@ def test_what_is_off_is_seen_however_uncertain():
 def test_nothing_seen(nothing):
     report = report_alignment(nothing, RIG)
     assert report.verdict is AlignmentVerdict.NOT_SEEN
-    assert report.message == "how the right camera is turned was not seen"
+    assert report.message == "it is not seen how the right camera is turned"
 
 
 def test_rows_that_no_rotation_explains():
