@@ -28,6 +28,7 @@ UNEXPLAINED_LIMIT_RAD = _SIGMAS * CALIBRATED_TURN_STD_RAD[0]
 TOLD_DEPTHS_M = (10.0, 30.0)
 
 _PITCH, _ROLL, _YAW = range(len(ALIGNMENT_NAMES))
+_LEAST_PX = 0.01  # rows are not told to be better than that
 _LEAST_DECIMALS, _MOST_DECIMALS = 2, 4  # of degrees: a hundredth is what calibrations leave
 
 
@@ -137,7 +138,7 @@ def _why_again(alignment: Alignment) -> str:
 
 def _yaw(alignment: Alignment, rig: StereoRig) -> str:
     if not seen_angles(alignment)[_YAW]:
-        return f"whether it looks too far left or right is not seen ({_angle(alignment, _YAW)})"
+        return _not_seen(alignment, _YAW)
     if not off_limits(alignment)[_YAW]:
         doubt = math.hypot(alignment.yaw_rad, float(alignment.std[_YAW])) / rig.baseline_m
         errors = " and ".join(f"{_percent(depth * doubt)} at {depth:g} m" for depth in TOLD_DEPTHS_M)
@@ -160,7 +161,7 @@ def _depths(alignment: Alignment, rig: StereoRig) -> str:
 
 def _pitch(alignment: Alignment, rig: StereoRig) -> str:
     if not seen_angles(alignment)[_PITCH]:
-        return f"whether its rows lie too high or low is not seen ({_angle(alignment, _PITCH)})"
+        return _not_seen(alignment, _PITCH)
     rows_px = rig.fy * alignment.pitch_rad
     if not off_limits(alignment)[_PITCH]:
         doubt = rig.fy * math.hypot(alignment.pitch_rad, float(alignment.std[_PITCH]))
@@ -171,7 +172,7 @@ def _pitch(alignment: Alignment, rig: StereoRig) -> str:
 
 def _roll(alignment: Alignment, rig: StereoRig) -> str:
     if not seen_angles(alignment)[_ROLL]:
-        return f"whether it leans to one side is not seen ({_angle(alignment, _ROLL)})"
+        return _not_seen(alignment, _ROLL)
     border = rig.fy / rig.fx * rig.width / 2.0
     if not off_limits(alignment)[_ROLL]:
         doubt = border * math.hypot(alignment.roll_rad, float(alignment.std[_ROLL]))
@@ -182,6 +183,10 @@ def _roll(alignment: Alignment, rig: StereoRig) -> str:
         f"its {lower} side hangs {_amount(alignment, _ROLL)} too low: rows lie {_pixels(rows_px)} too high "
         f"at the {lower} border and too low at the {higher} one"
     )
+
+
+def _not_seen(alignment: Alignment, index: int) -> str:
+    return f"{_angle(alignment, index)} is not seen well enough to be judged"
 
 
 def _decimals(alignment: Alignment, index: int) -> int:
@@ -209,8 +214,10 @@ def _angle(alignment: Alignment, index: int) -> str:
 
 
 def _percent(part: float) -> str:
-    return f"{100.0 * part:.{1 if part < 0.1 else 0}f} %"
+    percent = round(100.0 * part, 1)
+    return f"{percent:.{1 if percent < 10.0 else 0}f} %"
 
 
 def _pixels(size: float) -> str:
+    size = max(size, _LEAST_PX)
     return f"{size:.{2 if size < 0.1 else 1}f} px"

@@ -100,7 +100,7 @@ def test_error_of_the_measurement_widens_the_limit():
 def test_what_is_not_seen_is_no_zero():
     report = report_alignment(alignment(std_deg=[0.002, 0.005, 0.1]), RIG)
     assert report.verdict is AlignmentVerdict.NOT_SEEN
-    assert "whether it looks too far left or right is not seen (yaw +0.00 +- 0.10 deg)" in report.message
+    assert "yaw +0.00 +- 0.10 deg is not seen well enough to be judged" in report.message
     assert "depths" not in report.message
     assert "its rows are right to 0.03 px" in report.message
 
