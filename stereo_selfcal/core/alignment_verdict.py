@@ -210,6 +210,7 @@ def _angle(alignment: Alignment, index: int) -> str:
     value, std = (math.degrees(each[index]) for each in (alignment.as_array(), alignment.std))
     decimals = _decimals(alignment, index)
     name = ALIGNMENT_NAMES[index].rpartition("_")[0]
+    value = round(value, decimals) + 0.0  # no -0.00
     return f"{name} {value:+.{decimals}f} +- {std:.{decimals}f} deg"
 
 

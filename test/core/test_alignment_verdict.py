@@ -134,6 +134,10 @@ def test_beyond_infinity_is_told():
     assert "depths are too small, by 52 % at 10 m, and infinity is measured as 19.1 m" in message
 
 
+def test_zero_has_no_minus():
+    assert "(pitch +0.000 +- 0.001 deg)" in report_alignment(alignment(pitch_deg=-0.0001), RIG).message
+
+
 def test_verdicts_are_stable_words():
     assert [str(each) for each in AlignmentVerdict] == ["good", "correctable", "calibrate_again", "not_seen"]
     faults = {str(each) for each in AlignmentVerdict if each.is_fault}
