@@ -204,6 +204,7 @@ NOT_ON_THE_WAY = {
     "search/refusal, search/diagnosis, search/both_images": "why a frame is refused",
     "evidence/far_disparity, evidence/vergence, evidence/rig_unknowns, evidence/rig_measurements": "what is "
     "unknown of the rig, and what shows it",
+    "geometry/alignment, alignment_verdict": "how the right camera is turned, and what is to be done",
     "drive/drive, drive/motion, drive/changes": "the whole of a drive",
     "camera/topic_names, camera/camera_difference, drive/camera_changes": "topics, changes of cameras",
     "camera/plain_camera_info, camera/rotations, geometry/camera_info_repair": "CameraInfo, corrected where "

@@ -36,6 +36,7 @@ from stereo_selfcal.synth.scenes import named_scene
 from stereo_selfcal.synth.worlds import RIGS, named_world, render_world
 
 from . import outputs
+from .alignment_drawing import alignment_svg
 from .data_flow import data_flow_svg
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "figures"
@@ -309,6 +310,7 @@ def _jpeg(picture: Image) -> bytes:
 
 
 FIGURES: dict[str, Callable[[], bytes]] = {
+    "alignment.svg": alignment_svg,
     "data_flow.svg": data_flow_svg,
     "frames.svg": frames_svg,
     "debug_image.jpg": debug_image,

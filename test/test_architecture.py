@@ -29,6 +29,7 @@ ROOMS = (
     "camera",
     "geometry",
     "road",
+    "alignment_verdict",
     "lanes",
     "estimators",
     "evidence",

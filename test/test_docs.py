@@ -193,7 +193,7 @@ def test_every_page_is_on_the_site():
 
 def test_drawings_are_those_of_the_code():
     figures = pytest.importorskip("benchmarks.figures")
-    for name in ("frames.svg", "data_flow.svg"):
+    for name in ("alignment.svg", "frames.svg", "data_flow.svg"):
         assert (ROOT / "docs" / "figures" / name).read_bytes() == figures.FIGURES[name]()
     made = {path.name for path in (ROOT / "docs" / "figures").iterdir()}
     assert made == set(figures.FIGURES)

@@ -8,9 +8,12 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
+from ..core.alignment_verdict import report_alignment
+from ..core.camera.rig import StereoRig
 from ..core.drive.camera_changes import CameraChange
 from ..core.drive.drive import Drive, DriveSegment, clock
 from ..core.errors import printable
+from ..core.geometry.alignment import ALIGNMENT_NAMES, Alignment
 from ..core.geometry.pose import POSE_COMPONENTS, POSE_NAMES, Extrinsics
 from ..core.geometry.uncertainty import UncertaintyTerm
 from ..core.reservations import Reservation
@@ -71,6 +74,8 @@ def table_summary(replay: Replay) -> str:
         if estimate.uncertainty:
             text += f"its variance: {variance_line(estimate.uncertainty)}\n"
     text += f"{_moves(drive)}{printable(estimate.message)}\n"
+    if estimate.alignment is not None:
+        text += f"alignment: {report_alignment(estimate.alignment, replay.rig).message}\n"
     text += "".join(f"{printable(remark)}\n" for remark in replay.remarks)
     if replay.damage is not None:
         text += f"THE RECORDING IS DAMAGED AND ENDED EARLY, after {len(rows)} frames\n"
@@ -118,6 +123,7 @@ def as_dict(replay: Replay) -> dict[str, Any]:
             | {"accepted": row.accepted, "reason": row.reason}
             | _pose(row.extrinsics)
             | {"reservations": _reservations(row.reservations, 1)}
+            | {"alignment": _alignment(row.alignment, replay.rig_of(row))}
             | {"attempts": [_attempt(attempt) for attempt in row.attempts]}
             for row in replay.rows
         ],
@@ -127,6 +133,7 @@ def as_dict(replay: Replay) -> dict[str, Any]:
             for change in drive.changes
         ],
         "uncertainty": None if extrinsics is None else _uncertainty(estimate.uncertainty),
+        "alignment": _alignment(estimate.alignment, replay.rig),
         "with_reservations": replay.with_reservations,
         "reservations": _reservations(estimate.reservations, estimate.n_frames),
     }
@@ -165,6 +172,17 @@ def _segment(segment: DriveSegment) -> dict[str, Any]:
 def _uncertainty(terms: Sequence[UncertaintyTerm]) -> dict[str, Any]:
     """Return the standard deviations that each term alone leaves, by its name."""
     return {term.name: _pose(std_of(term.covariance)) for term in terms}
+
+
+def _alignment(alignment: Alignment | None, rig: StereoRig) -> dict[str, Any] | None:
+    """Return an alignment with its verdict; an angle that is not known is None, and so is its deviation."""
+    if alignment is None:
+        return None
+    unknown, report = dict.fromkeys(ALIGNMENT_NAMES), report_alignment(alignment, rig)
+    named = zip(ALIGNMENT_NAMES, alignment.std, alignment.known(), strict=True)
+    std = {name: float(value) for name, value, known in named if known}
+    content: dict[str, Any] = {**unknown, **alignment.as_dict(), "std": {**unknown, **std}}
+    return content | {"verdict": str(report.verdict), "message": report.message}
 
 
 def _reservations(reservations: Sequence[Reservation], n_frames: int) -> list[dict[str, Any]]:

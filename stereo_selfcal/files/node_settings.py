@@ -12,14 +12,18 @@ from dataclasses import dataclass
 
 from ..core.config import CalibratorConfig
 from ..core.errors import ConfigError, shortened
+from ..core.geometry.alignment import ALIGNMENT_NAMES, ALIGNMENT_STD_NAMES
 
 NODE_NAME = "stereo_selfcal"
 RIG_PREFIX = "rig."
 RESULT_PREFIX = "extrinsics."
+ALIGNMENT_PREFIX = "alignment."
+# Result parameters that have the prefix of a setting in common, alignment.correct.
+ALIGNMENT_RESULTS = tuple(ALIGNMENT_PREFIX + name for name in (*ALIGNMENT_NAMES, *ALIGNMENT_STD_NAMES))
 
 # Parameters that come with every node or with the result file, and that are nobody's setting here.
 FOREIGN_PREFIXES = (RESULT_PREFIX, "provenance.", "qos_overrides.", "diagnostic_updater.")
-FOREIGN_NAMES = ("use_sim_time", "start_type_description_service")
+FOREIGN_NAMES = ("use_sim_time", "start_type_description_service", *ALIGNMENT_RESULTS)
 
 # Where earlier versions wrote the result of every node: read still, where it is of the same images.
 OLD_OUTPUT_PATH = f"~/.ros/{NODE_NAME}.yaml"

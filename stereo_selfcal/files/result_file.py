@@ -9,7 +9,9 @@ import math
 import stat
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import yaml
 
 from .. import __version__
@@ -18,7 +20,7 @@ from ..core.errors import ConfigError, OutputError, printable
 from ..core.reservations import reservations_to_mapping
 from ..core.results import CalibrationResult
 from .atomic_file import remove_leftovers, set_aside, write_atomically
-from .node_settings import NODE_NAME, OLD_OUTPUT_PATH, RESULT_PREFIX
+from .node_settings import ALIGNMENT_PREFIX, NODE_NAME, OLD_OUTPUT_PATH, RESULT_PREFIX
 from .parameter_file import ANY_NODE, PARAMETERS, UnreadableFileError, node_parameters
 from .saved_result import RESULT_NAMES, SCHEMA, SavedResult, check_images, same_images, source_topics
 
@@ -98,6 +100,14 @@ def result_parameters(result: CalibrationResult) -> dict[str, float]:
     return parameters
 
 
+def alignment_parameters(result: CalibrationResult) -> dict[str, float]:
+    """Return the known angles of the right camera and their standard deviations, ``alignment.pitch_rad``."""
+    if result.alignment is None:
+        return {}
+    values = result.alignment.as_dict() | result.alignment.std_dict()
+    return {ALIGNMENT_PREFIX + name: value for name, value in values.items()}
+
+
 def format_result(result: CalibrationResult, rig: StereoRig, source: str, seed: int) -> str:
     """Return the text of a result file: same input, same bytes.
 
@@ -127,7 +137,18 @@ def format_result(result: CalibrationResult, rig: StereoRig, source: str, seed: 
     }
     if result.reservations:
         provenance["reservations"] = reservations_to_mapping(result.reservations)
-    parameters = {"extrinsics": extrinsics, "provenance": provenance}
+    parameters: dict[str, Any] = {"extrinsics": extrinsics}
+    alignment = alignment_parameters(result)
+    if result.alignment is not None and alignment:
+        parameters["alignment"] = {
+            name.removeprefix(ALIGNMENT_PREFIX): value for name, value in alignment.items()
+        }
+        if np.all(result.alignment.known()):
+            variances = map(float, result.alignment.covariance.ravel())
+            provenance["alignment_covariance"] = _InOneLine(variances)
+        if result.alignment.unexplained_rad > 0.0:
+            provenance["alignment_unexplained_rad"] = float(result.alignment.unexplained_rad)
+    parameters["provenance"] = provenance
     try:
         SavedResult.from_parameters(parameters)
     except ConfigError as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import datetime, timezone
 from typing import Any
 
@@ -14,6 +14,12 @@ import numpy as np
 from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
 from ..core.errors import ConfigError, RigError, shortened
+from ..core.geometry.alignment import (
+    ALIGNMENT_NAMES,
+    ALIGNMENT_STD_NAMES,
+    MOST_KNOWN_RAD,
+    Alignment,
+)
 from ..core.geometry.pose import POSE_COMPONENTS, POSE_NAMES, STD_NAMES, Extrinsics
 from ..core.reservations import Reservation, reservations_from_mapping
 from ..core.results import CalibrationResult
@@ -45,6 +51,8 @@ _SAME_PX = 0.01
 # it: 1e-4 is 0.14 mm of 1.4 m, below the 0.25 mm that one frame is sure of at best.
 _SAME_BASELINE = 1e-4
 
+_UNEXPLAINED = "alignment_unexplained_rad"
+
 _SETTINGS = {name: setting for name, _, setting in CalibratorConfig().settings()}
 # No calibration lies outside the widest box that the search can be given.
 _HEIGHT, _ANGLE = _SETTINGS["search.height_min_m"], _SETTINGS["search.pitch_max_rad"]
@@ -68,6 +76,7 @@ class SavedResult:
         covariance: (3, 3) of (height_m, pitch_rad, roll_rad); of the standard deviations alone where
             the file has no other.
         reservations: What could not be checked, or is not quite as it should be.
+        alignment: How the right camera was turned; None where the file does not say.
     """
 
     extrinsics: Extrinsics
@@ -76,14 +85,15 @@ class SavedResult:
     provenance: dict[str, Any]
     covariance: Array
     reservations: tuple[Reservation, ...] = ()
+    alignment: Alignment | None = None
 
     @classmethod
     def from_parameters(cls, parameters: Mapping[str, Any]) -> SavedResult:
         """Build from the parameters of a result file, and check every one.
 
         Args:
-            parameters: ``extrinsics`` and ``provenance``, each a mapping; what else is there is passed
-                over.
+            parameters: ``extrinsics``, ``provenance`` and, where it was measured, ``alignment``, each a
+                mapping; what else is there is passed over.
 
         Raises:
             ConfigError: A field is missing or cannot be right: one sentence with the field, its value
@@ -103,8 +113,9 @@ class SavedResult:
             std,
             _rig(provenance.pop("rig", None)),
             provenance,
-            _covariance(provenance.pop("covariance", None), std),
+            _covariance("covariance", provenance.pop("covariance", None), std.as_array()),
             _reservations(provenance.pop("reservations", {}), int(provenance["frames"])),
+            _alignment(parameters.get("alignment"), provenance),
         )
 
     @property
@@ -141,6 +152,7 @@ class SavedResult:
             stamp_s=self.stamp_s,
             n_frames=self.n_frames,
             reservations=self.reservations,
+            alignment=self.alignment,
         )
 
 
@@ -253,12 +265,42 @@ def _reservations(values: Any, n_frames: int) -> tuple[Reservation, ...]:
         raise ConfigError(f"provenance.{error}; {_REMEDY}") from error
 
 
-def _covariance(values: Any, std: Extrinsics) -> Array:
-    """Return the covariance of the file, or that of the standard deviations."""
-    deviations = std.as_array()
+def _alignment(section: Any, provenance: dict[str, Any]) -> Alignment | None:
+    """Return the alignment of a file; an angle without a value in it is not known.
+
+    Args:
+        section: ``alignment`` of the file.
+        provenance: Its provenance, from which the rest of the alignment is taken out.
+    """
+    covariance = provenance.pop("alignment_covariance", None)
+    unexplained_rad = 0.0
+    if _UNEXPLAINED in provenance:
+        unexplained_rad = _number(provenance, _UNEXPLAINED, 0.0, MOST_KNOWN_RAD, "rad")
+        del provenance[_UNEXPLAINED]
+    if section is None:
+        return None
+    if not isinstance(section, Mapping):
+        raise _wrong("alignment", section, "the angles of the right camera are needed")
+    values = {}
+    for name, std_name in zip(ALIGNMENT_NAMES, ALIGNMENT_STD_NAMES, strict=True):
+        if name in section or std_name in section:
+            values[name] = _number(section, name, -MOST_KNOWN_RAD, MOST_KNOWN_RAD, "rad", "alignment")
+            values[std_name] = _number(section, std_name, 0.0, MOST_KNOWN_RAD, "rad", "alignment")
+            if values[std_name] == 0.0:
+                raise _wrong(f"alignment.{std_name}", values[std_name], "it must be greater than 0")
+    if not values:
+        return None
+    known = Alignment.from_values(values)
+    if covariance is not None:
+        known = Alignment.from_values(values, _covariance("alignment_covariance", covariance, known.std))
+    return replace(known, unexplained_rad=unexplained_rad)
+
+
+def _covariance(field_name: str, values: Any, deviations: Array) -> Array:
+    """Return a covariance of the provenance, or that of the standard deviations."""
     if values is None:
         return np.diag(deviations**2)
-    name = "provenance.covariance"
+    name = f"provenance.{field_name}"
     if not isinstance(values, list) or len(values) != deviations.size**2:
         raise _wrong(name, values, f"a list of {deviations.size**2} numbers is needed")
     numbers = [_number({name: value}, name, -math.inf, math.inf, "", "") for value in values]
@@ -266,7 +308,7 @@ def _covariance(values: Any, std: Extrinsics) -> Array:
     with np.errstate(all="ignore"):  # what overflows is found below
         correlation = covariance / np.outer(deviations, deviations)
     if not np.all(np.isfinite(correlation)) or np.any(np.abs(np.diag(correlation) - 1.0) > _ROUNDING):
-        raise _wrong(name, values, "it contradicts the standard deviations in extrinsics")
+        raise _wrong(name, values, "it contradicts the standard deviations")
     if np.any(np.abs(correlation - correlation.T) > _ROUNDING) or (
         float(np.linalg.eigvalsh(correlation)[0]) < -_ROUNDING
     ):

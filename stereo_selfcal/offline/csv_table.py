@@ -11,8 +11,11 @@ from typing import Any
 
 from ..core.errors import printable
 from ..core.evidence.gates import GATES
+from ..core.geometry.alignment import ALIGNMENT_NAMES, ALIGNMENT_STD_NAMES
 from ..core.geometry.pose import POSE_NAMES, STD_NAMES
 from .rows import FrameRow
+
+_ALIGNMENT = "alignment_"
 
 # What every gate measured; the units are those of docs/offline.md.
 _GATE_COLUMNS = {gate.key: f"gate_{gate.key}" for gate in GATES}
@@ -32,6 +35,7 @@ COLUMNS = (
     "lane_yaw_rad",
     "lane_curvature_per_m",
     "confirmed",
+    *(_ALIGNMENT + name for name in (*ALIGNMENT_NAMES, *ALIGNMENT_STD_NAMES)),
     *_GATE_COLUMNS.values(),
     "message",
 )
@@ -82,5 +86,8 @@ def _cells(row: FrameRow) -> dict[str, object]:
         cells.update(row.extrinsics.as_dict())
     if row.covariance is not None:
         cells.update(zip(STD_NAMES, map(math.sqrt, row.covariance.diagonal()), strict=True))
+    if row.alignment is not None:
+        values = row.alignment.as_dict() | row.alignment.std_dict()
+        cells.update((_ALIGNMENT + name, value) for name, value in values.items())
     cells.update((_GATE_COLUMNS[gate.name], float(gate.value)) for gate in row.gates)
     return cells

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from ..core.evidence.frame_evidence import FoundBy
+from ..core.geometry.alignment import Alignment
 from ..core.geometry.pose import Extrinsics
 from ..core.geometry.uncertainty import UncertaintyTerm
 from ..core.rejection import GateReading, Rejection
@@ -77,6 +78,7 @@ class FrameRow:
         uncertainty: Terms of the covariance, which they add up to; empty when refused.
         attempts: Every hypothesis that was solved for the frame, in order, and what became of it.
         confirmed_by_texture: Whether the texture of the road surface has confirmed the lines.
+        alignment: How the right camera is turned, of refused frames too; None where nothing tells.
     """
 
     stamp_s: float
@@ -94,6 +96,7 @@ class FrameRow:
     uncertainty: tuple[UncertaintyTerm, ...] = ()
     attempts: tuple[AttemptSummary, ...] = ()
     confirmed_by_texture: bool = False
+    alignment: Alignment | None = None
 
     @classmethod
     def from_result(
@@ -117,6 +120,7 @@ class FrameRow:
             result.uncertainty,
             tuple(map(AttemptSummary.of, result.attempts)),
             result.confirmed_by_texture,
+            result.alignment,
         )
 
     @property

@@ -55,6 +55,15 @@ class Replay:
         """The rows of the rig: those since CameraInfo changed last."""
         return self.rows[self.since :]
 
+    def rig_of(self, row: FrameRow) -> StereoRig:
+        """Return the rig that a row comes from: that of its own CameraInfo.
+
+        Args:
+            row: One of the rows.
+        """
+        earlier = (change.before for change in self.camera_changes if row.stamp_s < change.at_s)
+        return next(earlier, self.rig)
+
     @property
     def estimate(self) -> CalibrationResult:
         """The accepted frames, fused: those since the mount or CameraInfo changed, if it did."""

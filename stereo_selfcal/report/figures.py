@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,18 +20,24 @@ _LONG_S = 300.0  # from here on a drive is counted in minutes
 _FEWEST_FOR_HISTOGRAM = 3
 
 
+def time_axis(rows: Sequence[FrameRow]) -> tuple[Callable[[float], float], str]:
+    """Return the place of a stamp [s] on the axis of a drive, and the words below that axis.
+
+    Args:
+        rows: All frames, at least one.
+    """
+    start_s = min(row.stamp_s for row in rows)
+    long = max(row.stamp_s for row in rows) - start_s > _LONG_S
+    unit_s, unit = (MINUTE_S, "min") if long else (1.0, "s")
+    return lambda stamp_s: (stamp_s - start_s) / unit_s, f"{unit} since {clock(start_s)}"
+
+
 def charts(rows: Sequence[FrameRow], drive: Drive) -> list[dict[str, str]]:
     """Return each component of the pose over time."""
     accepted = [row for row in rows if row.extrinsics is not None]
     if not accepted:
         return []
-    start_s = min(row.stamp_s for row in rows)
-    long = max(row.stamp_s for row in rows) - start_s > _LONG_S
-    unit_s, unit = (MINUTE_S, "min") if long else (1.0, "s")
-
-    def time(stamp_s: float) -> float:
-        return (stamp_s - start_s) / unit_s
-
+    time, time_label = time_axis(rows)
     times = np.array([time(row.stamp_s) for row in accepted])
     refused = np.array(sorted(time(row.stamp_s) for row in rows if not row.accepted))
     values = np.array([row.extrinsics.as_array() for row in accepted if row.extrinsics is not None]) * _PER_SI
@@ -45,7 +51,7 @@ def charts(rows: Sequence[FrameRow], drive: Drive) -> list[dict[str, str]]:
                 levels.append(Level(time(segment.start_s), time(segment.end_s), at, by))
         moves = [time(change.at_s) for change in drive.changes]
         label, title = component.label.capitalize(), component.heading.capitalize()
-        labels = f"{label} of every accepted frame over time", f"{unit} since {clock(start_s)}"
+        labels = f"{label} of every accepted frame over time", time_label
         svg = time_series(times, values[:, index], refused, levels, moves, labels)
         charts.append({"title": title, "svg": svg})
     return charts

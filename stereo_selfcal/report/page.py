@@ -19,6 +19,7 @@ from ..core.drive.drive import FIRST_CLOCK_S, DriveSegment, clock
 from ..core.errors import printable
 from ..core.geometry.pose import POSE_COMPONENTS, Extrinsics, PoseComponent
 from ..offline import FrameRow, FrameSource, Replay
+from .alignment import alignment_report, alignment_section, sentence_of
 from .choice import refusals
 from .figures import MINUTE_S, charts, gates, residuals
 from .pictures import digits, pictures
@@ -53,6 +54,7 @@ def render_report(source: FrameSource, replay: Replay) -> str:
         counts=_counts(rows),
         pictures=pictures(source, replay),
         charts=charts(rows, drive),
+        alignment=alignment_section(replay),
         residuals=residuals(rows, drive),
         gates=gates(rows),
         refusals=_refusals(rows),
@@ -92,6 +94,9 @@ def _verdict(replay: Replay) -> dict[str, Any]:
         if not drive.judged:
             doubts.append("The recording is too short to tell a move of the camera: that takes four minutes.")
     doubts += [f"{note[0].upper()}{note[1:]}." for note in estimate.notes]
+    turned = alignment_report(replay)
+    if turned.verdict.is_fault:
+        doubts.append(sentence_of(turned))
     moved = ", and moved" if drive.changes else ""
     word = f"Calibrated{moved}{', with reservations' if replay.with_reservations else ''}"
     kind = "warn" if drive.changes or replay.with_reservations else "good"

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ..core.alignment_verdict import report_alignment
 from ..core.calibrator import Calibrator
 from ..core.camera.bit_depth import BitDepth, Pixels
 from ..core.camera.frozen import refuse_frozen
@@ -93,8 +94,9 @@ class CalibrationCall:
                 self._last_pair = time.monotonic(), self._source.state.counts
                 self._take_or_refuse(pair)
                 if self._calibrator is not None and self._accepted == self._config.frames:
-                    estimate = self._calibrator.estimate
-                    message = estimate.message + self._changes() + self._doubts(before)
+                    estimate, rig = self._calibrator.estimate, self._calibrator.rig
+                    message = estimate.message + _misalignment(estimate, rig)
+                    message += self._changes() + self._doubts(before)
                     if estimate.accepted:
                         rig, cameras = self._calibrator.rig, self._follower.current
                         return CallOutcome(message, estimate, rig, pair.stamp_ns, cameras)
@@ -244,6 +246,12 @@ class CalibrationCall:
         if silent_s < _SILENCE_S:
             return ""
         return f"; since then {no_pair_reason(self._source, self._config, counts, silent_s)}"
+
+
+def _misalignment(estimate: CalibrationResult, rig: StereoRig) -> str:
+    """Return how the right camera is turned, to be added to a message; "" where nothing is to be done."""
+    report = report_alignment(estimate.alignment, rig)
+    return f"; {report.message}" if report.verdict.is_fault else ""
 
 
 def _grey(message: Any, topic: str, rig_size: tuple[int, int]) -> Pixels:

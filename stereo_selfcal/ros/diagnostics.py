@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
+from ..core.alignment_verdict import report_alignment
 from ..core.camera.pairing import PairCounts
 from ..core.camera.rig import StereoRig
 from ..core.geometry.pose import POSE_COMPONENTS
@@ -185,6 +186,7 @@ def _calibration(snapshot: Snapshot) -> _Part:
     if report.reason:
         values["state_reason"] = report.reason
     values |= _estimate(report)
+    values |= _alignment(report)
     values["watch"] = report.watch
     values |= {"last_answer": report.last_answer, **_frames(report.frames)}
     values |= {"road_frame": snapshot.road_frame, "camera_frame": snapshot.camera_frame}
@@ -211,6 +213,9 @@ def _verdict(report: CalibrationReport) -> tuple[bytes, str]:
             )
         if report.active.save_failed:
             return WARN, f"{text}; {report.active.saved}"
+        alignment = report_alignment(report.active.result.alignment, report.active.rig)
+        if alignment.verdict.is_fault:
+            return WARN, f"{text}; {alignment.message}"
     return level, text
 
 
@@ -234,6 +239,20 @@ def _estimate(report: CalibrationReport) -> dict[str, str]:
     if active.result.notes:
         values["notes"] = "; ".join(active.result.notes)
     return values
+
+
+def _alignment(report: CalibrationReport) -> dict[str, str]:
+    """Return how the right camera is turned: numbers [rad], each where it is known; the verdict, in words."""
+    active = report.active
+    if active is None:
+        return {}
+    alignment = active.result.alignment
+    values = {} if alignment is None else alignment.as_dict() | alignment.std_dict()
+    told = report_alignment(alignment, active.rig)
+    return {f"alignment_{name}": repr(value) for name, value in values.items()} | {
+        "alignment_verdict": str(told.verdict),
+        "alignment": told.message,
+    }
 
 
 def _frames(frames: FrameStatistics) -> dict[str, str]:

@@ -20,7 +20,7 @@ from ..core.geometry.homography import SIDES
 from ..core.results import CalibrationResult
 from ..core.types import Array
 from ..files.node_settings import RESULT_PREFIX
-from ..files.result_file import result_parameters
+from ..files.result_file import alignment_parameters, result_parameters
 from ..files.saved_result import RESULT_NAMES
 from .config import NodeConfig
 from .markers import markers_message, no_markers_message
@@ -146,7 +146,7 @@ class Outputs:
         transform = transform_message(extrinsics, config.road_frame, config.camera_frame, stamp_ns)
         pair = publication.pair
         infos = [camera_info_message(each, stamp_ns) for each in ((pair.left, pair.right) if pair else ())]
-        self._parameters.publish_result(parameters)
+        self._parameters.publish_result(parameters | alignment_parameters(result))
         self._extrinsics.publish(event)
         self._pose.publish(pose)
         self._markers.publish(markers)

@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.node import Node
 
 from ..core.errors import ConfigError, printable, shortened
-from ..files.node_settings import RESULT_PREFIX
+from ..files.node_settings import ALIGNMENT_RESULTS, RESULT_PREFIX
 
 QOS_PREFIX = "qos_overrides."
 _RESULT_FILE = (RESULT_PREFIX, "provenance.")
@@ -67,7 +67,7 @@ def unused_start_values(node: Node) -> list[str]:
         node: The node.
     """
     given = start_values(node)
-    results = [name for name in given if name.startswith(_RESULT_FILE)]
+    results = [name for name in given if name.startswith(_RESULT_FILE) or name in ALIGNMENT_RESULTS]
     # Result parameters are declared, and take no value from outside.
     unused = [name for name in given if not node.has_parameter(name) and name not in results]
     qos = [name for name in unused if name.startswith(QOS_PREFIX)]

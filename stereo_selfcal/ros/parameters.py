@@ -14,8 +14,7 @@ from rclpy.parameter import Parameter
 
 from ..core.errors import ConfigError, OutputError, shortened
 from ..core.geometry.pose import POSE_COMPONENTS
-from ..files.node_settings import RESULT_PREFIX, NodeSetting, default_output_path
-from ..files.saved_result import RESULT_NAMES
+from ..files.node_settings import ALIGNMENT_PREFIX, RESULT_PREFIX, NodeSetting, default_output_path
 from .config import SETTINGS, NodeConfig
 from .store import check_output
 
@@ -24,6 +23,18 @@ _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _RESULT_DESCRIPTION = {
     **{each.name: f"{each.description} [{each.si_unit}]" for each in POSE_COMPONENTS},
     **{each.std_name: f"Standard deviation of the {each.label} [{each.si_unit}]" for each in POSE_COMPONENTS},
+}
+_ALIGNMENT_DESCRIPTION = {
+    "pitch_rad": "Pitch of the right camera against where the rig has it, > 0: nose down [rad]",
+    "roll_rad": "Roll of the right camera against where the rig has it, > 0: right side down [rad]",
+    "yaw_rad": "Yaw of the right camera against where the rig has it, > 0: too far left [rad]",
+    "pitch_std_rad": "Standard deviation of the right camera's pitch [rad]",
+    "roll_std_rad": "Standard deviation of the right camera's roll [rad]",
+    "yaw_std_rad": "Standard deviation of the right camera's yaw [rad]",
+}
+# All result parameters with their descriptions; each is unset while it is not known.
+_RESULTS = {RESULT_PREFIX + name: text for name, text in _RESULT_DESCRIPTION.items()} | {
+    ALIGNMENT_PREFIX + name: text for name, text in _ALIGNMENT_DESCRIPTION.items()
 }
 
 
@@ -45,7 +56,7 @@ class NodeParameters:
         self._default_output = default_output_path(node.get_fully_qualified_name())
         for setting in SETTINGS.values():
             _declare(node, self._with_default(setting))
-        self._declare_result()
+        self._declare_result(_RESULTS)
         self._config = NodeConfig.from_values(self._values())
         self._check_output_at_start()
         node.add_pre_set_parameters_callback(lambda given: [_of_its_type(parameter) for parameter in given])
@@ -63,30 +74,32 @@ class NodeParameters:
         return bool(self._node.get_parameter(_OUTPUT).value == self._default_output)
 
     def publish_result(self, parameters: Mapping[str, float]) -> None:
-        """Set the result parameters atomically.
+        """Set the result parameters atomically; those that are not given lose their values.
 
         To be called from the node's default callback group. The parameter services run there, too, so nobody
         reads half a result.
         """
-        self._publishing = True
-        try:
-            outcome = self._node.set_parameters_atomically(
-                [Parameter(name, Parameter.Type.DOUBLE, value) for name, value in parameters.items()]
-            )
-        finally:
-            self._publishing = False
+        values = [Parameter(name, Parameter.Type.DOUBLE, value) for name, value in parameters.items()]
+        outcome = self._set_results(values, [name for name in _RESULTS if name not in parameters])
         if not outcome.successful:
             raise ConfigError(f"the result parameters were not set: {outcome.reason}")
 
     def withdraw_result(self) -> None:
         """Remove the values of the result parameters; from the same callback group as above."""
-        unset = [Parameter(RESULT_PREFIX + name, Parameter.Type.NOT_SET) for name in RESULT_NAMES]
+        self._set_results([], list(_RESULTS))
+
+    def _set_results(self, values: list[Parameter], unknown: Iterable[str]) -> SetParametersResult:
+        """Set result parameters, and remove the values of others, all at once."""
+        gone = [name for name in unknown if self._node.get_parameter(name).value is not None]
+        unset = [Parameter(name, Parameter.Type.NOT_SET) for name in gone]
         self._publishing = True
         try:
-            self._node.set_parameters_atomically(unset)  # rclpy undeclares what is set to nothing
-            self._declare_result()
+            outcome = self._node.set_parameters_atomically([*values, *unset])
+            if outcome.successful:  # rclpy undeclares what is set to nothing
+                self._declare_result(gone)
         finally:
             self._publishing = False
+        return outcome
 
     def _with_default(self, setting: NodeSetting) -> NodeSetting:
         return replace(setting, default=self._default_output) if setting.name == _OUTPUT else setting
@@ -103,16 +116,16 @@ class NodeParameters:
                 raise ConfigError(f"{_OUTPUT}: {error}") from error
             self._node.get_logger().warning(f"results will not be saved: {error}, or set {_OUTPUT}")
 
-    def _declare_result(self) -> None:
-        for name in RESULT_NAMES:
+    def _declare_result(self, names: Iterable[str]) -> None:
+        for name in names:
             # Dynamically typed: a typed parameter without a value could not be read at all. Not read-only:
             # the node itself could not set it then; _check refuses others. Overrides are ignored: a result
             # file among the node's parameter files is no result of this run.
             descriptor = ParameterDescriptor(
-                description=f"Result: {_RESULT_DESCRIPTION[name]}; without value until calibrated",
+                description=f"Result: {_RESULTS[name]}; without value until it is known",
                 dynamic_typing=True,
             )
-            self._node.declare_parameter(RESULT_PREFIX + name, None, descriptor, ignore_override=True)
+            self._node.declare_parameter(name, None, descriptor, ignore_override=True)
 
     def _values(self) -> dict[str, Any]:
         return {name: self._node.get_parameter(name).value for name in SETTINGS}
@@ -120,7 +133,7 @@ class NodeParameters:
     def _check(self, parameters: Iterable[Parameter]) -> SetParametersResult:
         values = self._values()
         for parameter in parameters:
-            if parameter.name.startswith(RESULT_PREFIX) and not self._publishing:
+            if parameter.name in _RESULTS and not self._publishing:
                 reason = f"{parameter.name} is a result: it is set by ~/calibrate alone"
                 return SetParametersResult(successful=False, reason=reason)
             if parameter.name in values:

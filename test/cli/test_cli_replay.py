@@ -64,9 +64,11 @@ def test_json_is_one_object_with_all_digits(bag, calibrator, monkeypatch, capsys
         "segments",
         "changes",
         "uncertainty",
+        "alignment",
         "with_reservations",
         "reservations",
     ]
+    assert content["alignment"] is None
     assert content["changes"] == []
     assert [segment["frames"] for segment in content["segments"]] == [3]
     estimate = calibrator.made[0].estimate
@@ -83,6 +85,7 @@ def test_json_is_one_object_with_all_digits(bag, calibrator, monkeypatch, capsys
         "pitch_rad": None,
         "roll_rad": None,
         "reservations": [],
+        "alignment": None,
         "attempts": [],
     }
     assert content["frames"][0]["pitch_rad"] == 0.05

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from stereo_selfcal.cli.report import FrameRow, as_json, table_header, table_row, table_summary
+from stereo_selfcal.core.alignment_verdict import report_alignment
 from stereo_selfcal.core.config import CalibratorConfig
+from stereo_selfcal.core.drive.camera_changes import CameraChange
 from stereo_selfcal.core.drive.drive import Drive, DriveChange, DriveSegment
 from stereo_selfcal.core.evidence.frame_evidence import FoundBy
+from stereo_selfcal.core.geometry.alignment import Alignment
 from stereo_selfcal.core.geometry.pose import Extrinsics
 from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
@@ -102,6 +105,48 @@ def test_json_has_the_standard_deviation_of_every_term():
     assert content["segments"][0]["uncertainty"] == content["uncertainty"]
     squares = [sum(each[name] ** 2 for each in content["uncertainty"].values()) for name in content["std"]]
     assert np.sqrt(squares) == pytest.approx(list(content["std"].values()), rel=1e-12)
+
+
+ALIGNMENT = Alignment(1e-4, 0.0, 2.4e-3, np.diag([1e-10, 4e-10, 3e-8]))
+TURNED = replace(RESULT, alignment=ALIGNMENT)
+
+
+def test_alignment_is_a_line_in_the_users_units():
+    rows = [FrameRow.from_result(TURNED, 0.0)]
+    lines = table_summary(replay(rows, Drive(TURNED))).splitlines()
+    told = [line for line in lines if line.startswith("alignment: ")]
+    assert told == [f"alignment: {report_alignment(ALIGNMENT, PAPER_RIG).message}"]
+    assert "the right camera looks 0.14 +- 0.01 deg too far left: depths are too large" in told[0]
+    lines.remove(told[0])
+    assert lines == table_summary(replay(rows, Drive(RESULT))).splitlines(), "all else is as without it"
+
+
+def test_json_has_the_alignment_of_the_estimate_and_of_each_frame():
+    refused = replace(REFUSED, alignment=replace(ALIGNMENT, covariance=np.diag([1e-10, 4e-10, math.inf])))
+    rows = [FrameRow.from_result(each, 0.0) for each in (TURNED, refused, RESULT)]
+    content = json.loads(as_json(replay(rows, Drive(TURNED))))
+    assert content["alignment"] == {
+        "pitch_rad": 1e-4,
+        "roll_rad": 0.0,
+        "yaw_rad": 2.4e-3,
+        "std": {"pitch_rad": 1e-5, "roll_rad": 2e-5, "yaw_rad": math.sqrt(3e-8)},
+        "verdict": "correctable",
+        "message": report_alignment(ALIGNMENT, PAPER_RIG).message,
+    }
+    first, second, third = (frame["alignment"] for frame in content["frames"])
+    assert first == content["alignment"] and third is None
+    assert second["yaw_rad"] is second["std"]["yaw_rad"] is None
+    assert (second["pitch_rad"], second["verdict"]) == (1e-4, "not_seen")
+
+
+def test_alignment_of_a_frame_before_other_cameras_is_told_by_their_rig():
+    wide = replace(PAPER_RIG, baseline_m=10 * PAPER_RIG.baseline_m)
+    change = CameraChange(5.0, wide, PAPER_RIG, ())
+    rows = (FrameRow.from_result(TURNED, 4.0), FrameRow.from_result(TURNED, 5.0))
+    changed = replace(replay(rows, Drive(TURNED)), camera_changes=(change,), since=1)
+    before, after = (frame["alignment"]["message"] for frame in json.loads(as_json(changed))["frames"])
+    assert before == report_alignment(ALIGNMENT, wide).message
+    assert after == report_alignment(ALIGNMENT, PAPER_RIG).message != before
 
 
 def test_json_of_a_refused_recording_has_no_uncertainty():

@@ -9,6 +9,8 @@ from stereo_selfcal import CalibratorConfig, ConfigError
 from stereo_selfcal.core.config import flatten
 
 SETTINGS = {name: (value, setting) for name, value, setting in CalibratorConfig().settings()}
+NUMBERS = [name for name, (_, setting) in SETTINGS.items() if not setting.choices]
+WORDS = [name for name, (_, setting) in SETTINGS.items() if setting.choices]
 
 
 def value_of(config, name):
@@ -33,7 +35,7 @@ def test_names_are_unique_and_dotted_once_at_most():
 @pytest.mark.parametrize("name", SETTINGS)
 def test_default_is_inside_its_range_and_described(name):
     value, setting = SETTINGS[name]
-    assert setting.low <= value <= setting.high
+    assert value in setting.choices if setting.choices else setting.low <= value <= setting.high
     assert setting.description
     assert setting.description[0].isupper()
     assert not setting.description.endswith(".")
@@ -60,8 +62,8 @@ def test_search_box_needs_no_initial_guess():
     ("name", "limit"),
     [
         (name, limit)
-        for name, (_, setting) in SETTINGS.items()
-        for limit in (setting.low, setting.high)
+        for name in NUMBERS
+        for limit in (SETTINGS[name][1].low, SETTINGS[name][1].high)
         # Where one height must be below the other, the ends of the range cannot be reached.
         if (name, limit) not in (("search.height_min_m", 20), ("search.height_max_m", 0.05))
     ],
@@ -72,7 +74,7 @@ def test_both_ends_of_the_range_are_taken(name, limit):
     assert type(value_of(config, name)) is type(SETTINGS[name][0])
 
 
-@pytest.mark.parametrize("name", SETTINGS)
+@pytest.mark.parametrize("name", NUMBERS)
 def test_beyond_either_end_is_refused_by_name(name):
     for value in beyond(name):
         with pytest.raises(ConfigError, match=rf"^{name} is .*: it must lie in .* \.\.\. "):
@@ -84,6 +86,17 @@ def test_beyond_either_end_is_refused_by_name(name):
 def test_what_is_no_number_is_refused_by_name(name, value):
     with pytest.raises(ConfigError, match=rf"^{name} is "):
         CalibratorConfig.from_mapping({name: value})
+
+
+@pytest.mark.parametrize("name", WORDS)
+def test_each_choice_is_taken_and_nothing_else(name):
+    choices = SETTINGS[name][1].choices
+    for word in choices:
+        assert value_of(CalibratorConfig.from_mapping({name: word}), name) == word
+    listed = ", ".join(choices)
+    for wrong in ("", choices[0].upper(), "other", 1, None, True, [choices[0]]):
+        with pytest.raises(ConfigError, match=rf"^{name} is .*: it must be one of {listed}$"):
+            CalibratorConfig.from_mapping({name: wrong})
 
 
 def test_switch_of_one_and_zero_may_be_written_as_true_and_false():

@@ -111,7 +111,7 @@ def test_parts_of_a_calibrated_recording(road, road_text):
     height_m, pitch, roll = pose.height_m, math.degrees(pose.pitch_rad), math.degrees(pose.roll_rad)
     assert (height_m, pitch, roll) == pytest.approx((1.4, 3.0, 0.8), abs=0.01)
     assert page.sections == [
-        "verdict", "estimate", "course", "pictures", "refusals", "residuals", "provenance"
+        "verdict", "estimate", "course", "alignment", "pictures", "refusals", "residuals", "provenance"
     ]  # fmt: skip
     where = f"The camera is {height_m:.3f} m above the road, pitched {pitch:.2f}° nose down"
     assert f"{where} and rolled {roll:.2f}° right" in page.text
@@ -169,7 +169,7 @@ def test_what_was_tried_is_told_of_every_reason(nothing, bend):
 
 def test_parts_when_nothing_was_accepted(nothing):
     page = Page(render_report(*nothing))
-    assert page.sections == ["verdict", "pictures", "refusals", "provenance"]
+    assert page.sections == ["verdict", "alignment", "pictures", "refusals", "provenance"]
     assert "None of 3 frames could be used: no_lines_found (3)." in page.text
     assert f"What to do: {remedies()['no_lines_found']}" in page.text
     assert "no lane line was found in either image: the longest candidate is" in page.text

@@ -11,6 +11,7 @@ from stereo_selfcal import CalibrationResult, CalibratorConfig, Extrinsics
 from stereo_selfcal.core.camera.frozen import FrozenImage
 from stereo_selfcal.core.camera.pairing import PairCounts, StampedPair
 from stereo_selfcal.core.camera.stamp_pattern import NoPairCause, StampPattern
+from stereo_selfcal.core.geometry.alignment import Alignment
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import rejected
 from stereo_selfcal.ros import calibration
@@ -125,6 +126,26 @@ def test_first_good_pair_is_the_answer():
     assert outcome.stamp_ns == 1_500_000_000
     assert dataclasses.asdict(outcome.rig) == RIG
     assert FakeCalibrator.made[0].frames == [1.5]
+
+
+@pytest.mark.parametrize(
+    ("yaw_rad", "told"),
+    [
+        (0.0, ""),
+        (
+            2e-3,
+            "; the right camera looks 0.1146 +- 0.0006 deg too far left: depths are too large, by 10 % at 10",
+        ),
+    ],
+)
+def test_answer_says_that_the_right_camera_has_turned(monkeypatch, yaw_rad, told):
+    turned = Alignment(0.0, 0.0, yaw_rad, np.eye(3) * 1e-10)  # 0.0006 deg
+    plain = FakeCalibrator.estimate.fget
+    estimate = property(lambda self: dataclasses.replace(plain(self), alignment=turned))
+    monkeypatch.setattr(FakeCalibrator, "estimate", estimate)
+    message = CalibrationCall(Source(pair()), config()).run().message
+    assert message.startswith(f"height 1.2 m{told}")
+    assert bool(told) == (message != "height 1.2 m")
 
 
 def test_settings_reach_the_calibrator():

@@ -14,6 +14,7 @@ from builtin_interfaces.msg import Time
 
 from stereo_selfcal import CalibrationResult, Extrinsics, StereoRig
 from stereo_selfcal.core.camera.pairing import PairCounts
+from stereo_selfcal.core.geometry.alignment import Alignment
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.reservations import Reservation, ReservationKind
 from stereo_selfcal.ros.calibration_keeper import ActiveCalibration, CalibrationKeeper
@@ -225,6 +226,51 @@ def test_age(age_s, text):
 
 
 numbers = st.floats() | st.integers(-10, 10).map(float)
+
+
+def aligned(**changes):
+    """Return the values of a calibration whose right camera is turned so."""
+    turn = replace(Alignment(1e-5, 0.0, 0.0, np.diag([1e-10, 4e-10, 3e-10])), **changes)
+    return calibration(active=replace(ACTIVE, result=replace(RESULT, alignment=turn)))
+
+
+def test_alignment_is_numbers_in_radians_a_verdict_and_a_sentence():
+    level, text, values = aligned()
+    assert level == OK and "rows" not in text
+    numbers = {key: float(value) for key, value in values.items() if key.endswith("_rad")}
+    assert numbers == {
+        "alignment_pitch_rad": 1e-5,
+        "alignment_roll_rad": 0.0,
+        "alignment_yaw_rad": 0.0,
+        "alignment_pitch_std_rad": pytest.approx(1e-5, rel=1e-12),
+        "alignment_roll_std_rad": pytest.approx(2e-5, rel=1e-12),
+        "alignment_yaw_std_rad": pytest.approx(math.sqrt(3e-10), rel=1e-12),
+    }
+    assert values["alignment_verdict"] == "good"
+    assert values["alignment"].startswith("depths are right to ")
+
+
+@pytest.mark.parametrize(("yaw_rad", "verdict"), [(2.4e-3, "correctable"), (0.02, "calibrate_again")])
+def test_camera_that_has_turned_is_a_warning_with_the_error_of_depths(yaw_rad, verdict):
+    level, text, values = aligned(yaw_rad=yaw_rad)
+    assert level == WARN
+    assert text.startswith("calibrated: height 1.4000 m")
+    assert "; the right camera looks " in text and "depths are too large, by " in text
+    assert values["alignment_verdict"] == verdict
+
+
+def test_angle_that_is_not_known_has_no_number():
+    level, _, values = aligned(covariance=np.diag([1e-10, 4e-10, math.inf]))
+    assert level == OK
+    assert values["alignment_verdict"] == "not_seen"
+    assert {key for key in values if key.endswith("_rad")} == {
+        "alignment_pitch_rad",
+        "alignment_roll_rad",
+        "alignment_pitch_std_rad",
+        "alignment_roll_std_rad",
+    }
+    assert calibration()[2]["alignment"] == "it is not seen how the right camera is turned"
+    assert not any(key.startswith("alignment") for key in calibration("uncalibrated", active=None)[2])
 
 
 @given(numbers, numbers, numbers, st.integers(-5, 10**12))

@@ -23,7 +23,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from stereo_selfcal import StereoRig
 from stereo_selfcal.core.camera.image_messages import SUPPORTED_ENCODINGS
 from stereo_selfcal.core.camera.pairing import PairCounts, StampedPair
-from stereo_selfcal.files.node_settings import all_settings
+from stereo_selfcal.files.node_settings import ALIGNMENT_RESULTS, all_settings
 from stereo_selfcal.files.result_file import load_result
 from stereo_selfcal.files.saved_result import RESULT_NAMES
 from stereo_selfcal.ros import views
@@ -258,6 +258,7 @@ VALUES = st.one_of(
 NAMES = st.sampled_from(
     [setting.name for setting in all_settings()]
     + [f"extrinsics.{name}" for name in RESULT_NAMES]
+    + list(ALIGNMENT_RESULTS)
     + ["", "no.such.parameter", "use_sim_time", "qos_overrides./left/image_rect.subscription.depth"]
 )
 

@@ -16,6 +16,7 @@ from stereo_selfcal import CalibratorConfig, ConfigError
 from stereo_selfcal.core.config import flatten
 from stereo_selfcal.files.exports import EXPORTS
 from stereo_selfcal.files.node_settings import (
+    ALIGNMENT_RESULTS,
     FOREIGN_NAMES,
     NODE_SETTINGS,
     all_settings,
@@ -50,6 +51,7 @@ def test_node_takes_every_shipped_file(graph, tmp_path, name):
 def test_declared_parameters_are_those_of_the_table_and_the_results(graph, tmp_path):
     with NodeProcess(tmp_path):
         declared = {name for name in graph.list_parameters() if not name.startswith("qos_overrides.")}
+        assert set(ALIGNMENT_RESULTS) <= declared
         results = {f"extrinsics.{name}" for name in RESULT_NAMES}
         assert declared - set(FOREIGN_NAMES) == {setting.name for setting in all_settings()} | results
         names = sorted(SETTINGS)
@@ -102,6 +104,7 @@ def test_paper_file_has_the_papers_numbers():
         "genetic.max_generations": 500,
         "texture.check": 0,  # the paper knows neither the road surface
         "refinement.stripes": 0,  # nor the grey values of the stripes
+        "alignment.correct": "none",  # nor cameras that have turned
     }
     assert set(parameters) <= set(defaults())
 

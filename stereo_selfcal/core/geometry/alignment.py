@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..types import Array
+from ..types import Array, Mask
 from .pose import BODY_FROM_OPTICAL, road_from_camera_rotation
+
+# Public names of the angles and of their standard deviations, in the order of the covariance: those of
+# attributes, files, tables and ROS parameters.
+ALIGNMENT_NAMES = ("pitch_rad", "roll_rad", "yaw_rad")
+ALIGNMENT_STD_NAMES = ("pitch_std_rad", "roll_std_rad", "yaw_std_rad")
+# An angle or a standard deviation beyond it is no knowledge: the two images have nothing in common then.
+MOST_KNOWN_RAD = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,12 +29,45 @@ class Alignment:
         yaw_rad: Yaw [rad], > 0: it looks farther left; its content moves right, and disparities are smaller
             by ``fx * yaw_rad``.
         covariance: (3, 3) of (pitch_rad, roll_rad, yaw_rad). What is not seen has a large variance.
+        unexplained_rad: Standard deviation of the smooth error of the rows that no turn explains [rad]; 0
+            where it is not known.
     """
 
     pitch_rad: float
     roll_rad: float
     yaw_rad: float
     covariance: Array
+    unexplained_rad: float = 0.0
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, float], covariance: Array | None = None) -> Alignment:
+        """Build from angles and standard deviations by name; what is missing is not known.
+
+        Args:
+            values: By the names of :data:`ALIGNMENT_NAMES` and :data:`ALIGNMENT_STD_NAMES`.
+            covariance: (3, 3); None: that of the standard deviations alone.
+        """
+        pitch_rad, roll_rad, yaw_rad = (float(values.get(name, 0.0)) for name in ALIGNMENT_NAMES)
+        if covariance is None:
+            stds = [float(values.get(name, math.inf)) for name in ALIGNMENT_STD_NAMES]
+            covariance = np.diag(np.square(stds))
+        return cls(pitch_rad, roll_rad, yaw_rad, covariance)
+
+    def known(self) -> Mask:
+        """Return which of pitch, roll and yaw has a number that can be told (3,)."""
+        values, std = self.as_array(), self.std
+        known: Mask = (np.abs(values) <= MOST_KNOWN_RAD) & (std > 0.0) & (std <= MOST_KNOWN_RAD)
+        return known
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the known angles by name, as numbers that JSON and YAML take."""
+        named = zip(ALIGNMENT_NAMES, self.as_array(), self.known(), strict=True)
+        return {name: float(value) for name, value, known in named if known}
+
+    def std_dict(self) -> dict[str, float]:
+        """Return the standard deviations of the known angles by name, as numbers that JSON and YAML take."""
+        named = zip(ALIGNMENT_STD_NAMES, self.std, self.known(), strict=True)
+        return {name: float(value) for name, value, known in named if known}
 
     def as_array(self) -> Array:
         """Return (pitch_rad, roll_rad, yaw_rad) as an array (3,)."""
