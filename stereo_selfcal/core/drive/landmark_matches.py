@@ -34,17 +34,18 @@ def match_anywhere(bits: Floats) -> tuple[Indices, Indices]:
     return pairs[0][unlike], pairs[1][unlike]
 
 
-def match_near(bits: Floats, expected: Floats, found: Floats, radius_px: float) -> tuple[Indices, Indices]:
+def match_near(bits: Floats, expected: Array, found: Array, radius_px: float) -> tuple[Indices, Indices]:
     """Return the indices of landmarks that look most alike near places where they are expected.
 
     Args:
         bits: (N, M) numbers of bits in which they differ.
-        expected: (N, 2) places of the first ones in the second left image [px]; NaN is nowhere.
-        found: (M, 2) places of the second ones there [px].
-        radius_px: How far apart they may be, along the row and across it together [px].
+        expected: (N, 3) columns, rows and disparities that the first ones should have [px]; NaN is nowhere.
+        found: (M, 3) those that the second ones have [px].
+        radius_px: How far apart they may be, the differences of the three numbers together [px].
     """
-    apart = np.abs(expected[:, None, 0] - found[:, 0])
-    apart += np.abs(expected[:, None, 1] - found[:, 1])
+    apart = np.zeros_like(bits)
+    for first, second in zip(expected.astype(np.float32).T, found.astype(np.float32).T, strict=True):
+        apart += np.abs(first[:, None] - second)
     return _mutual(np.where(apart <= radius_px, bits, np.float32(np.inf)), _MOST_BITS_NEAR)
 
 

@@ -20,8 +20,8 @@ from ..camera.rig import StereoRig
 from ..estimators.landmarks import Landmarks
 from ..geometry.pose import BODY_FROM_OPTICAL
 from ..numerics.linear import invert, is_covariance, solve_linear
-from ..numerics.robust import Reweighting, fit_reweighted
-from ..numerics.statistics import MEDIAN_CHI2_3, median, upper_median
+from ..numerics.robust import Reweighting, fit_reweighted, tukey_weights
+from ..numerics.statistics import MEDIAN_CHI2_3, upper_median
 from ..rejection import Bound, NotFitted
 from ..types import Array, Indices
 from .landmark_matches import different_bits, match_anywhere, match_near
@@ -34,10 +34,14 @@ _LEAST_SCALE, _MOST_SCALE = 0.1, 3.0
 _ANY_VERGENCE_RAD = 0.005  # prior: a third of a degree, many times what calibrations leave
 _LEAST_PAIRS = 20  # three numbers each, for seven unknowns
 _LEAST_SHARE = 0.4  # of the pairs that agree with one motion: the rest belongs to other cars, or is wrong
-_NEAR = 0.015  # of the width: disparities that tell how far the camera has moved ahead
-_RADII = (0.03, 0.01)  # of the width: where landmarks are looked for again
-_REWEIGHTING = Reweighting(rounds=4, absolute_rounds=8)
-_REFINING = Reweighting(rounds=5, settled=0.01)
+_WAYS_M = np.arange(-1.0, 20.1, 0.5)  # ahead, that a motion may start from
+_AGREES = 0.02  # of the width: how far a landmark may be from where such a start moves it
+# How far from where they are expected landmarks are looked for, over the width: after the start, and after a
+# first fit; and how the motion is fitted to them.
+_SEARCHES = (
+    (0.03, Reweighting(rounds=4, absolute_rounds=6)),
+    (0.01, Reweighting(rounds=8, absolute_rounds=2, settled=0.01)),
+)
 _TINY = 1e-12
 _NOT_BEHIND = 0.1  # least depth after the motion over that before: nearer, a landmark passes the camera
 _FAR_OFF_PX = 1e3  # residual of a landmark that would be behind the camera
@@ -125,18 +129,25 @@ def estimate_motion(before: Landmarks, after: Landmarks, rig: StereoRig) -> Fram
     pairs = match_anywhere(bits)
     if len(pairs[0]) < _LEAST_PAIRS:
         return _too_few(len(pairs[0]))
-    both = first.chosen(pairs[0]), second.chosen(pairs[1])
-    outcome = _fit(*both, _start(*both, rig), rig, _REWEIGHTING)
-    for radius in _RADII:
-        if isinstance(outcome, NotFitted):
-            return outcome
-        q, inverse = _moved(first, outcome.state, rig)
-        places = (q[:, :2] * inverse[:, None] * (rig.fx, rig.fy) + (rig.cx, rig.cy)).astype(np.float32)
-        pairs = match_near(bits, places, after.left, radius * rig.width)
+    state = _start(first.chosen(pairs[0]), second.chosen(pairs[1]), rig)
+    outcome: _Fit | NotFitted = _too_few(0)
+    for radius, how in _SEARCHES:
+        q, inverse = _moved(first, state, rig)
+        expected = np.column_stack([q[:, :2] * (rig.fx, rig.fy), first.seen[:, 2]]) * inverse[:, None]
+        expected[:, :2] += rig.cx, rig.cy
+        pairs = match_near(bits, expected, second.seen, radius * rig.width)
         if len(pairs[0]) < _LEAST_PAIRS:
             return _too_few(len(pairs[0]))
-        outcome = _fit(first.chosen(pairs[0]), second.chosen(pairs[1]), outcome.state, rig, _REFINING)
-    return outcome if isinstance(outcome, NotFitted) else _in_body_axes(outcome)
+        outcome = _fit(first.chosen(pairs[0]), second.chosen(pairs[1]), state, rig, how)
+        if isinstance(outcome, NotFitted):
+            return outcome
+        state = outcome.state
+    if outcome.scale > _MOST_SCALE:
+        return NotFitted("scatter of landmarks over what is expected", outcome.scale, Bound.MOST, _MOST_SCALE)
+    least = max(_LEAST_PAIRS, math.ceil(_LEAST_SHARE * len(pairs[0])))
+    if outcome.n_points < least:
+        return NotFitted("landmarks that agree with one motion", outcome.n_points, Bound.LEAST, least)
+    return _in_body_axes(outcome)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,20 +172,24 @@ def _too_few(number: int) -> NotFitted:
 
 
 def _start(before: _Points, after: _Points, rig: StereoRig) -> _State:
-    """Return a first estimate by medians: the way ahead by the disparities, then a turn by the places."""
-    depth = rig.fx * rig.baseline_m
-    near = np.minimum(before.seen[:, 2], after.seen[:, 2]) > _NEAR * rig.width
-    ahead_m = 0.0
-    if np.any(near):
-        ahead_m = median(depth / before.seen[near, 2] - depth / after.seen[near, 2])
-    state = _State(np.eye(3), np.array([0.0, 0.0, -ahead_m]), 0.0)
-    q, inverse = _moved(before, state, rig)
-    right, down = (after.rays[:, axis] - q[:, axis] * inverse for axis in (0, 1))
-    known = np.isfinite(right)
-    if not np.any(known):
-        return state
-    turn = np.array([-median(down[known]), median(right[known]), 0.0])
-    return state.changed(np.concatenate([turn, np.zeros(4)]))
+    """Return a first estimate: of many ways ahead, the one that most pairs agree with after a turn.
+
+    The turn that belongs to a way is the median of what remains. No random numbers are drawn.
+    """
+    focal = np.array([rig.fx, rig.fy])
+    after_way = 1.0 - _WAYS_M[:, None] * before.nearness(0.0, rig)  # depth then over that before, (W, N)
+    behind = after_way < _NOT_BEHIND
+    inverse = 1.0 / np.maximum(after_way, _NOT_BEHIND)
+    apart = (after.rays[None, :, :2] - before.rays[None, :, :2] * inverse[:, :, None]) * focal
+    turns_px = np.median(apart, axis=1)
+    squares = ((apart - turns_px[:, None]) ** 2).sum(axis=2)
+    squares += (after.seen[:, 2] - before.seen[:, 2] * inverse) ** 2
+    agreeing = tukey_weights(squares / (_AGREES * rig.width) ** 2)
+    agreeing[behind] = 0.0
+    best = int(agreeing.sum(axis=1).argmax())
+    right, down = turns_px[best] / focal
+    way = _State(np.eye(3), np.array([0.0, 0.0, -float(_WAYS_M[best])]), 0.0)
+    return way.changed(np.array([-down, right, 0.0, 0.0, 0.0, 0.0, 0.0]))
 
 
 def _moved(points: _Points, state: _State, rig: StereoRig) -> tuple[Array, Array]:
@@ -256,11 +271,6 @@ def _fit(
     if isinstance(found, NotFitted):
         return found
     scale, agreeing = float(found.scale), int(np.count_nonzero(found.weights))
-    if scale > _MOST_SCALE:
-        return NotFitted("scatter of landmarks over what is expected", scale, Bound.MOST, _MOST_SCALE)
-    least = max(_LEAST_PAIRS, math.ceil(_LEAST_SHARE * len(before.seen)))
-    if agreeing < least:
-        return NotFitted("landmarks that agree with one motion", agreeing, Bound.LEAST, least)
     covariance = invert(normal, _DETERMINED)
     if isinstance(covariance, NotFitted) or not is_covariance(covariance):
         return NotFitted(_DETERMINED, 6, Bound.LEAST, 7)
