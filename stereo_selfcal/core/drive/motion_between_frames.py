@@ -20,7 +20,7 @@ from ..camera.rig import StereoRig
 from ..estimators.landmarks import Landmarks
 from ..geometry.pose import BODY_FROM_OPTICAL
 from ..numerics.linear import invert, is_covariance, solve_linear
-from ..numerics.robust import Reweighting, fit_reweighted, tukey_weights
+from ..numerics.robust import TUKEY_SIGMAS, Reweighting, fit_reweighted, tukey_weights
 from ..numerics.statistics import MEDIAN_CHI2_3, upper_median
 from ..rejection import Bound, NotFitted
 from ..types import Array, Indices
@@ -271,10 +271,31 @@ def _fit(
     if isinstance(found, NotFitted):
         return found
     scale, agreeing = float(found.scale), int(np.count_nonzero(found.weights))
-    covariance = invert(normal, _DETERMINED)
+    covariance = _covariance(right, derivatives, found.weights, scale, prior)
     if isinstance(covariance, NotFitted) or not is_covariance(covariance):
         return NotFitted(_DETERMINED, 6, Bound.LEAST, 7)
     return _Fit(state, covariance, agreeing, scale)
+
+
+def _covariance(
+    right: Array, derivatives: Array, weights: Array, scale: float, prior: Array
+) -> Array | NotFitted:
+    """Return the covariance (7, 7) of a robust fit, by how much its residuals really scatter.
+
+    Landmarks that are confused scatter more than the median of all. So the scatter of their pulls is measured
+    (Huber's sandwich). The derivative of Tukey's pull is less than its weight: on average over the directions
+    of a residual by 4/3 of the square of its length, times one less that square, both over the limit.
+    """
+    squares = (right * right).sum(axis=1) / (TUKEY_SIGMAS * scale) ** 2
+    slopes = weights - 4.0 / 3.0 * squares * np.maximum(1.0 - squares, 0.0)
+    pulls = np.einsum("nij,ni->nj", derivatives, right) * weights[:, None]
+    hessian = np.einsum("nij,nik->jk", derivatives * slopes[:, None, None], derivatives) / scale**2
+    response = invert(hessian + np.diag(prior), _DETERMINED)
+    if isinstance(response, NotFitted):
+        return response
+    spread = len(right) / (len(right) - 7.0) * (pulls.T @ pulls) / scale**4
+    covariance: Array = response @ (spread + np.diag(prior)) @ response
+    return (covariance + covariance.T) / 2.0
 
 
 def _in_body_axes(fit: _Fit) -> FrameMotion:
