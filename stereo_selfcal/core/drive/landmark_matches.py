@@ -52,6 +52,8 @@ def match_near(bits: Floats, expected: Array, found: Array, radius_px: float) ->
 def _mutual(bits: Floats, most: float) -> tuple[Indices, Indices]:
     """Return pairs each of which is the best match of the other."""
     rows = np.arange(len(bits))
+    if not bits.size:
+        return rows[:0], rows[:0]
     columns = bits.argmin(axis=1)
     good = (bits.argmin(axis=0)[columns] == rows) & (bits[rows, columns] <= most)
     return rows[good], columns[good]

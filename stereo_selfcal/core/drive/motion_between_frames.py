@@ -40,9 +40,11 @@ _AGREES = 0.02  # of the width: how far a landmark may be from where such a star
 # first fit; and how the motion is fitted to them.
 _SEARCHES = (
     (0.03, Reweighting(rounds=4, absolute_rounds=6)),
-    (0.01, Reweighting(rounds=8, absolute_rounds=2, settled=0.01)),
+    (0.01, Reweighting(rounds=6)),
 )
 _TINY = 1e-12
+_LEAST_WIDENING = 0.2  # beyond, a point is hardly matched
+
 _NOT_BEHIND = 0.1  # least depth after the motion over that before: nearer, a landmark passes the camera
 _FAR_OFF_PX = 1e3  # residual of a landmark that would be behind the camera
 _DETERMINED = "numbers of the motion that the landmarks determine"
@@ -101,8 +103,11 @@ class _Points:
     def of(cls, landmarks: Landmarks, rig: StereoRig) -> _Points:
         left = landmarks.left.astype(np.float64)
         rays = np.column_stack([(left - (rig.cx, rig.cy)) / (rig.fx, rig.fy), np.ones(len(left))])
-        stretch = 1.0 + ((landmarks.right[:, 0].astype(np.float64) - rig.cx) / rig.fx) ** 2
-        return cls(rays, np.column_stack([left, landmarks.disparities]), stretch)
+        of_right = (landmarks.right[:, 0].astype(np.float64) - rig.cx) / rig.fx
+        # A right camera that sits farther ahead sees the left half of its image too near, the right one too far.
+        widening = np.maximum(1.0 - landmarks.ahead * of_right, _LEAST_WIDENING)
+        disparity = (left[:, 0] - landmarks.right[:, 0]) / widening
+        return cls(rays, np.column_stack([left, disparity]), 1.0 + of_right**2)
 
     def chosen(self, index: Indices) -> _Points:
         return _Points(self.rays[index], self.seen[index], self.stretch[index])

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ..types import Array, Floats, Image
+from ..types import Floats, Image
 from .matched_points import MatchedPoints
 
 _BITS = 256
@@ -35,21 +35,18 @@ class Landmarks:
         left: (N, 2) columns and rows in the left image [px], float32.
         right: (N, 2) columns and rows in the right image [px], float32.
         descriptors: (N, 32) bits, eight in each uint8.
+        ahead: How much farther ahead the right camera seems to sit in this frame, over the baseline
+            (:attr:`.RowAlignment.ahead`): that of a late image depends on the speed.
     """
 
     left: Floats
     right: Floats
     descriptors: npt.NDArray[np.uint8]
+    ahead: float = 0.0
 
     def __len__(self) -> int:
         """Return the number of points."""
         return len(self.left)
-
-    @property
-    def disparities(self) -> Array:
-        """(N,) disparities [px]."""
-        disparities: Array = (self.left[:, 0] - self.right[:, 0]).astype(np.float64)
-        return disparities
 
 
 def _pattern() -> Floats:
@@ -62,12 +59,13 @@ def _pattern() -> Floats:
 _PLACES = _pattern()
 
 
-def describe_points(image: Image, points: MatchedPoints) -> Landmarks:
+def describe_points(image: Image, points: MatchedPoints, ahead: float = 0.0) -> Landmarks:
     """Describe the neighbourhoods of matched points in the left image.
 
     Args:
         image: Left image, (H, W) uint8.
         points: Matched points.
+        ahead: How much farther ahead the right camera seems to sit, over the baseline.
     """
     height, width = image.shape
     side = 2 * round(_BLUR * width / 2.0) + 1
@@ -82,4 +80,4 @@ def describe_points(image: Image, points: MatchedPoints) -> Landmarks:
         column = np.clip(left[:, :1] + half * places[:, 0] + np.float32(0.5), 0, width - 1).astype(np.int32)
         row = np.clip(left[:, 1:] + half * places[:, 1] + np.float32(0.5), 0, height - 1).astype(np.int32)
         grey.append(flat[row * np.int32(width) + column])
-    return Landmarks(left, points.right.astype(np.float32), np.packbits(grey[0] < grey[1], axis=1))
+    return Landmarks(left, points.right.astype(np.float32), np.packbits(grey[0] < grey[1], axis=1), ahead)
