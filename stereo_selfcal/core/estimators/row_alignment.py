@@ -36,6 +36,8 @@ _ANY_TURN_RAD = 0.02  # a degree: beyond, a pair of images is hardly matched at 
 # What all points have in common, at least: the interpolation of grey values draws them to whole pixels by
 # about this (Shimizu and Okutomi, IJCV 2005).
 _LEAST_SMOOTH_PX = 0.03
+# Least disparity over that of a right camera that does not sit ahead: beyond, a point is not matched.
+_LEAST_WIDENING = 0.2
 # Parts of the image, side by side and one above the other, in which rows have an error of their own.
 _PARTS_ACROSS, _PARTS_DOWN = 6, 3
 
@@ -70,12 +72,14 @@ class RowAlignment:
         return float(self.turn[2]), math.sqrt(float(self.covariance[2, 2]))
 
 
-def row_derivatives(rig: StereoRig, points: MatchedPoints) -> Array:
+def row_derivatives(rig: StereoRig, points: MatchedPoints, ahead: float = 0.0) -> Array:
     """Return the derivatives (N, 5) of the rows [px] in the right image, less those in the left one.
 
     Args:
         rig: Intrinsics.
         points: Matched points.
+        ahead: How much farther ahead the right camera sits, over the baseline, as far as it is known. It
+            moves points along the row, too, so that their disparities tell another nearness.
 
     Returns:
         By pitch, roll and yaw of the right camera [rad], and by its way up and ahead over the baseline.
@@ -83,6 +87,7 @@ def row_derivatives(rig: StereoRig, points: MatchedPoints) -> Array:
     u, v = points.right.astype(np.float64).T
     x, y = (u - rig.cx) / rig.fx, (v - rig.cy) / rig.fy
     nearness = (points.left[:, 0].astype(np.float64) - u) / rig.fx
+    nearness = nearness / np.maximum(1.0 - ahead * x, _LEAST_WIDENING)
     columns = [-(1.0 + y * y), -x, x * y, nearness, nearness * y]
     return rig.fy * np.column_stack(columns)
 
@@ -109,13 +114,14 @@ def align_rows(points: MatchedPoints, rig: StereoRig) -> RowAlignment | NotFitte
     solution = np.zeros(5)
 
     def fit(weights: Array, scale: float | Array) -> tuple[tuple[Array, Array], Array] | NotFitted:
-        nonlocal solution
+        nonlocal solution, design
         weighted = design * (weights / np.square(scale))[:, None]
         normal = weighted.T @ design + np.diag(1.0 / (prior**2 + solution**2))
         found = solve_linear(normal, weighted.T @ rows, _DETERMINED)
         if isinstance(found, NotFitted):
             return found
         solution = found
+        design = row_derivatives(rig, points, float(solution[4]))
         return (solution, normal), rows - design @ solution
 
     found = fit_reweighted(fit, len(points), _REWEIGHTING, scale_by_median(_LEAST_SCATTER_PX))

@@ -1,0 +1,220 @@
+"""The camera against the direction of travel, from the motion between the frames of a drive.
+
+In the mean a car drives along its road. So the direction in which its camera moves says where the horizon is,
+without any disparity. Single steps differ from the mean: the car pitches on its suspension, with a memory of a
+second or two, and in a bend the camera moves sideways. The first is a scatter that is measured; the second
+grows with the curvature, by a length that is estimated, so that steps in a bend count less the tighter it is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Protocol
+
+import cv2
+import numpy as np
+
+from ..camera.rig import StereoRig
+from ..estimators.landmarks import Landmarks
+from ..rejection import Bound, NotFitted
+from ..types import Array
+from .mean_over_time import MeanOverTime, mean_over_time
+from .motion_between_frames import FrameMotion, estimate_motion
+
+MOST_STEP_S = 1.5  # between two frames of a step: beyond, few landmarks are left even at walking pace
+_MOST_STEP_M = 20.0
+_LEAST_STEP_M = 0.05  # a step of less has no direction: landmarks tell a motion to about 5 mm
+_LEAST_STEPS = 3
+# Memory of the car's motion on its suspension: it rings for a second or two.
+MEMORY_S = 1.5
+# Prior of the scatter of single steps: a car pitches by tenths of a degree, and weaves within its lane.
+_PITCH_SCATTER_RAD, _YAW_SCATTER_RAD = math.radians(0.2), math.radians(0.2)
+# How far the camera is ahead of the rear axle, the point of a car that moves along its heading: behind the
+# windscreen of a small car or of a long one, or on the roof.
+_LEVER_M, _LEVER_STD_M = 1.3, 1.0
+# Slip of the rear tyres in a bend, over the acceleration: a third of a degree for each m/s^2 (Milliken and
+# Milliken, Race Car Vehicle Dynamics, 1995, chapter 5: 5 deg at 0.8 g and more).
+_SLIP_RAD_PER_MPS2 = 0.006
+
+
+class FrameWithLandmarks(Protocol):
+    """What a step needs of a frame."""
+
+    @property
+    def stamp_s(self) -> float:
+        """Time stamp [s]."""
+
+    @property
+    def landmarks(self) -> Landmarks | None:
+        """Landmarks; None where the frame was not looked at."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TravelStep:
+    """The motion between two frames, and the camera against its direction.
+
+    Attributes:
+        stamp_s: Time stamp of the first frame [s].
+        duration_s: Time to the second frame [s].
+        motion: The motion.
+    """
+
+    stamp_s: float
+    duration_s: float
+    motion: FrameMotion
+
+    @property
+    def middle_s(self) -> float:
+        """Time of the middle of the step [s]."""
+        return self.stamp_s + self.duration_s / 2.0
+
+    @property
+    def way_m(self) -> float:
+        """How far the camera has moved ahead [m]; negative: backwards."""
+        return math.copysign(float(np.linalg.norm(self.motion.moved_m)), float(self.motion.moved_m[0]))
+
+    @property
+    def speed_mps(self) -> float:
+        """Mean speed [m/s]."""
+        return self.way_m / self.duration_s
+
+    @property
+    def curvature_per_m(self) -> float:
+        """Turn to the left over the way [1/m]."""
+        return float(self.motion.turned_rad[2]) / self.way_m
+
+    def against_travel(self) -> tuple[float, float]:
+        """Return yaw and pitch of the camera against the direction of the step [rad].
+
+        The direction is that in the middle of the step. There, a car that drives along an arc moves along
+        its chord.
+        """
+        halfway = np.asarray(cv2.Rodrigues(-0.5 * self.motion.turned_rad)[0], np.float64)
+        ahead, left, up = halfway @ self.motion.moved_m
+        return -math.atan2(left, ahead), math.atan2(up, math.hypot(ahead, left))
+
+    def noise(self) -> Array:
+        """Return the variances (2,) of that yaw and pitch, as the landmarks tell them [rad^2]."""
+        half = self.way_m / 2.0
+        # A turn by an angle changes the direction in the middle of the step by half of it.
+        by_yaw, by_pitch = np.zeros(7), np.zeros(7)
+        by_yaw[[2, 4]] = half, -1.0
+        by_pitch[[1, 5]] = half, 1.0
+        covariance = self.motion.covariance
+        return np.array([by @ covariance @ by for by in (by_yaw, by_pitch)]) / self.way_m**2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Travel:
+    """The camera against the direction of travel.
+
+    Attributes:
+        yaw_rad: Yaw [rad], > 0: the camera points left of the direction of travel.
+        pitch_rad: Pitch [rad], > 0: nose down against it.
+        covariance: (2, 2) of (yaw_rad, pitch_rad).
+        n_steps: Number of steps that agree.
+        lever_m: How far ahead of the rear axle the camera seems to be, by what it does in bends [m].
+        driven_s: Duration of all steps [s].
+    """
+
+    yaw_rad: float
+    pitch_rad: float
+    covariance: Array
+    n_steps: int
+    lever_m: float
+    driven_s: float
+
+    @property
+    def std(self) -> Array:
+        """(2,) standard deviations of (yaw_rad, pitch_rad)."""
+        std: Array = np.sqrt(np.diag(self.covariance))
+        return std
+
+
+def step_between(
+    before: FrameWithLandmarks, after: FrameWithLandmarks, rig: StereoRig
+) -> TravelStep | NotFitted:
+    """Return the step from one frame to the next one.
+
+    Args:
+        before: The first frame.
+        after: The second frame.
+        rig: The rig that both come from.
+
+    Returns:
+        The step, or why there is none: the frames are too far apart, or the motion could not be estimated.
+    """
+    duration_s = after.stamp_s - before.stamp_s
+    if not duration_s <= MOST_STEP_S:
+        return NotFitted("time between two frames", duration_s, Bound.MOST, MOST_STEP_S, "s")
+    if duration_s <= 0.0:
+        return NotFitted("time between two frames", duration_s, Bound.LEAST, 0.0, "s")
+    if before.landmarks is None or after.landmarks is None:
+        return NotFitted("frames with landmarks", 1, Bound.LEAST, 2)
+    motion = estimate_motion(before.landmarks, after.landmarks, rig)
+    if isinstance(motion, NotFitted):
+        return motion
+    way_m = float(np.linalg.norm(motion.moved_m))
+    if way_m > _MOST_STEP_M:
+        return NotFitted("way between two frames", way_m, Bound.MOST, _MOST_STEP_M, "m")
+    return TravelStep(before.stamp_s, duration_s, motion)
+
+
+def steps_of(frames: Iterable[FrameWithLandmarks], rig: StereoRig) -> list[TravelStep]:
+    """Return the steps of a drive.
+
+    Args:
+        frames: Frames with landmarks, in the order of time, refused ones among them.
+        rig: The rig that all come from.
+    """
+    steps = (step_between(before, after, rig) for before, after in pairwise(frames))
+    return [step for step in steps if not isinstance(step, NotFitted)]
+
+
+def ahead_only(steps: Iterable[TravelStep]) -> list[TravelStep]:
+    """Return the steps in which the car drives ahead."""
+    return [step for step in steps if step.way_m >= _LEAST_STEP_M]
+
+
+def estimate_travel(steps: Sequence[TravelStep]) -> Travel | NotFitted:
+    """Average the direction of travel over a drive.
+
+    Args:
+        steps: The steps, in the order of time.
+
+    Returns:
+        The camera against the direction of travel, or why it is not known: the car has hardly moved.
+    """
+    driven = ahead_only(steps)
+    if len(driven) < _LEAST_STEPS:
+        return NotFitted("steps of a drive", len(driven), Bound.LEAST, _LEAST_STEPS)
+    values = np.array([step.against_travel() for step in driven])
+    noise = np.array([step.noise() for step in driven])
+    curvature = np.array([step.curvature_per_m for step in driven])
+    speed = np.array([step.speed_mps for step in driven])
+    driven_s = float(sum(step.duration_s for step in driven))
+    over = MeanOverTime(driven_s, MEMORY_S)
+    slip = _SLIP_RAD_PER_MPS2 * speed**2 * curvature
+    yaw = mean_over_time(
+        values[:, 0] + _LEVER_M * curvature,
+        noise[:, 0],
+        over.with_scatter(_YAW_SCATTER_RAD),
+        common=slip**2,
+        slope=(-curvature, _LEVER_STD_M),
+    )
+    pitch = mean_over_time(values[:, 1], noise[:, 1], over.with_scatter(_PITCH_SCATTER_RAD))
+    if isinstance(yaw, NotFitted):
+        return yaw
+    if isinstance(pitch, NotFitted):
+        return pitch
+    return Travel(
+        yaw.value,
+        pitch.value,
+        np.diag([yaw.variance, pitch.variance]),
+        int(np.count_nonzero((yaw.weights > 0.0) & (pitch.weights > 0.0))),
+        _LEVER_M + yaw.slope,
+        driven_s,
+    )

@@ -1,0 +1,148 @@
+"""Yaw of the right camera, the vergence, from a drive: by the direction of travel, and by the parallax.
+
+A right camera that has turned about the vertical makes all disparities wrong by the same number. The surface of
+the road then seems to have another pitch. The direction of travel needs no disparity: in the mean a car drives
+along its road, and what the pitch over the surface differs from that against the direction of travel tells the
+turn. The parallax of each step tells it again: far and near points show it differently.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ..camera.rig import StereoRig
+from ..geometry.plane import jacobian_pose_wrt_plane, plane_from_pose
+from ..geometry.pose import Extrinsics
+from ..rejection import Bound, NotFitted
+from ..road.priors import RECTIFICATION_STD_PX
+from ..types import Array
+from .mean_over_time import MeanOverTime, mean_over_time
+from .travel import MEMORY_S, TravelStep, ahead_only
+
+# Slope of the road in view against that under the car: crests and dips change it by a third of a degree (RMS)
+# over some car's lengths (single frames of recorded drives), and average out along the road.
+_SLOPE_STD_RAD, _SLOPE_MEMORY_M = math.radians(0.3), 20.0
+# Both pitches follow the motion of the car on its suspension. What remains is how it heaves in between.
+_SAME_TIME_S = 0.5
+_LEAST_POSES, _LEAST_STEPS = 3, 3
+# Points of the same objects tell the parallax for about so long, with the same errors.
+_PARALLAX_MEMORY_S = 1.0
+_PARALLAX_SCATTER_RAD = math.radians(0.02)  # of single steps, beyond their noise: recorded drives
+_SLOWEST_MPS = 1.0
+
+
+class PoseAtTime(Protocol):
+    """What is used of an accepted frame."""
+
+    @property
+    def stamp_s(self) -> float:
+        """Time stamp [s]."""
+
+    @property
+    def extrinsics(self) -> Extrinsics | None:
+        """The pose over the road."""
+
+
+@dataclass(frozen=True, slots=True)
+class RightYaw:
+    """Yaw of the right camera.
+
+    Attributes:
+        yaw_rad: The yaw [rad], > 0: farther left than the rig has it.
+        std_rad: Its standard deviation [rad].
+        n: Number of measurements that agree.
+    """
+
+    yaw_rad: float
+    std_rad: float
+    n: int
+
+
+def pitch_by_right_yaw(rig: StereoRig, pose: Extrinsics) -> float:
+    """Return the change of the pitch over the surface by the yaw of the right camera [rad/rad].
+
+    Args:
+        rig: Intrinsics and baseline.
+        pose: Pose over the road.
+    """
+    # A right camera that looks farther left sees its content farther right: disparities are smaller.
+    return -rig.fx * float(jacobian_pose_wrt_plane(plane_from_pose(pose, rig), rig)[1, 0])
+
+
+def vergence_of_travel(
+    steps: Sequence[TravelStep],
+    poses: Sequence[PoseAtTime],
+    rig: StereoRig,
+    pitch_std_rad: Sequence[float] | None = None,
+) -> RightYaw | NotFitted:
+    """Return the yaw of the right camera for which the road lies along the direction of travel, in the mean.
+
+    Args:
+        steps: Steps of the drive, in the order of time.
+        poses: Accepted frames of the same drive, whose poses rest on the surface of the road.
+        rig: Intrinsics and baseline.
+        pitch_std_rad: Standard deviations of their pitch by noise, without the unknowns of the rig; None where
+            they do not matter beside the slopes of the road.
+    """
+    driven = ahead_only(steps)
+    located = [(pose.stamp_s, pose.extrinsics) for pose in poses if pose.extrinsics is not None]
+    if len(located) != len(poses):
+        return NotFitted("frames with a pose", len(located), Bound.LEAST, len(poses))
+    if len(driven) < _LEAST_STEPS:
+        return NotFitted("steps of a drive", len(driven), Bound.LEAST, _LEAST_STEPS)
+    differences, variances, slower = [], [], []
+    stds = np.zeros(len(located)) if pitch_std_rad is None else np.asarray(pitch_std_rad, np.float64)
+    times = np.array([step.middle_s for step in driven])
+    pitches = np.array([step.against_travel()[1] for step in driven])
+    noise = np.array([step.noise()[1] for step in driven])
+    speeds = np.array([step.speed_mps for step in driven])
+    for (stamp_s, pose), std in zip(located, stds, strict=True):
+        near = np.abs(times - stamp_s) <= _SAME_TIME_S
+        if not np.any(near):
+            continue
+        information = 1.0 / noise[near]
+        differences.append(pose.pitch_rad - float(pitches[near] @ information) / float(information.sum()))
+        variances.append(std**2 + 1.0 / float(information.sum()))
+        slower.append(float(speeds[near].mean()))
+    if len(differences) < _LEAST_POSES:
+        return NotFitted("poses while the car drives", len(differences), Bound.LEAST, _LEAST_POSES)
+    memory_s = max(MEMORY_S, _SLOPE_MEMORY_M / max(_SLOWEST_MPS, float(np.median(slower))))
+    over = MeanOverTime(_covered_s(driven), memory_s, _SLOPE_STD_RAD)
+    mean = mean_over_time(np.array(differences), np.array(variances), over)
+    if isinstance(mean, NotFitted):
+        return mean
+    middle = Extrinsics.from_array(np.median([pose.as_array() for _, pose in located], axis=0))
+    derivative = pitch_by_right_yaw(rig, middle)
+    rectified = RECTIFICATION_STD_PX / rig.fy  # a direction in the image is not known better
+    std = math.hypot(math.sqrt(mean.variance), rectified) / abs(derivative)
+    return RightYaw(mean.value / derivative, std, int(np.count_nonzero(mean.weights)))
+
+
+def vergence_of_parallax(steps: Sequence[TravelStep], rig: StereoRig) -> RightYaw | NotFitted:
+    """Return the yaw of the right camera that the parallax of the steps tells, in the mean.
+
+    Args:
+        steps: Steps of the drive, in the order of time.
+        rig: Intrinsics and baseline.
+    """
+    driven = ahead_only(steps)
+    if len(driven) < _LEAST_STEPS:
+        return NotFitted("steps of a drive", len(driven), Bound.LEAST, _LEAST_STEPS)
+    yaws: Array = np.array([step.motion.right_yaw_rad for step in driven])
+    noise = np.array([step.motion.covariance[6, 6] for step in driven])
+    over = MeanOverTime(_covered_s(driven), _PARALLAX_MEMORY_S, _PARALLAX_SCATTER_RAD)
+    mean = mean_over_time(yaws, noise, over)
+    if isinstance(mean, NotFitted):
+        return mean
+    std = math.hypot(math.sqrt(mean.variance), RECTIFICATION_STD_PX / rig.fx)
+    return RightYaw(mean.value, std, int(np.count_nonzero(mean.weights)))
+
+
+def _covered_s(steps: Sequence[TravelStep]) -> float:
+    """Return the duration of all steps [s]."""
+    return float(sum(step.duration_s for step in steps))
