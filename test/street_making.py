@@ -59,7 +59,13 @@ def street_pair(rig: StereoRig, place: Place, *, right_yaw_rad=0.0, right_place=
     right_place = right_place or place
     sides = ((place, 0.5, 0.0), (right_place, -0.5, right_yaw_rad))
     return tuple(
-        _image(rig, where.rotation @ rotation(0, 0, yaw), _centre(where) + half * rig.baseline_m * where.rotation[:, 1], noise, rng)
+        _image(
+            rig,
+            where.rotation @ rotation(0, 0, yaw),
+            _centre(where) + half * rig.baseline_m * where.rotation[:, 1],
+            noise,
+            rng,
+        )
         for where, half, yaw in sides
     )
 
@@ -83,7 +89,9 @@ def _image(rig, street_from_body, centre, noise, rng):
             continue
         at = [hit[..., :] @ axis for axis in axes]
         at = [np.where(seen, each, 0.0) for each in at]
-        size = np.maximum(*(np.abs(np.gradient(each, axis=0)) + np.abs(np.gradient(each, axis=1)) for each in at))
+        size = np.maximum(
+            *(np.abs(np.gradient(each, axis=0)) + np.abs(np.gradient(each, axis=1)) for each in at)
+        )
         grey = np.full(u.shape, MEAN)
         for octave, cell_m in enumerate(cells):
             fade = np.clip(2.0 * (1.0 - size / cell_m), 0.0, 1.0)

@@ -41,7 +41,7 @@ class MeanOverTime:
     def of_mean(self) -> float:
         """Variance of the mean over that of a single value, for a correlation that decays exponentially."""
         times = self.duration_s / self.memory_s
-        if times < 1e-3:  # noqa: PLR2004 - the limit for short times
+        if times < 1e-3:
             return 1.0
         return 2.0 / times * (1.0 - (1.0 - math.exp(-times)) / times)
 
@@ -114,9 +114,7 @@ def mean_over_time(
     return Mean(float(solution[0]), float(covariance[0, 0]), by_factor, scatter, weights)
 
 
-def _fit(
-    values: Array, variances: Array, design: Array, prior: Array
-) -> tuple[Array, Array] | NotFitted:
+def _fit(values: Array, variances: Array, design: Array, prior: Array) -> tuple[Array, Array] | NotFitted:
     """Return the robust solution of a linear fit, and the weights of the values."""
 
     def fit(weights: Array, _: float | Array) -> tuple[Array, Array] | NotFitted:
@@ -128,7 +126,10 @@ def _fit(
 
     # What is expected is expected: no outlier is told by a scatter that is smaller.
     found = fit_reweighted(
-        fit, len(values), _REWEIGHTING, lambda residuals: max(1.0, SIGMA_OVER_MAD * upper_median(np.abs(residuals)))
+        fit,
+        len(values),
+        _REWEIGHTING,
+        lambda residuals: max(1.0, SIGMA_OVER_MAD * upper_median(np.abs(residuals))),
     )
     return found if isinstance(found, NotFitted) else (found.solution, found.weights)
 

@@ -221,7 +221,11 @@ def _whitened(before: _Points, after: _Points, state: _State, rig: StereoRig) ->
     inverse[behind] = 0.0
     x, y = q[:, 0] * inverse, q[:, 1] * inverse
     right = after.seen - np.column_stack(
-        [rig.cx + rig.fx * x, rig.cy + rig.fy * y, depth * near * inverse - rig.fx * state.yaw_rad * after.stretch]
+        [
+            rig.cx + rig.fx * x,
+            rig.cy + rig.fy * y,
+            depth * near * inverse - rig.fx * state.yaw_rad * after.stretch,
+        ]
     )
     by_q = np.zeros((len(near), 3, 3))
     by_q[:, 0, 0], by_q[:, 0, 2] = rig.fx * inverse, -rig.fx * x * inverse

@@ -25,7 +25,9 @@ def truth(before, after):
     )
     turned = before.rotation.T @ after.rotation
     # For small turns, the rotation vector is the antisymmetric part.
-    vector = 0.5 * np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]])
+    vector = 0.5 * np.array(
+        [turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]
+    )
     return np.concatenate([vector, moved])
 
 
@@ -63,7 +65,9 @@ def test_errors_are_as_large_as_the_covariance_says():
     for seed in range(40):
         rng = np.random.default_rng(seed)
         found = motion(cloud(rng), RIG, START, AFTER, seed + 1000)
-        error = np.append(np.concatenate([found.turned_rad, found.moved_m]) - truth(START, AFTER), found.right_yaw_rad)
+        error = np.append(
+            np.concatenate([found.turned_rad, found.moved_m]) - truth(START, AFTER), found.right_yaw_rad
+        )
         ratios.append(error / np.sqrt(np.diag(found.covariance)))
     rms = np.sqrt(np.mean(np.square(ratios), axis=0))
     assert np.all((rms > 0.6) & (rms < 1.5)), rms
