@@ -13,6 +13,8 @@ import numpy as np
 from .camera.rig import StereoRig
 from .config import CalibratorConfig
 from .drive.fusion import fuse_frames
+from .drive.rig_alignment import drive_of_rig
+from .drive.travel import SeenLandmarks, TravelStep, step_between
 from .errors import shortened
 from .evidence.camera_yaw import yaw_posterior
 from .evidence.frame_evidence import FrameObservations
@@ -23,6 +25,7 @@ from .lanes.hypotheses import NoPattern, find_hypotheses, unused_lines
 from .lanes.lane_pair import LanePattern
 from .lanes.matching import Matches
 from .numerics.linear import is_covariance
+from .rejection import fitted
 from .results import CalibrationResult, caught, rejected, result_of
 from .search.attempt import Attempt
 from .search.diagnosis import diagnose, not_synchronised
@@ -43,13 +46,15 @@ class Calibrator:
         self.rig = rig
         self.config = config or CalibratorConfig()
         self._accepted: list[CalibrationResult] = []
+        self._steps: list[TravelStep] = []
+        self._previous: SeenLandmarks | None = None
         self._last: CalibrationResult | None = None
         self._lock = threading.Lock()  # of these two; frames are calibrated without it
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy is made from: everything but the lock."""
         with self._lock:
-            state = self.__dict__ | {"_accepted": list(self._accepted)}
+            state = self.__dict__ | {"_accepted": list(self._accepted), "_steps": list(self._steps)}
         del state["_lock"]
         return state
 
@@ -88,21 +93,30 @@ class Calibrator:
             ValueError: It is accepted, and its covariance is not finite and positive definite.
         """
         # The points and lines are dropped: they take as much memory as images, and a bag has many frames.
-        kept = result.slim().copied() if result.accepted else result
+        kept = result.slim().copied() if result.accepted else replace(result, landmarks=None)
         if kept.accepted and (kept.covariance is None or not is_covariance(kept.covariance)):
             raise ValueError(f"the covariance {kept.covariance} of a result is not positive definite")
         with self._lock:
+            previous = self._previous
+        step = None if previous is None else fitted(step_between(previous, result, self.rig))
+        with self._lock:
             if kept.accepted:
                 self._accepted.append(kept)
+            if step is not None:
+                self._steps.append(step)
+            if result.landmarks is not None:
+                self._previous = SeenLandmarks(result.stamp_s, result.landmarks)
             self._last = kept
 
     @property
     def estimate(self) -> CalibrationResult:
         """The accepted frames so far, fused; the last rejection when none was accepted."""
         with self._lock:
-            accepted, last = list(self._accepted), self._last
+            accepted, steps, last = list(self._accepted), list(self._steps), self._last
         if accepted:
-            return fuse_frames(accepted, self.rig).copied()
+            told = drive_of_rig(accepted, steps, self.rig)
+            fused = fuse_frames(accepted, self.rig).copied()
+            return replace(fused, alignment=told.alignment, travel=told.travel, delay=told.delay)
         return rejected(frame_checks.no_frames()) if last is None else last
 
     def calibrate_frame(self, left: Image, right: Image, stamp_s: float = 0.0) -> CalibrationResult:
@@ -129,7 +143,8 @@ class Calibrator:
             cause = diagnose(refusal, lines, pattern, frame, self.rig, self.config)
             cause = not_synchronised(cause, chosen, frame, self.rig)
             result = replace(result, rejection=cause, message=cause.message, pattern=pattern)
-        result = replace(result, alignment=_alignment(frame, chosen, self.rig))
+        alignment = _alignment(frame, chosen, self.rig)
+        result = replace(result, alignment=alignment, landmarks=frame.turn.landmarks)
         if chosen is None:
             result = _with_what_was_seen(result, lines.matches, frame)
         return replace(result, unused_lines=unused_lines(lines, result.pattern, result.lane_line))

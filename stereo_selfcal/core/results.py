@@ -6,11 +6,13 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
+from .estimators.landmarks import Landmarks
 from .evidence.road_surface import SurfaceCells
 from .evidence.synchronisation import Lateness
 from .faults import Fault
 from .geometry.alignment import Alignment
 from .geometry.pose import Extrinsics
+from .geometry.travel import RightDelay, Travel
 from .geometry.uncertainty import UncertaintyTerm
 from .lanes.lane_pair import ImageLine, LanePattern
 from .numerics.genetic import GeneticResult
@@ -45,6 +47,9 @@ class CalibrationResult:
             rejected.
         alignment: How the right camera is turned against where the rig has it; None where
             the images were not looked at.
+        landmarks: Points of this frame that the next one may see again; None of fused results.
+        travel: The camera against the direction of travel, over several frames; None where it is not known.
+        delay: When right images are taken, against the left ones, over several frames; None where unknown.
         lateness: The way of the car between both images; None where the road does not tell it.
         attempts: Every hypothesis that was solved for this frame, in order; empty when several are fused.
         confirmed_by_texture: Whether the texture of the road surface has confirmed the lines.
@@ -73,6 +78,9 @@ class CalibrationResult:
     attempts: tuple[Attempt, ...] = ()
     alignment: Alignment | None = None
     lateness: Lateness | None = None
+    landmarks: Landmarks | None = None
+    travel: Travel | None = None
+    delay: RightDelay | None = None
     confirmed_by_texture: bool = False
     fault: Fault | None = None
 
@@ -111,7 +119,7 @@ class CalibrationResult:
 
     def slim(self) -> CalibrationResult:
         """Return the result without its points and lines, which take as much memory as an image."""
-        return replace(self.without_pictures(), genetic=None, attempts=())
+        return replace(self.without_pictures(), genetic=None, attempts=(), landmarks=None)
 
     def drawn_as(self, frame: CalibrationResult) -> CalibrationResult:
         """Return the result with the lines and the road surface of one frame, to draw it over that frame.

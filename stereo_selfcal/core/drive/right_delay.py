@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from ..camera.rig import StereoRig
+from ..geometry.travel import RightDelay
 from ..numerics.linear import invert, solve_linear
 from ..numerics.robust import Reweighting, fit_reweighted
 from ..numerics.statistics import SIGMA_OVER_MAD, upper_median
@@ -28,30 +28,6 @@ _LEAST_FRAMES = 3
 # Prior of the delay: that of a frame at 10 Hz, and so none where anything is measured.
 _DELAY_STD_S = 0.1
 _DETERMINED = "numbers of the delay that the frames determine"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RightDelay:
-    """When the right images are taken, against the left ones of the same stamps.
-
-    Attributes:
-        delay_s: How much later [s].
-        offset_m: How much farther ahead the right camera sits than the rig has it [m].
-        covariance: (2, 2) of (delay_s, offset_m), with the prior of the offset. At constant speed both are
-            correlated: the sum ``offset_m + speed * delay_s`` is known better than either.
-        n_frames: Number of frames that agree.
-    """
-
-    delay_s: float
-    offset_m: float
-    covariance: Array
-    n_frames: int
-
-    @property
-    def std(self) -> Array:
-        """(2,) standard deviations of (delay_s, offset_m)."""
-        std: Array = np.sqrt(np.diag(self.covariance))
-        return std
 
 
 def fit_delay(

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..camera.rig import StereoRig
 from ..estimators.landmarks import Landmarks
+from ..geometry.travel import Travel
 from ..rejection import Bound, NotFitted
 from ..types import Array
 from .mean_over_time import MeanOverTime, mean_over_time
@@ -50,6 +51,19 @@ class FrameWithLandmarks(Protocol):
     @property
     def landmarks(self) -> Landmarks | None:
         """Landmarks; None where the frame was not looked at."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenLandmarks:
+    """The landmarks of a frame, without its result.
+
+    Attributes:
+        stamp_s: Time stamp [s].
+        landmarks: The landmarks.
+    """
+
+    stamp_s: float
+    landmarks: Landmarks | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,33 +119,6 @@ class TravelStep:
         by_pitch[[1, 5]] = half, 1.0
         covariance = self.motion.covariance
         return np.array([by @ covariance @ by for by in (by_yaw, by_pitch)]) / self.way_m**2
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Travel:
-    """The camera against the direction of travel.
-
-    Attributes:
-        yaw_rad: Yaw [rad], > 0: the camera points left of the direction of travel.
-        pitch_rad: Pitch [rad], > 0: nose down against it.
-        covariance: (2, 2) of (yaw_rad, pitch_rad).
-        n_steps: Number of steps that agree.
-        lever_m: How far ahead of the rear axle the camera seems to be, by what it does in bends [m].
-        driven_s: Duration of all steps [s].
-    """
-
-    yaw_rad: float
-    pitch_rad: float
-    covariance: Array
-    n_steps: int
-    lever_m: float
-    driven_s: float
-
-    @property
-    def std(self) -> Array:
-        """(2,) standard deviations of (yaw_rad, pitch_rad)."""
-        std: Array = np.sqrt(np.diag(self.covariance))
-        return std
 
 
 def step_between(

@@ -17,6 +17,7 @@ import numpy as np
 
 from ..camera.rig import StereoRig
 from ..estimators.dense_disparity import DenseDisparities
+from ..estimators.landmarks import Landmarks, describe_points
 from ..estimators.matched_points import match_points
 from ..estimators.row_alignment import RowAlignment, align_rows
 from ..geometry.alignment import optical_rotation
@@ -43,6 +44,7 @@ class CameraTurn:
         covariance: (2, 2) of both.
         distortion_px: Standard deviation of the smooth error that no turn explains [px].
         points: What points all over both images tell; None where they show too few.
+        landmarks: These points, so that another frame can find them again; None without any.
         lacking: Why the rows were not compared; None where they were.
         corrected: Whether the right image was turned back by it.
     """
@@ -52,6 +54,7 @@ class CameraTurn:
     covariance: Array
     distortion_px: float = RECTIFICATION_STD_PX
     points: RowAlignment | None = None
+    landmarks: Landmarks | None = None
     lacking: NotFitted | None = None
     corrected: bool = False
 
@@ -111,7 +114,10 @@ def measure_turn(
         disparities: Dense disparities of the left image.
         coarse: Pose over the road that these tell; None where they show none.
     """
-    by_points = align_rows(match_points(images, disparities), rig)
+    points = match_points(images, disparities)
+    by_points = align_rows(points, rig)
+    ahead = 0.0 if isinstance(by_points, NotFitted) else by_points.ahead
+    landmarks = describe_points(images[0], points, ahead)
     told = [] if isinstance(by_points, NotFitted) else [CameraTurn.of_points(by_points)]
     clear = bool(told) and bool(np.all(told[0].std_rad < CALIBRATED_TURN_STD_RAD[:2]))
     if not clear and coarse is not None:
@@ -119,8 +125,8 @@ def measure_turn(
         if not isinstance(on_road, NotFitted):
             told.append(CameraTurn.of_offset(on_road, rig))
     if isinstance(by_points, NotFitted) and not told:
-        return CameraTurn.unknown(by_points)
-    return _with_prior(told)
+        return replace(CameraTurn.unknown(by_points), landmarks=landmarks)
+    return replace(_with_prior(told), landmarks=landmarks)
 
 
 def _with_prior(told: Sequence[CameraTurn]) -> CameraTurn:

@@ -1,0 +1,101 @@
+"""The alignment of the right camera over a drive: that of its frames, the direction of travel, the parallax."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..camera.rig import StereoRig
+from ..geometry.alignment import Alignment
+from ..geometry.travel import RightDelay, Travel
+from ..rejection import NotFitted, fitted
+from ..results import CalibrationResult
+from .mean_over_time import MeanOverTime, mean_over_time
+from .right_delay import fit_delay, speeds_at
+from .travel import TravelStep, estimate_travel
+from .travel_vergence import vergence_of_parallax, vergence_of_travel
+
+# Half of the variance of a frame's angle is noise of its own. The other half lasts: what things beside the
+# road, lens and paint do to rows and lines is the same in frames that see the same.
+_LASTING_PART = 0.5
+_MEMORY_S = 10.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DriveOfRig:
+    """What the motion between the frames of a drive tells.
+
+    Attributes:
+        alignment: How the right camera is turned; None where no frame tells it.
+        travel: The camera against the direction of travel; None where the car has hardly moved.
+        delay: When right images are taken, against the left ones; None where too few frames tell it.
+    """
+
+    alignment: Alignment | None
+    travel: Travel | None
+    delay: RightDelay | None
+
+
+def drive_of_rig(
+    frames: Sequence[CalibrationResult], steps: Sequence[TravelStep], rig: StereoRig
+) -> DriveOfRig:
+    """Return what a drive tells of the rig.
+
+    Args:
+        frames: Accepted frames, in the order of time.
+        steps: Steps between frames of the same drive, in the order of time.
+        rig: The rig that all come from.
+    """
+    return DriveOfRig(
+        _alignment(frames, steps, rig), fitted(estimate_travel(steps)), _delay(frames, steps, rig)
+    )
+
+
+def _alignment(
+    frames: Sequence[CalibrationResult], steps: Sequence[TravelStep], rig: StereoRig
+) -> Alignment | None:
+    """Return the robust mean of the frames' alignments; the yaw by travel and parallax, too."""
+    told = [(frame.stamp_s, frame.alignment) for frame in frames if frame.alignment is not None]
+    if not told:
+        return None
+    duration_s = max(told[-1][0] - told[0][0], 0.0)
+    values = np.array([each.as_array() for _, each in told])
+    variances = np.array([np.diag(each.covariance) for _, each in told])
+    over = MeanOverTime(duration_s, _MEMORY_S)
+    means, of_means = np.zeros(3), np.zeros(3)
+    for index in range(3):
+        lasting = _LASTING_PART * variances[:, index]
+        mean = mean_over_time(values[:, index], variances[:, index] - lasting, over, common=lasting)
+        if isinstance(mean, NotFitted):
+            return told[-1][1]
+        means[index], of_means[index] = mean.value, mean.variance
+    by_drive = [
+        each
+        for each in (
+            vergence_of_travel(steps, [each for each in frames if each.confirmed_by_texture], rig),
+            vergence_of_parallax(steps, rig),
+        )
+        if not isinstance(each, NotFitted)
+    ]
+    yaws = np.array([means[2], *(each.yaw_rad for each in by_drive)])
+    information = np.array([of_means[2], *(each.std_rad**2 for each in by_drive)]) ** -1.0
+    yaw = float(yaws @ information / information.sum())
+    # Where they contradict each other, the scatter tells how much either is to be believed (Birge, 1932).
+    chi2 = float(information @ (yaws - yaw) ** 2) / max(1, len(yaws) - 1)
+    variance = max(1.0, chi2) / float(information.sum())
+    return Alignment(float(means[0]), float(means[1]), yaw, np.diag([of_means[0], of_means[1], variance]))
+
+
+def _delay(
+    frames: Sequence[CalibrationResult], steps: Sequence[TravelStep], rig: StereoRig
+) -> RightDelay | None:
+    """Return the delay of the right images, by the way of the car between both images of each frame."""
+    told = [(frame.stamp_s, frame.lateness) for frame in frames if frame.lateness is not None]
+    if not told or not steps:
+        return None
+    # A right image that is taken earlier is one of a camera that sits farther back.
+    ahead = [-late.way_m for _, late in told]
+    stds = [late.std_m for _, late in told]
+    return fitted(fit_delay(ahead, stds, speeds_at([stamp_s for stamp_s, _ in told], steps), rig))

@@ -1,0 +1,60 @@
+"""What the motion of a car tells of its cameras, as values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..types import Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Travel:
+    """The camera against the direction of travel.
+
+    Attributes:
+        yaw_rad: Yaw [rad], > 0: the camera points left of the direction of travel.
+        pitch_rad: Pitch [rad], > 0: nose down against it.
+        covariance: (2, 2) of (yaw_rad, pitch_rad).
+        n_steps: Number of steps that agree.
+        lever_m: How far ahead of the rear axle the camera seems to be, by what it does in bends [m].
+        driven_s: Duration of all steps [s].
+    """
+
+    yaw_rad: float
+    pitch_rad: float
+    covariance: Array
+    n_steps: int
+    lever_m: float
+    driven_s: float
+
+    @property
+    def std(self) -> Array:
+        """(2,) standard deviations of (yaw_rad, pitch_rad)."""
+        std: Array = np.sqrt(np.diag(self.covariance))
+        return std
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RightDelay:
+    """When the right images are taken, against the left ones of the same stamps.
+
+    Attributes:
+        delay_s: How much later [s].
+        offset_m: How much farther ahead the right camera sits than the rig has it [m].
+        covariance: (2, 2) of (delay_s, offset_m), with the prior of the offset. At constant speed both are
+            correlated: the sum ``offset_m + speed * delay_s`` is known better than either.
+        n_frames: Number of frames that agree.
+    """
+
+    delay_s: float
+    offset_m: float
+    covariance: Array
+    n_frames: int
+
+    @property
+    def std(self) -> Array:
+        """(2,) standard deviations of (delay_s, offset_m)."""
+        std: Array = np.sqrt(np.diag(self.covariance))
+        return std
