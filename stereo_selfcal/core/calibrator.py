@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 
 from .camera.rig import StereoRig
-from .config import CalibratorConfig
+from .config import CORRECT_ALL, CalibratorConfig
 from .drive.fusion import fuse_frames
 from .drive.rig_alignment import drive_of_rig
 from .drive.travel import SeenLandmarks, TravelStep, step_between
 from .errors import shortened
-from .evidence.camera_yaw import yaw_posterior
 from .evidence.frame_evidence import FrameObservations
 from .evidence.road_surface import SurfaceCells
 from .geometry.alignment import Alignment
@@ -135,6 +134,12 @@ class Calibrator:
         if turn is not None:
             frame = FrameObservations.from_images((left, right), self.rig, self.config, turn)
             search, attempts = self._search(frame)
+        if self.config.alignment.correct == CORRECT_ALL:
+            yaw = _as_told(frame, choose(attempts)).yaw_left(self.rig)
+            frame = FrameObservations.from_images(
+                (left, right), self.rig, self.config, frame.turn, yaw.yaw_rad
+            )
+            search, attempts = self._search(frame)
         chosen = choose(attempts)
         result = result_of(chosen, attempts, stamp_s)
         lines = search.lines
@@ -177,12 +182,17 @@ class Calibrator:
 
 def _alignment(frame: FrameObservations, chosen: Attempt | None, rig: StereoRig) -> Alignment:
     """Return how the right camera is turned: by the rows, and by all that tells its yaw."""
-    told = frame.yaw_told if chosen is None or not chosen.yaw_told else chosen.yaw_told
-    yaw = yaw_posterior(told, frame.far, rig, calibrated=False)
+    yaw = _as_told(frame, chosen).yaw_left(rig, calibrated=False)
     covariance = np.zeros((3, 3))
     covariance[:2, :2] = frame.turn.covariance
     covariance[2, 2] = yaw.std_rad**2
-    return Alignment(frame.turn.pitch_rad, frame.turn.roll_rad, yaw.yaw_rad, covariance)
+    whole_yaw = frame.yaw_corrected_rad + yaw.yaw_rad
+    return Alignment(frame.turn.pitch_rad, frame.turn.roll_rad, whole_yaw, covariance)
+
+
+def _as_told(frame: FrameObservations, chosen: Attempt | None) -> FrameObservations:
+    """Return the observations with what the lines of the chosen attempt tell of the yaw."""
+    return frame if chosen is None or not chosen.yaw_told else replace(frame, yaw_told=chosen.yaw_told)
 
 
 def _with_what_was_seen(

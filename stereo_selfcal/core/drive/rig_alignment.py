@@ -1,4 +1,4 @@
-"""The alignment of the right camera over a drive: that of its frames, the direction of travel, the parallax."""
+"""The alignment of the right camera over a drive: by its frames, the direction of travel and the parallax."""
 
 from __future__ import annotations
 

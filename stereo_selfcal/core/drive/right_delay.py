@@ -27,6 +27,8 @@ _REWEIGHTING = Reweighting(rounds=4, absolute_rounds=2)
 _LEAST_FRAMES = 3
 # Prior of the delay: that of a frame at 10 Hz, and so none where anything is measured.
 _DELAY_STD_S = 0.1
+# Rows that are off by a tenth of a pixel move the road by a centimetre or two along the way.
+_OFFSET_STD_M = 0.02
 _DETERMINED = "numbers of the delay that the frames determine"
 
 
@@ -51,7 +53,8 @@ def fit_delay(
     if len(ahead) < _LEAST_FRAMES:
         return NotFitted("frames whose speed is known", len(ahead), Bound.LEAST, _LEAST_FRAMES)
     design = np.column_stack([speed, np.ones(len(speed))])
-    prior = np.diag([_DELAY_STD_S**-2.0, (BASELINE_DIRECTION_STD_RAD * rig.baseline_m) ** -2.0])
+    offset_std_m = math.hypot(BASELINE_DIRECTION_STD_RAD * rig.baseline_m, _OFFSET_STD_M)
+    prior = np.diag([_DELAY_STD_S**-2.0, offset_std_m**-2.0])
     scaled = design / std[:, None]
 
     def fit(weights: Array, _: float | Array) -> tuple[Array, Array] | NotFitted:

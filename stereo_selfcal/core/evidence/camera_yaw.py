@@ -133,7 +133,12 @@ def _meeting_column(first: ImageLine, second: ImageLine) -> tuple[float, float]:
 
 
 def yaw_posterior(
-    told: Sequence[YawTold], far: FarDisparity | None, rig: StereoRig, *, calibrated: bool
+    told: Sequence[YawTold],
+    far: FarDisparity | None,
+    rig: StereoRig,
+    *,
+    calibrated: bool,
+    corrected_rad: float = 0.0,
 ) -> YawTold:
     """Return the yaw by all that tells it.
 
@@ -143,11 +148,12 @@ def yaw_posterior(
         rig: Intrinsics and baseline.
         calibrated: Whether the prior is that of calibrated pairs, of which few have turned by much since;
             else all angles are equally probable, up to where a pair can be matched at all.
+        corrected_rad: The yaw of which the images are free already [rad].
 
     Returns:
-        Mean and standard deviation.
+        Mean and standard deviation of the yaw that is left in the images.
     """
-    grid = _grid(told)
+    grid = _grid(told, corrected_rad)
     likelihood = np.ones(len(grid))
     for each in told:
         seen = _normal(grid - each.yaw_rad, each.std_rad)
@@ -155,20 +161,20 @@ def yaw_posterior(
     if far is not None:
         likelihood *= _likelihood_of_far(far, rig, grid)
     if calibrated:
-        likelihood *= (1.0 - TURNED_PART) * _normal(grid, VERGENCE_STD_RAD) + TURNED_PART * _normal(
-            grid, TURNED_STD_RAD
-        )
+        whole = grid + corrected_rad
+        usual, turned = _normal(whole, VERGENCE_STD_RAD), _normal(whole, TURNED_STD_RAD)
+        likelihood *= (1.0 - TURNED_PART) * usual + TURNED_PART * turned
     weights = likelihood * np.gradient(grid)
     weights /= weights.sum()
     mean = float(weights @ grid)
     return YawTold(mean, math.sqrt(float(weights @ (grid - mean) ** 2)))
 
 
-def _grid(told: Sequence[YawTold]) -> Array:
+def _grid(told: Sequence[YawTold], corrected_rad: float) -> Array:
     """Return angles, in order, that are close together where the probability may be."""
     reach = np.geomspace(_CLOSEST, 1.0, _POINTS // 2)
     steps = np.concatenate([-reach[::-1], [0.0], reach]) * 2.0 * MOST_TURN_RAD
-    centres = [0.0, *(min(max(each.yaw_rad, -MOST_TURN_RAD), MOST_TURN_RAD) for each in told)]
+    centres = [0.0, -corrected_rad, *(min(max(each.yaw_rad, -MOST_TURN_RAD), MOST_TURN_RAD) for each in told)]
     # A narrow likelihood needs points within it.
     narrow = [each.yaw_rad + each.std_rad * np.linspace(-6.0, 6.0, _POINTS) for each in told]
     grid = np.unique(np.concatenate([*(centre + steps for centre in centres), *narrow]))

@@ -55,6 +55,7 @@ class FrameObservations:
         turn: Pitch and roll of the right camera, of which the images are free.
         rig_std: Standard deviations of what remains unknown of the rig.
         yaw_told: The yaw of the right camera, by rows and lines.
+        yaw_corrected_rad: The yaw of which the images are free [rad].
     """
 
     images: tuple[Image, Image]
@@ -65,6 +66,7 @@ class FrameObservations:
     turn: CameraTurn = _ROWS_NOT_COMPARED
     rig_std: RigStd = CALIBRATED
     yaw_told: tuple[YawTold, ...] = ()
+    yaw_corrected_rad: float = 0.0
 
     @classmethod
     def from_images(
@@ -73,6 +75,7 @@ class FrameObservations:
         rig: StereoRig,
         config: CalibratorConfig,
         turn: CameraTurn | None = None,
+        yaw_rad: float = 0.0,
     ) -> FrameObservations:
         """Return the observations of a frame.
 
@@ -81,6 +84,7 @@ class FrameObservations:
             rig: Intrinsics and baseline.
             config: Settings.
             turn: Pitch and roll of the right camera where they are known; None to measure them.
+            yaw_rad: The yaw of the right camera that is to be corrected [rad].
         """
         surface, coarse = None, None
         if config.texture.check or config.alignment.correct != CORRECT_NOTHING:
@@ -89,15 +93,18 @@ class FrameObservations:
             pose = None if coarse is None else coarse.extrinsics
             turn = turn or measure_turn(images, rig, disparities, pose)
             if config.alignment.correct != CORRECT_NOTHING:
-                images, turn = turned_back(images, rig, turn)
+                images, turn = turned_back(images, rig, turn, yaw_rad)
             surface = find_road_surface(images, rig, found) if config.texture.check else None
         turn = turn or _ROWS_NOT_COMPARED
         first_row = _first_row(surface, rig)
         left, right = (find_stripe_points(image, config.extraction, first_row) for image in images)
         far = None if coarse is None else fitted(far_disparity(images, rig, coarse.extrinsics))
         clipped = clipped_share(images)
-        told = None if turn.points is None else YawTold(*turn.points.yaw)
-        frame = cls(images, (left, right), clipped, surface, far, turn)
+        told = None
+        if turn.points is not None:
+            by_rows_rad, std_rad = turn.points.yaw
+            told = YawTold(by_rows_rad - yaw_rad, std_rad)
+        frame = cls(images, (left, right), clipped, surface, far, turn, yaw_corrected_rad=yaw_rad)
         return frame.with_yaw(told, rig)
 
     def with_yaw(self, told: YawTold | None, rig: StereoRig) -> FrameObservations:
@@ -108,8 +115,18 @@ class FrameObservations:
             rig: Intrinsics and baseline.
         """
         all_told = self.yaw_told if told is None else (*self.yaw_told, told)
-        yaw = yaw_posterior(all_told, self.far, rig, calibrated=True)
-        return replace(self, yaw_told=all_told, rig_std=self.turn.rig_std(yaw.rms_rad))
+        left = replace(self, yaw_told=all_told)
+        return replace(left, rig_std=self.turn.rig_std(left.yaw_left(rig).rms_rad))
+
+    def yaw_left(self, rig: StereoRig, *, calibrated: bool = True) -> YawTold:
+        """Return the yaw of the right camera that is left in the images, by all that tells it.
+
+        Args:
+            rig: Intrinsics and baseline.
+            calibrated: Whether the prior is that of calibrated pairs; else all angles are equally probable.
+        """
+        corrected = self.yaw_corrected_rad
+        return yaw_posterior(self.yaw_told, self.far, rig, calibrated=calibrated, corrected_rad=corrected)
 
 
 def _first_row(surface: RoadSurface | None, rig: StereoRig) -> int:
