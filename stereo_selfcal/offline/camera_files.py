@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from ..bags import BagError
 from ..core.camera.camera_info_checks import check_claim
 from ..core.camera.rectifier import StereoRectifier
-from ..core.camera.rotations import turn_deg
 from ..core.errors import RigError, printable
 from ..files.camera_info_file import read_camera_info_file
 
@@ -57,14 +54,7 @@ def check_topics(
 
 def turn_note(cameras: StereoRectifier) -> tuple[str, ...]:
     """Return a sentence about the turn of rectified images by their CameraInfo, none where there is none."""
-    if not cameras.turned:
-        return ()
-    turned = [camera for camera in cameras.cameras or () if camera.is_turned]
-    named = " and ".join(
-        f"the {camera.side} images by {turn_deg(np.array(camera.r).reshape(3, 3)):.3f} deg"
-        for camera in turned
-    )
-    return (f"the CameraInfo is a corrected one: its R turns {named}",)
+    return (f"the CameraInfo is a corrected one: {cameras.turn_text}",) if cameras.turned else ()
 
 
 def _named(files: tuple[Path, Path]) -> str:

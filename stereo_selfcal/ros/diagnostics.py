@@ -101,7 +101,7 @@ class CameraInfoReport:
     """The cameras, as far as they are known.
 
     Attributes:
-        source: "CameraInfo", or "parameters rig.*".
+        source: "CameraInfo", or "parameters rig.*"; with what R turns, where it is a corrected CameraInfo.
         rig: The rig, None as long as it is not known.
         missing: Sentence about each CameraInfo that has not come yet, "" when both have.
         faults: Sentences about what is invalid.

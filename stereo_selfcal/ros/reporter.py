@@ -161,7 +161,7 @@ class DiagnosticsReporter:
         formats = self._source.formats.items()
         sizes = {side: (found.width, found.height) for side, found in formats if found.is_raw}
         return CameraInfoReport(
-            source,
+            f"{source}, {rectifier.turn_text}" if rectifier.turned else source,
             rectifier.rig,
             faults=tuple(map(str, rectifier.size_faults(sizes.get("left"), sizes.get("right")))),
             doubts=tuple(map(str, rectifier.doubts)),

@@ -100,6 +100,8 @@ def test_corrected_camera_info_is_published_and_taken(start, measured):
     assert answer.success, answer.message
     found = node.node.get_parameter("extrinsics.pitch_rad").value
     assert found == pytest.approx(expected, abs=np.radians(0.02))
+    source = node.selfcal._reporter.snapshot().camera_info.source
+    assert source == "CameraInfo, R turns the right images by 0.245 deg"
 
 
 def test_without_a_correction_camera_info_is_published_as_it_came(start, monkeypatch):

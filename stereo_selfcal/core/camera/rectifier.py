@@ -24,6 +24,7 @@ from .pair_geometry import is_corrected, pair_geometry
 from .plain_camera_info import PlainCameraInfo
 from .rig import StereoRig
 from .rig_checks import Finding, check_focal_length, check_possible, find_unusual_rig
+from .rotations import turn_deg
 
 Maps = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
 
@@ -139,6 +140,20 @@ class StereoRectifier:
             return self.rig == other.rig and self.cameras is other.cameras
         mine, theirs = ([camera.used for camera in each.cameras or ()] for each in (self, other))
         return self.raw == other.raw and mine == theirs
+
+    @property
+    def turn_text(self) -> str:
+        """Which rectified images R turns, and by how much; "" where it turns none."""
+        if not (self.turned and self.cameras):
+            return ""
+        angles_deg = {
+            camera.side: turn_deg(np.array(camera.r).reshape(3, 3))
+            for camera in self.cameras
+            if camera.is_turned
+        }
+        return "R turns " + " and ".join(
+            f"the {side} images by {a:.3f} deg" for side, a in angles_deg.items()
+        )
 
     def apply(self, left: Image, right: Image) -> tuple[Image, Image]:
         """Return the images of the rectified rig.

@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from ..errors import RigError, printable, shortened
-from .camera_info import CameraModel
-from .pair_geometry import pair_geometry, projections_differ
+from .camera_info import CameraInfoError, CameraModel, InfoReason
+from .pair_geometry import is_corrected, pair_geometry, projections_differ
 
 _LONGEST_KEY = 40  # letters that are shown of an unknown one
 
@@ -86,13 +86,19 @@ class StereoRig:
         Raises:
             CameraInfoError: A camera is uncalibrated (P[0] = 0), the sizes differ, the pair is
                 not rectified to one projection matrix, or the baseline is zero, negative or impossible for a
-                vehicle. Where only cx differs, use
+                vehicle. Where only cx differs, or R still turns the images, use
                 :class:`~stereo_selfcal.core.camera.rectifier.StereoRectifier`.
         """
         cameras = CameraModel.read(left, "left"), CameraModel.read(right, "right")
         pair = pair_geometry(*cameras)
         if pair.shift_px:
             raise projections_differ(*cameras, "cx", 2)
+        if is_corrected(*cameras):
+            raise CameraInfoError(
+                InfoReason.ROTATION_NOT_APPLIED,
+                "R of the CameraInfo turns the images of a camera that has turned since it was calibrated: "
+                "use StereoRectifier.from_camera_info, whose apply() turns them",
+            )
         return cls.of_camera(cameras[0], pair.baseline_m)
 
     @classmethod

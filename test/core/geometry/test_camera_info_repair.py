@@ -10,7 +10,8 @@ import pytest
 from independent_camera import OPTICAL_FROM_BODY, turn
 from independent_lens import raw_image, raw_pixel
 
-from stereo_selfcal.core.camera.camera_info import CameraModel, InfoReason
+from stereo_selfcal import StereoRig
+from stereo_selfcal.core.camera.camera_info import CameraInfoError, CameraModel, InfoReason
 from stereo_selfcal.core.camera.camera_info_checks import check_claim
 from stereo_selfcal.core.camera.plain_camera_info import PlainCameraInfo
 from stereo_selfcal.core.camera.rectifier import StereoRectifier, rectification_maps
@@ -298,3 +299,18 @@ def test_region_and_binning_stay_and_hold_for_the_corrected_pair():
     expected = rectification_maps(CameraModel.read(plain.right, "right"), tuple(plain.left.p))
     found = rectification_maps(rectifier.cameras[1], rectifier.cameras[0].p)
     np.testing.assert_allclose(found, expected, atol=1e-3)
+
+
+def test_a_rig_alone_cannot_turn_images_and_says_what_can():
+    pair = repair_camera_info(*PlainCameraInfo.of_rig(RIG), alignment())
+    with pytest.raises(CameraInfoError, match="use StereoRectifier") as caught:
+        StereoRig.from_camera_info(pair.left, pair.right)
+    assert caught.value.reason is InfoReason.ROTATION_NOT_APPLIED
+    assert StereoRig.from_camera_info(*pair.originals) == RIG
+
+
+def test_the_turn_is_told():
+    pair = repair_camera_info(*PlainCameraInfo.of_rig(RIG), alignment((0.0, 0.0, 0.25)))
+    rectifier = StereoRectifier.from_camera_info(pair.left, pair.right)
+    assert rectifier.turn_text == "R turns the right images by 0.250 deg"
+    assert StereoRectifier.of_rig(RIG).turn_text == ""
