@@ -124,7 +124,7 @@ def surface_of(pose, terms):
     return TextureFit(pose, terms, quality, PLANE, nothing, nothing, nothing, nothing)
 
 
-RIGHT_RIG = np.zeros((3, 4))  # a rig of which everything is known
+RIGHT_RIG = np.zeros((3, 5))  # a rig of which everything is known
 
 
 def test_mean_lies_nearer_to_the_surer_and_is_surer_than_both():
@@ -166,7 +166,7 @@ def test_terms_of_both_are_weighted_and_what_contradicts_is_one_more():
 
 
 def responses(rng):
-    return np.diag([1e-2, 1e-3, 1e-2]) @ rng.standard_normal((3, 4))
+    return np.diag([1e-2, 1e-3, 1e-2]) @ rng.standard_normal((3, 5))
 
 
 def test_unknowns_of_the_rig_are_estimated_with_the_pose():
@@ -184,7 +184,7 @@ def test_unknowns_of_the_rig_are_estimated_with_the_pose():
     both = np.block([[np.eye(3), of_lines], [np.eye(3), of_surface]])
     weights = np.zeros((6, 6))
     weights[:3, :3], weights[3:, 3:] = np.linalg.inv(line_noise), np.linalg.inv(surface_noise)
-    information = both.T @ weights @ both + np.diag([0.0] * 3 + [1.0] * 4)
+    information = both.T @ weights @ both + np.diag([0.0] * 3 + [1.0] * 5)
     covariance = np.linalg.inv(information)
     solution = covariance @ both.T @ weights @ np.concatenate([lines, surface])
     np.testing.assert_allclose(mean.pose.as_array(), solution[:3], rtol=0.0, atol=1e-9)
@@ -220,7 +220,7 @@ def test_difference_of_lines_and_surface_scatters_as_claimed():
         of_lines,
         of_surface,
     )
-    unknown = rng.standard_normal((20000, 4))
+    unknown = rng.standard_normal((20000, 5))
     lines = unknown @ of_lines.T + rng.multivariate_normal(np.zeros(3), line_noise, len(unknown))
     surface = unknown @ of_surface.T + rng.multivariate_normal(np.zeros(3), surface_noise, len(unknown))
     scatter = np.cov(lines - surface, rowvar=False)
