@@ -1,6 +1,7 @@
 """What an error of the calibration does to a pose: against estimates that are made again with that error."""
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -14,6 +15,7 @@ from stereo_selfcal.core.estimators.line_covariance import propagate
 from stereo_selfcal.core.estimators.stripe_fit import refine
 from stereo_selfcal.core.evidence.rig_unknowns import (
     CALIBRATED,
+    RigResponse,
     changes_of_lines,
     response_of_lines,
     response_of_surface,
@@ -60,7 +62,7 @@ def test_surface_is_another_plane_with_other_disparities(unknown, pose):
     disparity = plane_from_pose(pose, RIG).disparities(rays)
     again = np.linalg.lstsq(rays, disparity + changed(u, v), rcond=None)[0]
     moved = pose_of(again).as_array() - pose.as_array()
-    found = response_of_surface(RIG, pose)[:, list(UNKNOWNS).index(unknown)]
+    found = response_of_surface(RIG, pose).changes[:, list(UNKNOWNS).index(unknown)]
     assert moved.any() or unknown == "pitch"
     assert np.all(np.abs(found - moved) < 0.02 * np.abs(moved).max() + 1e-12)
 
@@ -113,7 +115,7 @@ def test_lines_that_an_error_moves_have_another_pose(unknown, camera, pose, yaw)
     np.testing.assert_allclose(best_pose(pattern, pose, camera), pose.as_array(), atol=1e-6)
     again = best_pose(with_unknown(pattern, *UNKNOWNS[unknown]), pose, camera)
     fit = propagate(pattern, RIG, pose, CONFIG)
-    found = response_of_lines(fit, pattern, RIG)[:, list(UNKNOWNS).index(unknown)]
+    found = response_of_lines(fit, pattern, RIG).changes[:, list(UNKNOWNS).index(unknown)]
     moved = again - pose.as_array()
     assert np.any(np.abs(moved) > 1e-5)
     # A line moves by a fifth of a pixel at most, so that all is linear to a hundredth.
@@ -143,7 +145,7 @@ def test_the_fit_of_the_stripes_responds_as_the_lines_do():
     calibrator = Calibrator(RIG, CalibratorConfig.from_mapping({"texture.check": 0}))
     pattern = calibrator.extract(left, right)
     start = calibrator.calibrate_frame(left, right).stages["genetic"]
-    claimed = response_of_lines(propagate(pattern, RIG, start, CONFIG), pattern, RIG)
+    claimed = response_of_lines(propagate(pattern, RIG, start, CONFIG), pattern, RIG).changes
     before = refine((left, right), pattern, RIG, start).extrinsics.as_array()
     v, u = np.mgrid[0 : RIG.height, 0 : RIG.width].astype(np.float32)
     for unknown, (larger, lower) in enumerate(UNKNOWNS.values()):
@@ -163,8 +165,8 @@ def test_the_fit_of_the_stripes_responds_as_the_lines_do():
 def test_lines_know_the_horizon_where_the_surface_does_not():
     """A hundredth of a degree of vergence pitches the surface by 0.1 deg; lines that are parallel stay."""
     pattern = ideal_pattern(RIG, POSE)
-    lines = response_of_lines(propagate(pattern, RIG, POSE, CONFIG), pattern, RIG)
-    surface = response_of_surface(RIG, POSE)
+    lines = response_of_lines(propagate(pattern, RIG, POSE, CONFIG), pattern, RIG).changes
+    surface = response_of_surface(RIG, POSE).changes
     assert math.degrees(abs(surface[1, 0])) == pytest.approx(0.1, abs=0.02)
     assert abs(lines[1, 0]) < 0.05 * abs(surface[1, 0])
     # Rows that are off move slanted lines, and no texture.
@@ -173,13 +175,19 @@ def test_lines_know_the_horizon_where_the_surface_does_not():
 
 
 def test_terms_are_one_for_each_cause_and_none_averages_out():
-    response = np.arange(15.0).reshape(3, 5) - 4.0
-    terms = rig_terms(response)
+    changes = np.arange(15.0).reshape(3, 5) - 4.0
+    terms = rig_terms(RigResponse.of(changes, CALIBRATED))
     names = ["vergence", "rectification", "rectification", "row_offset", "row_offset"]
     assert [term.name for term in terms] == names
-    np.testing.assert_allclose(total_covariance(terms), response @ response.T)
+    np.testing.assert_allclose(total_covariance(terms), changes @ changes.T)
     for term in terms:
         assert np.linalg.matrix_rank(term.covariance) == 1
+
+
+def test_what_the_rows_of_a_frame_leave_open_is_noise_of_that_frame():
+    """Compared anew in every frame, it averages out."""
+    terms = rig_terms(RigResponse.of(np.ones((3, 5)), replace(CALIBRATED, rows_measured=True)))
+    assert [term.name for term in terms] == ["vergence", "rectification", "rectification", "noise", "noise"]
 
 
 @pytest.mark.parametrize("pose", [POSE, Extrinsics(2.0, -0.03, -0.04)])
