@@ -77,7 +77,16 @@ ROWS = (
     Row(
         ("2 Road surface",),
         (
-            Box("estimators/coarse_road", ("a plane of dense", "disparities, at low", "resolution")),
+            Box(
+                "estimators/coarse_road",
+                ("a plane of dense", "disparities, at low", "resolution"),
+                ("dense_disparity",),
+            ),
+            Box(
+                "evidence/camera_turn",
+                ("rows of both images;", "the right one is turned", "back"),
+                ("estimators/matched_points", "estimators/row_alignment"),
+            ),
             Box(
                 "estimators/texture_alignment",
                 ("plane of the road", "surface, from there on"),
@@ -202,8 +211,9 @@ NOT_ON_THE_WAY = {
     "that may have no solution, derivatives, medians",
     "geometry/pose, geometry/plane, geometry/rays, geometry/homography": "frames, signs and projections",
     "search/refusal, search/diagnosis, search/both_images": "why a frame is refused",
-    "evidence/far_disparity, evidence/vergence, evidence/rig_unknowns, evidence/rig_measurements": "what is "
-    "unknown of the rig, and what shows it",
+    "evidence/far_disparity, evidence/camera_yaw, evidence/vergence, evidence/rig_unknowns, "
+    "evidence/rig_measurements": "what is unknown of the rig, and what shows it",
+    "evidence/synchronisation, estimators/road_shift": "whether both images are of one moment",
     "geometry/alignment, alignment_verdict": "how the right camera is turned, and what is to be done",
     "drive/drive, drive/motion, drive/changes": "the whole of a drive",
     "camera/topic_names, camera/camera_difference, drive/camera_changes": "topics, changes of cameras",

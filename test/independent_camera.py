@@ -29,6 +29,16 @@ def project(rig, pose, camera, points_m, lane_yaw_rad=0.0, lateral_m=0.0):
     return pixels.reshape(-1, 2)
 
 
+def seen_turned(rig, points, pitch_rad=0.0, roll_rad=0.0, yaw_rad=0.0):
+    """Return where a camera that is turned (REP-103) sees what it sees at ``points`` (n, 2) if it is not."""
+    straight_from_turned = turn("z", yaw_rad) @ turn("y", pitch_rad) @ turn("x", roll_rad)
+    matrix = np.array([[rig.fx, 0.0, rig.cx], [0.0, rig.fy, rig.cy], [0.0, 0.0, 1.0]])
+    rays = np.column_stack([points, np.ones(len(points))]) @ np.linalg.inv(matrix).T
+    turned = OPTICAL_FROM_BODY @ straight_from_turned.T @ OPTICAL_FROM_BODY.T @ rays.T
+    pixels, _ = cv2.projectPoints(turned.T.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), matrix, None)
+    return pixels.reshape(-1, 2)
+
+
 def image_line(rig, pose, camera, position_m, lane_yaw_rad=0.0, lateral_m=0.0):
     """Return (slope du/dv, column at row 0) of a line along the lane at ``position_m`` to its left."""
     ends = [(5.0, position_m, 0.0), (60.0, position_m, 0.0)]
@@ -74,6 +84,20 @@ def ideal_pattern(
     return LanePattern(tuple(lines[0]), tuple(lines[1]), vanishing_point, rows, sampled)
 
 
+def with_columns(pattern, columns):
+    """Return the pattern with other columns (2, 2, N) [px], and the straight lines through them."""
+    lines = [
+        tuple(
+            replace(line, u_mid=u_mid, slope=slope)
+            for line, (slope, u_mid) in (
+                (line, np.polyfit(pattern.rows - line.v_mid, columns[i, j], 1)) for j, line in enumerate(pair)
+            )
+        )
+        for i, pair in enumerate((pattern.left, pattern.right))
+    ]
+    return replace(pattern, left=lines[0], right=lines[1], columns=columns)
+
+
 def drawn(pattern, rng):
     """Return the pattern with each line moved by a draw of its own covariance."""
     columns = pattern.columns.copy()
@@ -81,4 +105,13 @@ def drawn(pattern, rng):
         for j, line in enumerate(lines):
             u, slope = rng.multivariate_normal((0, 0), line.covariance)
             columns[i, j] += u + slope * (pattern.rows - line.v_mid)
-    return replace(pattern, columns=columns)
+    return with_columns(pattern, columns)
+
+
+def of_turned_camera(pattern, rig, **angles_rad):
+    """Return the pattern as the same left camera and a right one that is turned see it."""
+    columns = pattern.columns.copy()
+    for j, line in enumerate(pattern.columns[1]):
+        (u0, v0), (u1, v1) = seen_turned(rig, np.column_stack([line, pattern.rows])[[0, -1]], **angles_rad)
+        columns[1, j] = u0 + (pattern.rows - v0) * (u1 - u0) / (v1 - v0)
+    return with_columns(pattern, columns)

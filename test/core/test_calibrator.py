@@ -61,6 +61,9 @@ def assert_refused(result, reason, *words):
         assert word in result.message, result.message
 
 
+AS_IT_IS = configured(alignment__correct="none")
+
+
 def same_bytes(first, second):
     """Whether two accepted results are the same to the last bit."""
     numbers = [
@@ -85,7 +88,8 @@ def test_random_roads(calibrated, seed, noise):
 def test_error_is_what_the_standard_deviation_says(calibrated, noise):
     """RMS of error over standard deviation: 1 if the claim is right; 12 values give it to 20 %.
 
-    That by noise alone: the paint is parallel, and the cameras are those of their calibration.
+    That by noise alone: the paint is parallel, and the cameras are those of their calibration. What the
+    noise leaves of the comparison of the rows is a part of it.
     """
     ratios = []
     for seed in range(4):
@@ -93,7 +97,7 @@ def test_error_is_what_the_standard_deviation_says(calibrated, noise):
         (of_noise,) = (term.covariance for term in result.uncertainty if term.name == "noise")
         error = result.extrinsics.as_array() - scene.extrinsics.as_array()
         ratios.append(error / np.sqrt(np.diag(of_noise)))
-        assert np.all(np.abs(error) < result.std.as_array())
+        assert np.all(np.abs(error) < 3.0 * result.std.as_array())
     # Two of these 20 % on the claim, and as much again as the claim itself may be off (test_uncertainty).
     assert 0.4 < np.sqrt(np.mean(np.square(ratios))) < 2.0
 
@@ -338,24 +342,36 @@ def test_refuses_a_bend(rendered, curvature_per_m, side):
 
 
 def test_refuses_images_that_are_a_row_off(rendered):
-    """The lines still fit a plane, to 0.6 px, but not as well as they were measured."""
+    """The lines still fit a plane, to 0.6 px."""
     scene, left, right = rendered(2, 0.01)
-    result = calibrate(left, np.roll(right, 1, axis=0), scene.rig)
-    assert_refused(result, RejectReason.LINES_INCONSISTENT, "contradict each other", "rectified")
-    assert result.rejection.value > 10
+    result = calibrate(left, np.roll(right, 1, axis=0), scene.rig, config=AS_IT_IS)
+    # The lines contradict each other by less than 7 times what calibrations leave, a tenth of a pixel.
+    assert_refused(result, RejectReason.IMAGES_NOT_RECTIFIED, "vertical offset between the images is 1.0")
 
 
-@pytest.mark.parametrize("rows", [3, 4])
-def test_refuses_images_that_are_not_rectified(rendered, rows):
+def test_refuses_images_that_are_not_rectified(rendered):
     """The right image is shifted down: its lines meet elsewhere, and no plane explains them."""
     scene, left, right = rendered(2, 0.01)
-    result = calibrate(left, np.roll(right, rows, axis=0), scene.rig)
+    result = calibrate(left, np.roll(right, 4, axis=0), scene.rig, config=AS_IT_IS)
     assert_refused(
         result, RejectReason.FITNESS_TOO_LOW, "miss every road plane by", "at most 1 px", "parallel"
     )
     assert result.rejection.threshold == pytest.approx(1 / (1 + 1e-4))
     assert result.rejection.value < result.rejection.threshold
     assert result.stages.keys() - {"coarse"} == {"genetic"}
+
+
+@pytest.mark.parametrize("rows", [1, 4])
+def test_rows_that_are_off_are_corrected_and_told(rendered, rows):
+    """A right image that is lower is that of a camera that is nose up, by less than half a degree here."""
+    scene, left, right = rendered(2, 0.01)
+    result = calibrate(left, np.roll(right, rows, axis=0), scene.rig)
+    assert result.accepted, result.message
+    error = result.extrinsics.as_array() - scene.extrinsics.as_array()
+    assert np.all(np.abs(error) < 2.0 * result.std.as_array())
+    pitch_std = result.alignment.std[0]
+    assert result.alignment.pitch_rad == pytest.approx(-rows / scene.rig.fy, abs=3.0 * pitch_std)
+    assert pitch_std < math.radians(0.02)
 
 
 EDGES = [

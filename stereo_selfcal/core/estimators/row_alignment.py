@@ -35,7 +35,7 @@ _DETERMINED = "numbers of the rows that the points determine"
 _ANY_TURN_RAD = 0.02  # a degree: beyond, a pair of images is hardly matched at all
 # What all points have in common, at least: the interpolation of grey values draws them to whole pixels by
 # about this (Shimizu and Okutomi, IJCV 2005).
-_LEAST_SMOOTH_PX = 0.03
+LEAST_SMOOTH_PX = 0.03
 # Least disparity over that of a right camera that does not sit ahead: beyond, a point is not matched.
 _LEAST_WIDENING = 0.2
 # Parts of the image, side by side and one above the other, in which rows have an error of their own.
@@ -136,7 +136,7 @@ def align_rows(points: MatchedPoints, rig: StereoRig) -> RowAlignment | NotFitte
     # A smooth error of the rows is a pitch, one that grows with the column is a roll.
     values, used = found.solution[0], int(np.count_nonzero(found.weights))
     smooth_px = math.hypot(
-        _LEAST_SMOOTH_PX, _smooth_error(points, found.residuals, found.weights, scatter, rig)
+        LEAST_SMOOTH_PX, _smooth_error(points, found.residuals, found.weights, scatter, rig)
     )
     covariance[:2, :2] += np.diag(np.square(smooth_px / rig.fy * np.array([1.0, 2.0 * rig.fx / rig.width])))
     # The product of column and row, over the image, by more than its standard deviation.

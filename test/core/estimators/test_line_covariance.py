@@ -1,15 +1,17 @@
 """Uncertainty: the claimed covariance against many draws, the yaw of the lane, and the test for a bend."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from independent_camera import drawn, ideal_pattern
+from independent_camera import drawn, ideal_pattern, of_turned_camera
 
 from stereo_selfcal import Calibrator, Extrinsics
 from stereo_selfcal.core.config import FitnessConfig, GeneticConfig
 from stereo_selfcal.core.estimators.fitness import PatternFitness
 from stereo_selfcal.core.estimators.line_covariance import measure_bends, propagate
+from stereo_selfcal.core.evidence.rig_unknowns import RigStd, changes_of_lines
 from stereo_selfcal.core.numerics.genetic import maximise
 from stereo_selfcal.core.rejection import NotFitted
 from stereo_selfcal.synth.renderer import render
@@ -75,22 +77,29 @@ def test_perfect_lines_leave_nothing_over():
 
 def test_lines_that_agree_as_promised_leave_two():
     """chi2 of two degrees of freedom: mean 2, and a standard deviation of 2 for a single one."""
-    rng, values = np.random.default_rng(0), []
-    pattern = pattern_of()
-    for _ in range(200):
-        moved = drawn(pattern, rng)
-        lines = [
-            replace(line, u_mid=float(np.interp(line.v_mid, moved.rows, columns)), slope=slope)
-            for line, columns, slope in (
-                (line, moved.columns[i, j], np.polyfit(moved.rows, moved.columns[i, j], 1)[0])
-                for i, pair in enumerate((pattern.left, pattern.right))
-                for j, line in enumerate(pair)
-            )
-        ]
-        moved = replace(moved, left=tuple(lines[:2]), right=tuple(lines[2:]))
-        values.append(propagate(moved, PAPER_RIG, POSE, CONFIG).chi2)
+    rng, pattern = np.random.default_rng(0), pattern_of()
+    values = [propagate(drawn(pattern, rng), PAPER_RIG, POSE, CONFIG).chi2 for _ in range(200)]
     # 200 draws: 2 / sqrt(200) = 0.14; three of them.
     assert np.mean(values) == pytest.approx(2.0, abs=0.45)
+
+
+def test_lines_of_a_camera_as_little_turned_as_is_known_leave_two_as_well():
+    """Right cameras drawn as the rig's standard deviations have it: a tenth of a pixel of the rows."""
+    rng, pattern = np.random.default_rng(0), pattern_of()
+    std = RigStd(math.radians(0.01), math.radians(0.03), math.radians(0.02), distortion_px=0.0)
+    of_rig = changes_of_lines(pattern, PAPER_RIG, std)
+    fits = []
+    for _ in range(100):
+        pitch, roll, yaw = rng.normal(size=3) * [std.pitch_rad, std.roll_rad, std.yaw_rad]
+        turned = of_turned_camera(pattern, PAPER_RIG, pitch_rad=pitch, roll_rad=roll, yaw_rad=yaw)
+        moved = drawn(turned, rng)
+        fits.append([propagate(moved, PAPER_RIG, POSE, CONFIG, known) for known in (None, of_rig)])
+    believed, known = np.array([[fit.chi2 for fit in pair] for pair in fits]).T
+    assert believed.mean() > 20.0
+    assert known.mean() == pytest.approx(2.0, abs=0.6)
+    # The covariance is that of the lines alone: what is unknown of the rig is a term of its own.
+    noise = propagate(pattern, PAPER_RIG, POSE, CONFIG).covariance
+    np.testing.assert_allclose(propagate(pattern, PAPER_RIG, POSE, CONFIG, of_rig).covariance, noise)
 
 
 def test_lines_that_disagree_enlarge_the_covariance():

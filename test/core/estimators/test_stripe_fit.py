@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from independent_camera import CAMERAS, ideal_pattern, image_line
 
-from stereo_selfcal import Calibrator, Extrinsics, RejectReason, StereoRig, calibrate
+from stereo_selfcal import Calibrator, CalibratorConfig, Extrinsics, RejectReason, StereoRig, calibrate
 from stereo_selfcal.core.estimators.stripe_fit import predict_edges, refine
 from stereo_selfcal.core.rejection import Bound, NotFitted
 from stereo_selfcal.core.search import solve
@@ -135,10 +135,13 @@ ACCURACY = {
 
 
 @pytest.mark.parametrize("noise", ACCURACY)
-def test_refined_is_closer_to_the_truth_than_genetic(calibrated, noise):
+def test_refined_is_closer_to_the_truth_than_genetic(rendered, noise):
+    """With the rows as they are: what comparing them leaves is another uncertainty."""
     errors = {"genetic": [], "refined": []}
+    config = CalibratorConfig.from_mapping({"texture.check": 0, "alignment.correct": "none"})
     for seed in range(4):
-        scene, result = calibrated(seed, noise)
+        scene, left, right = rendered(seed, noise)
+        result = Calibrator(scene.rig, config).add(left, right)
         for name, of_stage in errors.items():
             of_stage.append(result.stages[name].as_array() - scene.extrinsics.as_array())
     genetic, refined = (np.sqrt(np.mean(np.square(of_stage), axis=0)) for of_stage in errors.values())

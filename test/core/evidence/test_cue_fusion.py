@@ -26,6 +26,7 @@ from stereo_selfcal.core.evidence.nuisances import (
     unseen_slope_covariance,
 )
 from stereo_selfcal.core.evidence.profile import Profile, SlopeChange
+from stereo_selfcal.core.evidence.rig_unknowns import CALIBRATED, RigResponse
 from stereo_selfcal.core.geometry.homography import apply_homography, road_from_image
 from stereo_selfcal.core.geometry.plane import DisparityPlane, PlaneCamera, plane_from_pose, pose_from_plane
 from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm, total_covariance
@@ -124,7 +125,11 @@ def surface_of(pose, terms):
     return TextureFit(pose, terms, quality, PLANE, nothing, nothing, nothing, nothing)
 
 
-RIGHT_RIG = np.zeros((3, 4))  # a rig of which everything is known
+def of_rig(changes):
+    return RigResponse.of(changes, CALIBRATED)
+
+
+RIGHT_RIG = of_rig(np.zeros((3, 5)))  # a rig of which everything is known
 
 
 def test_mean_lies_nearer_to_the_surer_and_is_surer_than_both():
@@ -166,7 +171,7 @@ def test_terms_of_both_are_weighted_and_what_contradicts_is_one_more():
 
 
 def responses(rng):
-    return np.diag([1e-2, 1e-3, 1e-2]) @ rng.standard_normal((3, 4))
+    return of_rig(np.diag([1e-2, 1e-3, 1e-2]) @ rng.standard_normal((3, 5)))
 
 
 def test_unknowns_of_the_rig_are_estimated_with_the_pose():
@@ -181,10 +186,10 @@ def test_unknowns_of_the_rig_are_estimated_with_the_pose():
         of_lines,
         of_surface,
     )
-    both = np.block([[np.eye(3), of_lines], [np.eye(3), of_surface]])
+    both = np.block([[np.eye(3), of_lines.changes], [np.eye(3), of_surface.changes]])
     weights = np.zeros((6, 6))
     weights[:3, :3], weights[3:, 3:] = np.linalg.inv(line_noise), np.linalg.inv(surface_noise)
-    information = both.T @ weights @ both + np.diag([0.0] * 3 + [1.0] * 4)
+    information = both.T @ weights @ both + np.diag([0.0] * 3 + [1.0] * 5)
     covariance = np.linalg.inv(information)
     solution = covariance @ both.T @ weights @ np.concatenate([lines, surface])
     np.testing.assert_allclose(mean.pose.as_array(), solution[:3], rtol=0.0, atol=1e-9)
@@ -196,8 +201,8 @@ def test_unknowns_of_the_rig_are_estimated_with_the_pose():
 def test_what_only_the_surface_does_not_know_is_taken_from_the_lines():
     """A vergence that pitches the surface and not the lines: the mean has the pitch of the lines."""
     sure, apart = np.diag([1e-3, 1e-4, 1e-3]) ** 2, math.radians(0.1)
-    of_surface = RIGHT_RIG.copy()
-    of_surface[1, 0] = 100.0 * apart
+    of_surface = of_rig(np.zeros((3, 5)))
+    of_surface.changes[1, 0] = 100.0 * apart
     lines = Estimate(POSE, known_to(sure), 0.0)
     surface = surface_of(moved(pitch_rad=apart), known_to(sure))
     mean = combine(lines, surface, RIGHT_RIG, of_surface)
@@ -220,9 +225,11 @@ def test_difference_of_lines_and_surface_scatters_as_claimed():
         of_lines,
         of_surface,
     )
-    unknown = rng.standard_normal((20000, 4))
-    lines = unknown @ of_lines.T + rng.multivariate_normal(np.zeros(3), line_noise, len(unknown))
-    surface = unknown @ of_surface.T + rng.multivariate_normal(np.zeros(3), surface_noise, len(unknown))
+    unknown = rng.standard_normal((20000, 5))
+    lines = unknown @ of_lines.changes.T + rng.multivariate_normal(np.zeros(3), line_noise, len(unknown))
+    surface = unknown @ of_surface.changes.T + rng.multivariate_normal(
+        np.zeros(3), surface_noise, len(unknown)
+    )
     scatter = np.cov(lines - surface, rowvar=False)
     # Of 20 000 draws, a standard deviation is known to half a percent.
     np.testing.assert_allclose(np.sqrt(np.diag(claimed)), np.sqrt(np.diag(scatter)), rtol=0.03)
