@@ -169,7 +169,9 @@ class CalibrationKeeper:
             rig: The rig its frames come from.
         """
         with self._lock:
-            return self._watch.proposal(rig)
+            better = self._watch.proposal(rig)
+            present = self._alignment_watch.finding.present
+            return None if better is None else replace(better, alignment=present)
 
     def _activate(self, active: ActiveCalibration, event: Event, why: str, settled: bool) -> None:
         with self._lock:

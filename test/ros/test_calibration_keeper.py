@@ -221,3 +221,12 @@ def test_alignment_is_watched_in_refused_frames_too_and_begins_anew_with_a_calib
     assert keeper.alignment.frames == 1
     keeper.withdraw("other cameras")
     assert keeper.alignment.frames == 0
+
+
+def test_what_the_watch_proposes_has_the_alignment_of_now(calibrated):
+    for frame in frames(80, shift=(0.1, 0.0, 0.0)):
+        calibrated.watched(dataclasses.replace(frame, alignment=aligned(1e-3)), RIG)
+    better = calibrated.proposal(RIG)
+    assert better is not None
+    assert better.alignment.yaw_rad == pytest.approx(1e-3)
+    assert better.alignment.std[2] < 1e-4
