@@ -219,7 +219,7 @@ NOT_ON_THE_WAY = {
     "camera/topic_names, camera/camera_difference, drive/camera_changes": "topics, changes of cameras",
     "camera/plain_camera_info, camera/rotations, geometry/camera_info_repair": "CameraInfo, corrected where "
     "the right camera has turned",
-    "drive/drift, drive/watch, drive/states": "the watch over an active calibration",
+    "drive/drift, drive/watch, drive/alignment_watch, drive/states": "the watch over an active calibration",
     "analysis/cramer_rao": "the limit of what a rig can reach",
 }
 

@@ -21,7 +21,7 @@ from ..offline import AttemptSummary, FrameRow, Replay
 from ..report.uncertainty import std_of, variance_line
 
 _STAMP_WIDTH = 17  # seconds since 1970 with microseconds
-_VERDICT_WIDTH = 21  # the longest reject reason and a space
+_VERDICT_WIDTH = 24  # the longest reject reason and a space
 _LABEL_WIDTH = _STAMP_WIDTH + 2 + _VERDICT_WIDTH
 # Components of a pose with the widths of their columns: two spaces and the heading.
 _POSE_COLUMNS = tuple((component, len(component.heading) + 2) for component in POSE_COMPONENTS)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
+from ..core.drive.alignment_watch import AlignmentFinding, AlignmentWatch
 from ..core.drive.states import Event, State, StateMachine, event_of
 from ..core.drive.watch import Watch
 from ..core.geometry.camera_info_repair import RepairedPair, repaired_pairs
@@ -53,6 +54,7 @@ class CalibrationKeeper:
         self._lock = threading.Lock()
         self._machine = StateMachine()
         self._watch = watch or Watch()
+        self._alignment_watch = AlignmentWatch()
         self._active: ActiveCalibration | None = None
         self._watched_rig: StereoRig | None = None
         self._why = _NEVER
@@ -87,6 +89,12 @@ class CalibrationKeeper:
         """Return what the watch has found, one sentence."""
         with self._lock:
             return self._watch.explain()
+
+    @property
+    def alignment(self) -> AlignmentFinding:
+        """What the watch has found of the right camera's alignment."""
+        with self._lock:
+            return self._alignment_watch.finding
 
     def reject(self, problem: str) -> None:
         """Note why the calibration of an earlier run did not become the active one."""
@@ -129,6 +137,7 @@ class CalibrationKeeper:
             self._machine = self._machine.after(Event.WITHDRAWN)
             self._active, self._why = None, reason
             self._watch.start(None)
+            self._alignment_watch.start(None)
 
     def watched(self, result: CalibrationResult, rig: StereoRig) -> Event | None:
         """Give a frame to the watch.
@@ -143,7 +152,9 @@ class CalibrationKeeper:
         with self._lock:
             if self._active is None and rig != self._watched_rig:
                 self._watch.start(None)
+                self._alignment_watch.start(None)
             self._watched_rig = rig
+            self._alignment_watch.add(result.alignment, result.stamp_s)
             event = event_of(self._watch.add(result), self._machine.state)
             if event is not None:
                 self._machine = self._machine.after(event)
@@ -158,13 +169,16 @@ class CalibrationKeeper:
             rig: The rig its frames come from.
         """
         with self._lock:
-            return self._watch.proposal(rig)
+            better = self._watch.proposal(rig)
+            present = self._alignment_watch.finding.present
+            return None if better is None else replace(better, alignment=present)
 
     def _activate(self, active: ActiveCalibration, event: Event, why: str, settled: bool) -> None:
         with self._lock:
             self._machine = self._machine.after(event)
             self._active, self._why = active, why
             self._watch.start(active.result, settled)
+            self._alignment_watch.start(active.result.alignment)
 
     def _happen(self, event: Event) -> None:
         with self._lock:

@@ -22,6 +22,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from ..core.alignment_verdict import report_alignment
 from ..core.camera.pairing import PairCounts
 from ..core.camera.rig import StereoRig
+from ..core.drive.alignment_watch import AlignmentFinding
+from ..core.geometry.alignment import Alignment
 from ..core.geometry.pose import POSE_COMPONENTS
 from ..core.rejection import Rejection
 from .calibration_keeper import ActiveCalibration
@@ -49,6 +51,7 @@ class CalibrationReport:
         last_success: Whether the last call found a result, None before the first call.
         frames: Frames so far.
         watch: Finding of the watch, one sentence.
+        alignment: Finding of the watch over the right camera's alignment.
     """
 
     state: str
@@ -59,6 +62,7 @@ class CalibrationReport:
     last_success: bool | None = None
     frames: FrameStatistics = field(default_factory=FrameStatistics)
     watch: str = "off"
+    alignment: AlignmentFinding = field(default_factory=AlignmentFinding)
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,10 +217,16 @@ def _verdict(report: CalibrationReport) -> tuple[bytes, str]:
             )
         if report.active.save_failed:
             return WARN, f"{text}; {report.active.saved}"
-        alignment = report_alignment(report.active.result.alignment, report.active.rig)
-        if alignment.verdict.is_fault:
-            return WARN, f"{text}; {alignment.message}"
+        turned = report.alignment.message or _misalignment(report.active)
+        if turned:
+            return WARN, f"{text}; {turned}"
     return level, text
+
+
+def _misalignment(active: ActiveCalibration) -> str:
+    """Return how the right camera is turned; "" where nothing is to be done about it."""
+    alignment = report_alignment(active.result.alignment, active.rig)
+    return alignment.message if alignment.verdict.is_fault else ""
 
 
 def _described(active: ActiveCalibration) -> str:
@@ -242,17 +252,26 @@ def _estimate(report: CalibrationReport) -> dict[str, str]:
 
 
 def _alignment(report: CalibrationReport) -> dict[str, str]:
-    """Return how the right camera is turned: numbers [rad], each where it is known; the verdict, in words."""
+    """Return how the right camera is turned: by the calibration, and by the watch since then."""
     active = report.active
     if active is None:
         return {}
     alignment = active.result.alignment
-    values = {} if alignment is None else alignment.as_dict() | alignment.std_dict()
-    told = report_alignment(alignment, active.rig)
-    return {f"alignment_{name}": repr(value) for name, value in values.items()} | {
+    told, finding = report_alignment(alignment, active.rig), report.alignment
+    values = _numbers("alignment", alignment) | {
         "alignment_verdict": str(told.verdict),
         "alignment": told.message,
+        "alignment_state": str(finding.state),
+        **_numbers("alignment_now", finding.present),
+        "alignment_now_frames": str(finding.frames),
     }
+    return values | ({"alignment_change": finding.message} if finding.message else {})
+
+
+def _numbers(prefix: str, alignment: Alignment | None) -> dict[str, str]:
+    """Return the known angles of an alignment and their standard deviations, with all digits [rad]."""
+    values = {} if alignment is None else alignment.as_dict() | alignment.std_dict()
+    return {f"{prefix}_{name}": repr(value) for name, value in values.items()}
 
 
 def _frames(frames: FrameStatistics) -> dict[str, str]:

@@ -257,7 +257,10 @@ class SelfcalNode:
         self._count(report)
         if report.rig is None:
             return
+        turned = self._keeper.alignment.message
         event = self._keeper.watched(report.result, report.rig)
+        if not turned and self._keeper.alignment.message:
+            self.node.get_logger().warning(self._keeper.alignment.message)
         if event is Event.CONFIRMED:
             self.node.get_logger().info(f"{self._keeper.state}: {self._keeper.reason}")
         elif event is Event.REFUTED:
@@ -296,6 +299,7 @@ class SelfcalNode:
             last_answer=self._last_answer,
             last_success=self._last_success,
             frames=self._record.statistics,
+            alignment=self._keeper.alignment,
         )
 
 

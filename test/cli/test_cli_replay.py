@@ -45,9 +45,9 @@ def test_table(bag, calibrator, monkeypatch, capsys):
     text = "\n".join(lines[8:])
     assert "3 of 4 frames accepted" in text
     assert "1 x no_lines_found" in text
-    assert "mean                                          1.4100" in text
-    assert "standard deviation over the frames           0.01000       0.0000      0.0000" in text
-    assert "fused estimate                                1.4100" in text
+    assert "mean                                             1.4100" in text
+    assert "standard deviation over the frames              0.01000       0.0000      0.0000" in text
+    assert "fused estimate                                   1.4100" in text
     assert text.endswith("roll -0.5730 deg (std 0.0057)")
 
 

@@ -9,7 +9,11 @@ import pytest
 from result_making import COVARIANCE, EXTRINSICS, RIG, a_result, write
 
 from stereo_selfcal import Extrinsics
+from stereo_selfcal.core.drive.alignment_watch import AlignmentState
 from stereo_selfcal.core.drive.states import Event, State
+from stereo_selfcal.core.geometry.alignment import Alignment
+from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
+from stereo_selfcal.core.results import rejected
 from stereo_selfcal.files import atomic_file
 from stereo_selfcal.files.node_settings import all_settings
 from stereo_selfcal.files.result_file import load_result
@@ -21,6 +25,7 @@ DEFAULTS = {setting.name: setting.default for setting in all_settings()}
 ACTIVE = ActiveCalibration(a_result(), RIG, 0.0)
 OTHER_RIG = dataclasses.replace(RIG, fx=500.0)
 STEP_S = 3.0
+REJECTION = Rejection(RejectReason.NO_LINES_FOUND, "lines", 0, Bound.LEAST, 2, "", "drive on")
 
 
 def config(**changes):
@@ -191,3 +196,37 @@ def test_a_strange_file_is_kept_aside_before_saving(tmp_path):
     text = f"saved to {path}; what was there, not of these images, is kept as {path}.rejected"
     assert save(ACTIVE, config(output_path=str(path)), "topics") == (text, False)
     assert (tmp_path / "out.yaml.rejected").read_text() == "my diary"
+
+
+def aligned(yaw_rad):
+    return Alignment(0.0, 0.0, yaw_rad, np.diag([1e-10, 1e-9, 1e-9]))
+
+
+def test_alignment_is_watched_in_refused_frames_too_and_begins_anew_with_a_calibration():
+    keeper = CalibrationKeeper()
+    keeper.begin()
+    keeper.accept(ActiveCalibration(a_result(alignment=aligned(0.0)), RIG, 0.0))
+    assert keeper.alignment.state is AlignmentState.NOT_WATCHED
+    for index in range(60):
+        frame = rejected(REJECTION, STEP_S * index)
+        keeper.watched(dataclasses.replace(frame, alignment=aligned(0.0 if index < 30 else 2e-3)), RIG)
+        if index == 29:
+            assert keeper.alignment.state is AlignmentState.STEADY
+    assert keeper.alignment.state is AlignmentState.DRIFTED
+    assert keeper.alignment.message.startswith("the right camera has turned in yaw by +0.")
+    assert keeper.state is State.CALIBRATED, "the pose is watched by itself"
+    keeper.accept(ActiveCalibration(a_result(alignment=aligned(2e-3)), RIG, 0.0))
+    assert keeper.alignment.frames == 0 and keeper.alignment.message == ""
+    keeper.watched(a_result(alignment=aligned(2e-3)), RIG)
+    assert keeper.alignment.frames == 1
+    keeper.withdraw("other cameras")
+    assert keeper.alignment.frames == 0
+
+
+def test_what_the_watch_proposes_has_the_alignment_of_now(calibrated):
+    for frame in frames(80, shift=(0.1, 0.0, 0.0)):
+        calibrated.watched(dataclasses.replace(frame, alignment=aligned(1e-3)), RIG)
+    better = calibrated.proposal(RIG)
+    assert better is not None
+    assert better.alignment.yaw_rad == pytest.approx(1e-3)
+    assert better.alignment.std[2] < 1e-4

@@ -14,6 +14,7 @@ from builtin_interfaces.msg import Time
 
 from stereo_selfcal import CalibrationResult, Extrinsics, StereoRig
 from stereo_selfcal.core.camera.pairing import PairCounts
+from stereo_selfcal.core.drive.alignment_watch import AlignmentFinding, AlignmentState
 from stereo_selfcal.core.geometry.alignment import Alignment
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.reservations import Reservation, ReservationKind
@@ -257,6 +258,21 @@ def test_camera_that_has_turned_is_a_warning_with_the_error_of_depths(yaw_rad, v
     assert text.startswith("calibrated: height 1.4000 m")
     assert "; the right camera looks " in text and "depths are too large, by " in text
     assert values["alignment_verdict"] == verdict
+
+
+def test_present_alignment_and_its_change_are_told():
+    now = Alignment(1e-5, 0.0, 2e-3, np.diag([1e-10, 4e-10, math.inf]))
+    finding = AlignmentFinding(AlignmentState.STEADY, now, 7)
+    level, _, values = calibration(alignment=finding)
+    assert level == OK
+    assert (values["alignment_state"], values["alignment_now_frames"]) == ("steady", "7")
+    assert float(values["alignment_now_pitch_rad"]) == 1e-5
+    assert "alignment_now_yaw_rad" not in values and "alignment_change" not in values
+    drifted = replace(finding, state=AlignmentState.DRIFTED, message="the right camera has turned")
+    level, text, values = calibration(alignment=drifted)
+    assert level == WARN and text.endswith("; the right camera has turned")
+    assert (values["alignment_state"], values["alignment_change"]) == ("drifted", drifted.message)
+    assert calibration()[2]["alignment_state"] == "not_watched"
 
 
 def test_angle_that_is_not_known_has_no_number():

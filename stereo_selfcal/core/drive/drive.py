@@ -122,6 +122,10 @@ def estimate_drive(frames: Sequence[AcceptedFrame], rig: StereoRig, fused: Calib
                     estimate, covariance=total_covariance(uncertainty), uncertainty=uncertainty
                 )
             n_outliers = part.end - part.first - estimate.n_frames
+            # The alignment and the delay are those of the rig, whatever the mount does.
+            estimate = replace(estimate, alignment=fused.alignment, delay=fused.delay)
+            if not history.changes:
+                estimate = replace(estimate, travel=fused.travel)
             estimate = replace(estimate, message=announce(estimate, n_outliers))
         spread = Extrinsics.from_array(part.spread)
         segments.append(DriveSegment(part.start_s, part.end_s, estimate, spread, error))

@@ -9,6 +9,7 @@ from drive_making import POSE, make_drive
 
 from stereo_selfcal.core.camera.rig import StereoRig
 from stereo_selfcal.core.drive.drive import clock, estimate_drive, fuse_frames
+from stereo_selfcal.core.geometry.alignment import Alignment
 from stereo_selfcal.core.geometry.pose import Extrinsics
 from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
@@ -71,6 +72,15 @@ def test_unknowns_of_the_rig_are_neither_noise_nor_motion():
     np.testing.assert_allclose(
         drive.estimate.covariance - without.estimate.covariance, part.covariance, rtol=1e-6, atol=1e-15
     )
+
+
+@pytest.mark.parametrize("steps", [(), ((1800.0, BUMP),)])
+def test_alignment_is_that_of_the_rig_whatever_the_mount_does(steps):
+    results = results_of(*make_drive(steps=steps))
+    alignment = Alignment(1e-4, 0.0, 2e-3, np.eye(3) * 1e-10)
+    drive = estimate_drive(results, RIG, replace(fuse_frames(results, RIG), alignment=alignment))
+    assert drive.judged and len(drive.changes) == len(steps)
+    assert all(each.alignment is alignment for each in (drive.estimate, drive.segments[0].estimate))
 
 
 def test_a_short_drive_is_the_fused_estimate_as_it_is():
