@@ -30,8 +30,10 @@ from ..road.priors import (
     TURNED_STD_RAD,
     VERGENCE_STD_RAD,
 )
+from ..tolerances import WRONG
 from ..types import Array
 from .far_disparity import MOST_TURN_RAD, FarDisparity, infinitely_far
+from .rig_unknowns import RigStd, response_of_surface
 
 # The grid has so many points around each value that is told, and around zero, closer together where they
 # matter: from a thousandth of the width to all of the range.
@@ -59,6 +61,17 @@ class YawTold:
     def rms_rad(self) -> float:
         """Root of the mean square of the yaw: what a pose that is not corrected by it has to allow for."""
         return math.hypot(self.yaw_rad, self.std_rad)
+
+
+def wrong_yaw_rad(rig: StereoRig, pose: Extrinsics) -> float:
+    """Return the yaw of the right camera from which on a pose over the road surface is wrong.
+
+    Args:
+        rig: Intrinsics and baseline.
+        pose: The pose.
+    """
+    response = np.abs(response_of_surface(rig, pose, RigStd(yaw_rad=1.0)).changes[:, 0])
+    return float(np.min(WRONG / np.maximum(response, np.finfo(np.float64).eps)))
 
 
 def yaw_of_matches(matches: Matches, rig: StereoRig, road_pose: Extrinsics) -> YawTold | None:

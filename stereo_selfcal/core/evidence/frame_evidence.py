@@ -33,7 +33,6 @@ from .road_surface import RoadSurface, find_road_surface
 from .row_offset import VerticalOffset
 from .stripe_border import StripeBorder
 from .synchronisation import Lateness
-from .vergence import Vergence
 
 _HORIZON_MARGIN_PX = 8  # above the horizon of the road: reach of the edges' directions and continuity
 _CLIPPED_STEP = 4  # every fourth pixel of every fourth row is enough for two digits
@@ -230,7 +229,8 @@ class Evidence:
             estimate.
         lateness: The way of the car between both images; None where the road does not tell it.
         most_way_m: The way that makes a height wrong [m].
-        vergence: Turn of the right camera about the vertical, by what contradicts its calibration most.
+        yaw: Yaw of the right camera that is left in the images.
+        wrong_yaw_rad: The yaw that makes a pose over the road surface wrong.
     """
 
     config: CalibratorConfig
@@ -260,7 +260,8 @@ class Evidence:
     sweeps: tuple[LaneSweep, ...] = ()
     lateness: Lateness | None = None
     most_way_m: float = math.inf
-    vergence: Vergence | None = None
+    yaw: YawTold | None = None
+    wrong_yaw_rad: float = math.inf
 
     @property
     def line_pose(self) -> Extrinsics | None:

@@ -198,7 +198,7 @@ GATES: tuple[Gate, ...] = (
         "cameras parallel",
         RejectReason.IMAGES_NOT_RECTIFIED,
         "calibrate the pair again: the right camera has turned about the vertical",
-        rig_measurements.read_vergence,
+        rig_measurements.read_yaw,
     ),
     Gate(
         "coplanar",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 from ..rejection import Bound
-from ..tolerances import EXCLUDED_SIGMAS
 from .frame_evidence import Evidence
 from .measurements import SHAPE_SIGMAS, Reading
 
@@ -45,21 +44,15 @@ def read_lateness(evidence: Evidence) -> Reading | None:
     return Reading(evidence.lateness.what, value, Bound.MOST, limit, "m", value <= limit)
 
 
-def read_vergence(evidence: Evidence) -> Reading | None:
+def read_yaw(evidence: Evidence) -> Reading | None:
     """Read the angle by which the right camera has turned about the vertical."""
-    seen = evidence.vergence
-    if seen is None:
+    yaw = evidence.yaw
+    if yaw is None:
         return None
-    value, limit = abs(seen.yaw_rad), max(seen.wrong_rad, EXCLUDED_SIGMAS * seen.std_rad)
-    if seen.by_lines:
-        side = "left" if seen.yaw_rad > 0.0 else "right"
-        what = (
-            "the lane lines are parallel on the road surface only if the right camera looks {value} farther "
-            f"to the {side} than its calibration has it"
-        )
-    else:
-        what = (
-            "far things are farther than infinity unless the right camera looks {value} farther to the left "
-            "than its calibration has it"
-        )
+    value, limit = abs(yaw.yaw_rad), evidence.wrong_yaw_rad
+    side = "left" if yaw.yaw_rad > 0.0 else "right"
+    what = (
+        f"by rows, lane lines and far things, the right camera looks {{value}} farther to the {side} than "
+        f"its calibration has it (std {math.degrees(yaw.std_rad):.3f} deg)"
+    )
     return Reading(what, math.degrees(value), Bound.MOST, math.degrees(limit), "deg", value <= limit)

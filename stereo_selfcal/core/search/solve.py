@@ -13,7 +13,7 @@ from ..estimators.fitness import PatternFitness
 from ..estimators.line_covariance import LineFit, measure_bends, propagate
 from ..estimators.stripe_fit import StripeFit, refine
 from ..estimators.texture_fit import TextureFit
-from ..evidence.camera_yaw import yaw_of_lines
+from ..evidence.camera_yaw import wrong_yaw_rad, yaw_of_lines
 from ..evidence.cross_checks import JudgedEstimate, cross_check_surface, with_strip
 from ..evidence.estimate import Estimate, StagePoses
 from ..evidence.frame_evidence import Evidence, FrameObservations, Hypothesis
@@ -28,14 +28,12 @@ from ..evidence.rig_unknowns import changes_of_lines, response_of_lines, respons
 from ..evidence.road_surface import SurfaceCells
 from ..evidence.row_offset import vertical_offset
 from ..evidence.synchronisation import Lateness, measure_lateness
-from ..evidence.vergence import Vergence, measure_vergence
 from ..geometry.homography import SIDES
 from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, merge_terms
 from ..lanes.closed_form import contradictions, solve_plane
 from ..lanes.lane_pair import LanePattern
 from ..lanes.line_geometry import lane_in_road
-from ..lanes.matching import Matches
 from ..numerics.genetic import GeneticResult, maximise_each
 from ..numerics.linear import is_covariance, rank_of
 from ..rejection import Bound, GateReading, NotFitted, Rejection, fitted
@@ -108,7 +106,6 @@ def _solve_lines(
         genetic.fitness,
         misfit_px,
         hypothesis.below,
-        vergence=_clearest_turn(hypothesis, frame, pose, rig),
     )
     readings, refusal = evaluate_gates(evidence)
     if refusal:
@@ -161,6 +158,9 @@ def _solve_lines(
         _, left_m, right_m = lane_in_road(pattern.boundaries, rig, estimate.pose)
         told = yaw_of_lines(pattern.left, pattern.right, abs(float(left_m - right_m)), rig)
     frame = frame.with_yaw(told, rig)
+    if hypothesis.texture is not None:
+        wrong_rad = wrong_yaw_rad(rig, hypothesis.texture.extrinsics)
+        evidence = replace(evidence, yaw=frame.yaw_left(rig), wrong_yaw_rad=wrong_rad)
     lines = JudgedEstimate(
         estimate, poses, evidence, readings, response_of_lines(fit, pattern, rig, frame.rig_std)
     )
@@ -181,21 +181,6 @@ def _solve_lines(
         yaw_told=frame.yaw_told,
         lateness=late,
     )
-
-
-def _clearest_turn(
-    hypothesis: Hypothesis, frame: FrameObservations, pose: Extrinsics, rig: StereoRig
-) -> Vergence | None:
-    """Return what contradicts the calibration of the cameras most, for lines of a hypothesis.
-
-    Lines that were found without the road surface do not tell: their own plane is one they are parallel on.
-    """
-    lines: Matches = ([], [])
-    pitch_std = 0.0
-    if hypothesis.texture is not None:
-        lines, pose = hypothesis.other_lines, hypothesis.texture.extrinsics
-        pitch_std = math.sqrt(float(hypothesis.texture.covariance[1, 1]))
-    return next(iter(measure_vergence(frame.far, lines, rig, pose, pitch_std)), None)
 
 
 def coarse_pose(frame: FrameObservations) -> StagePoses:
@@ -243,8 +228,6 @@ def _solve_surface(
     poses = replace(coarse_pose(frame), textured=texture.extrinsics)
     yaw = yaw_of_line(hypothesis.other_lines, texture.extrinsics, rig)
     seen = Reservation(ReservationKind.NO_LINE_CONFIRMS if yaw is None else ReservationKind.ONE_LINE_ONLY)
-    lines, pitch_std = hypothesis.other_lines, math.sqrt(float(texture.covariance[1, 1]))
-    turns = measure_vergence(frame.far, lines, rig, texture.extrinsics, pitch_std)
     frame = frame.with_yaw(hypothesis.yaw_told, rig)
     of_rig = response_of_surface(rig, texture.extrinsics, frame.rig_std)
     terms = merge_terms((*texture.terms, *rig_terms(of_rig)))
@@ -254,7 +237,8 @@ def _solve_surface(
         config,
         texture=texture,
         std=np.sqrt(np.diag(estimate.covariance)),
-        vergence=next(iter(turns), None),
+        yaw=frame.yaw_left(rig),
+        wrong_yaw_rad=wrong_yaw_rad(rig, texture.extrinsics),
         lateness=late,
         most_way_m=math.inf if late is None else late.limit_m(texture.extrinsics, rig),
     )

@@ -28,7 +28,7 @@ from .lines_on_road import lines_on_road
 from .refusal import with_lines_missing, without_pair
 
 # Gates by which one kind of evidence contradicts another, or the rig, whatever the lines are.
-_CONTRADICTIONS = ("surface_agrees", "rectified", "not_turned", "parallel_cameras")
+_CONTRADICTIONS = ("surface_agrees", "strip_agrees", "rectified", "not_turned", "parallel_cameras")
 # Where one of two lines is not on the road, or not the same in both cameras, other pairs are solved. In most
 # random worlds, the right pair was among this many.
 _REASONS_FOR_OTHER_PAIRS = (
