@@ -216,6 +216,10 @@ NOT_ON_THE_WAY = {
     "evidence/synchronisation, estimators/road_shift": "whether both images are of one moment",
     "geometry/alignment, alignment_verdict": "how the right camera is turned, and what is to be done",
     "drive/drive, drive/motion, drive/changes": "the whole of a drive",
+    "estimators/landmarks, drive/landmark_matches, drive/motion_between_frames, drive/travel, "
+    "geometry/travel": "how the car moves between frames",
+    "drive/rig_alignment, drive/travel_vergence, drive/right_delay, drive/mean_over_time": "what a drive "
+    "tells of the rig",
     "camera/topic_names, camera/camera_difference, drive/camera_changes": "topics, changes of cameras",
     "camera/plain_camera_info, camera/rotations, geometry/camera_info_repair": "CameraInfo, corrected where "
     "the right camera has turned",
