@@ -9,6 +9,7 @@ import pytest
 
 from stereo_selfcal import Calibrator, CalibratorConfig, Extrinsics, RejectReason
 from stereo_selfcal.core.estimators.stripe_fit import refine
+from stereo_selfcal.core.evidence.frame_evidence import FrameObservations
 from stereo_selfcal.core.evidence.horizon import horizon_offset
 from stereo_selfcal.core.evidence.kerb_face import measure_edge_steps
 from stereo_selfcal.core.evidence.nuisances import seen_slope_covariance, unseen_slope_covariance
@@ -99,15 +100,55 @@ def test_horizon_outside_of_the_image_says_nothing():
     assert isinstance(horizon_offset((blank, blank), world.scene.rig, world.truth), NotFitted)
 
 
-def test_a_turned_camera_is_refused_without_any_texture():
+def test_a_turned_camera_is_refused_where_it_is_not_corrected():
     """Two lines cannot tell: without the horizon the estimate would be off by a tenth of the height."""
     _, _, plain = bare("plain")
     assert plain.accepted
-    camera = of_right_camera(named_world("plain"), turned_rad=math.radians(0.5))
+    world, images, _ = bare("plain", **TURNED)
+    settings = {"texture.check": 0, "alignment.correct": "none"}
+    result = Calibrator(world.scene.rig, CalibratorConfig.from_mapping(settings)).add(*images)
+    assert result.reason is RejectReason.IMAGES_NOT_RECTIFIED
+    assert abs(result.stages["refined"].height_m - world.truth.height_m) > 0.05
+
+
+TURNED = of_right_camera(named_world("plain"), turned_rad=math.radians(0.5))
+LOWER = of_right_camera(named_world("plain"), lower_px=0.3)
+
+
+@pytest.mark.parametrize(("camera", "pitch_px", "roll_deg"), [(TURNED, 0.0, 0.5), (LOWER, -0.3, 0.0)])
+def test_rows_of_a_bare_road_are_corrected_once_its_pose_is_known(camera, pitch_px, roll_deg):
+    """No texture tells them before. Content that is lower is that of a camera that is nose up."""
     world, _, result = bare("plain", **camera)
-    assert result.reason in (RejectReason.IMAGES_NOT_RECTIFIED, RejectReason.LINES_INCONSISTENT)
-    error_m = result.stages["refined"].height_m - world.truth.height_m if "refined" in result.stages else 1.0
-    assert abs(error_m) > 0.05
+    assert result.accepted
+    error = result.extrinsics.as_array() - world.truth.as_array()
+    assert np.all(np.abs(error) < [0.003, math.radians(0.02), math.radians(0.1)])
+    assert np.all(np.abs(error) < 3.0 * result.std.as_array())
+    turn = result.alignment
+    assert turn.pitch_rad * world.scene.rig.fy == pytest.approx(pitch_px, abs=0.05)
+    assert turn.roll_rad == pytest.approx(math.radians(roll_deg), abs=math.radians(0.02))
+    for found, expected, std in zip(
+        (turn.pitch_rad, turn.roll_rad),
+        (pitch_px / world.scene.rig.fy, math.radians(roll_deg)),
+        turn.std[:2],
+        strict=True,
+    ):
+        assert abs(found - expected) < 3.0 * std < math.radians(0.13)
+
+
+def test_a_bare_road_whose_rows_are_right_is_looked_at_once():
+    """What calibrations leave is in all standard deviations: the first estimate stands."""
+    _, images, result = bare("plain")
+    looks = []
+    of_images = FrameObservations.from_images
+
+    def counted(*arguments):
+        looks.append(arguments)
+        return of_images(*arguments)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(FrameObservations, "from_images", counted)
+        again = Calibrator(named_world("plain").scene.rig, LINES_ALONE).add(*images)
+    assert len(looks) == 1 and again.extrinsics == result.extrinsics
 
 
 @pytest.mark.parametrize("change", [0.02, -0.02])
@@ -245,7 +286,8 @@ def test_a_face_that_passes_for_a_part_of_a_stripe_shows_its_height():
         assert of_paint.surely_lower_than(0.03)
         assert of_kerb.height_m == pytest.approx(height_m, rel=0.3)
         assert of_kerb.height_m > 4.0 * of_kerb.std_m
-        assert result.reason is RejectReason.LINE_NOT_PAINTED
+        # The face makes the stripe wider: the fit of the stripes may differ from their left edges, too.
+        assert result.reason in (RejectReason.LINE_NOT_PAINTED, RejectReason.STAGES_DISAGREE)
 
 
 def test_both_edges_of_paint_lie_in_the_road_also_in_a_shadow():

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from stereo_selfcal import Calibrator, CalibratorConfig, RejectReason
-from stereo_selfcal.core.evidence import road_surface
+from stereo_selfcal.core.estimators.coarse_road import find_coarse_road
+from stereo_selfcal.core.evidence import camera_turn, road_surface
 from stereo_selfcal.core.evidence.frame_evidence import FoundBy, FrameObservations, Hypothesis
 from stereo_selfcal.core.lanes import frame_checks
 from stereo_selfcal.core.lanes.hypotheses import NoPattern
@@ -77,7 +78,8 @@ def test_where_the_road_under_the_car_is_not_aligned_lines_are_found_without_it(
     result = Calibrator(scene.rig).add(*images)
     assert not result.accepted and result.pattern is not None and result.gates
     assert {attempt.found_by for attempt in result.attempts} == {FoundBy.HOUGH}
-    surface = road_surface.find_road_surface(images, scene.rig, CalibratorConfig())
+    coarse, _ = find_coarse_road(images, scene.rig, CalibratorConfig().search, 0)
+    surface = road_surface.find_road_surface(images, scene.rig, coarse)
     assert surface.seen is not None and surface.located is None
     assert surface.described == (
         "the road surface under the car alone does not align: "
@@ -86,11 +88,14 @@ def test_where_the_road_under_the_car_is_not_aligned_lines_are_found_without_it(
 
 
 def test_rows_that_are_not_compared_leave_the_surface_alone_open(textured, monkeypatch):
-    """One of the cameras may have turned."""
+    """One of the cameras may have turned. With points all over the images, it is known before."""
     scene, images = textured
     raise_lines(monkeypatch, 0.07)
     few = NotFitted("cells that tell the rows", 3, Bound.LEAST, 6)
-    monkeypatch.setattr(solve, "vertical_offset", lambda *_: few)
+    for module, compare in ((solve, "vertical_offset"), (camera_turn, "vertical_offset")):
+        monkeypatch.setattr(module, compare, lambda *_: few)
+    assert Calibrator(scene.rig).add(*images).accepted
+    monkeypatch.setattr(camera_turn, "align_rows", lambda *_: few)
     result = Calibrator(scene.rig).add(*images)
     assert not result.accepted
     (surface,) = (each for each in result.attempts if each.found_by is FoundBy.SURFACE)
