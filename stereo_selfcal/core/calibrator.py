@@ -13,7 +13,7 @@ import numpy as np
 from .camera.rig import StereoRig
 from .config import CORRECT_ALL, CalibratorConfig
 from .drive.fusion import fuse_frames
-from .drive.rig_alignment import drive_of_rig
+from .drive.rig_alignment import SeenAlignment, drive_of_rig
 from .drive.travel import SeenLandmarks, TravelStep, step_between
 from .errors import shortened
 from .evidence.frame_evidence import FrameObservations
@@ -46,6 +46,7 @@ class Calibrator:
         self.config = config or CalibratorConfig()
         self._accepted: list[CalibrationResult] = []
         self._steps: list[TravelStep] = []
+        self._seen: list[SeenAlignment] = []
         self._previous: SeenLandmarks | None = None
         self._last: CalibrationResult | None = None
         self._lock = threading.Lock()  # of these two; frames are calibrated without it
@@ -53,7 +54,8 @@ class Calibrator:
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy is made from: everything but the lock."""
         with self._lock:
-            state = self.__dict__ | {"_accepted": list(self._accepted), "_steps": list(self._steps)}
+            lists = {name: list(self.__dict__[name]) for name in ("_accepted", "_steps", "_seen")}
+            state = self.__dict__ | lists
         del state["_lock"]
         return state
 
@@ -103,6 +105,8 @@ class Calibrator:
                 self._accepted.append(kept)
             if step is not None:
                 self._steps.append(step)
+            if result.alignment is not None:
+                self._seen.append(SeenAlignment(result.stamp_s, result.alignment))
             if result.landmarks is not None:
                 self._previous = SeenLandmarks(result.stamp_s, result.landmarks)
             self._last = kept
@@ -111,12 +115,13 @@ class Calibrator:
     def estimate(self) -> CalibrationResult:
         """The accepted frames so far, fused; the last rejection when none was accepted."""
         with self._lock:
-            accepted, steps, last = list(self._accepted), list(self._steps), self._last
-        if accepted:
-            told = drive_of_rig(accepted, steps, self.rig)
-            fused = fuse_frames(accepted, self.rig).copied()
-            return replace(fused, alignment=told.alignment, travel=told.travel, delay=told.delay)
-        return rejected(frame_checks.no_frames()) if last is None else last
+            accepted, last = list(self._accepted), self._last
+            steps, seen = list(self._steps), list(self._seen)
+        if last is None:
+            return rejected(frame_checks.no_frames())
+        told = drive_of_rig(accepted, seen, steps, self.rig)
+        fused = fuse_frames(accepted, self.rig).copied() if accepted else last
+        return replace(fused, alignment=told.alignment, travel=told.travel, delay=told.delay)
 
     def calibrate_frame(self, left: Image, right: Image, stamp_s: float = 0.0) -> CalibrationResult:
         """Calibrate one frame without adding it to the estimate, and let every exception pass.

@@ -84,6 +84,10 @@ def _calibrate_frame(calibrator: Calibrator, frame: StereoFrame) -> CalibrationR
 
 
 def calibrate_frame_slim(calibrator: Calibrator, frame: StereoFrame) -> CalibrationResult:
-    """Calibrate a frame; keep everything but points and lines, which weigh as much as an image."""
+    """Calibrate a frame; keep everything but points and lines, which weigh as much as an image.
+
+    The landmarks stay, which tell the motion to the next frame.
+    """
     result = calibrate_frame(calibrator, frame)
-    return replace(result.slim(), attempts=tuple(attempt.slim() for attempt in result.attempts))
+    attempts = tuple(attempt.slim() for attempt in result.attempts)
+    return replace(result.slim(), attempts=attempts, landmarks=result.landmarks)

@@ -24,6 +24,19 @@ _MEMORY_S = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class SeenAlignment:
+    """The alignment of a frame, without its result.
+
+    Attributes:
+        stamp_s: Time stamp [s].
+        alignment: How the right camera is turned.
+    """
+
+    stamp_s: float
+    alignment: Alignment
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class DriveOfRig:
     """What the motion between the frames of a drive tells.
 
@@ -39,37 +52,43 @@ class DriveOfRig:
 
 
 def drive_of_rig(
-    frames: Sequence[CalibrationResult], steps: Sequence[TravelStep], rig: StereoRig
+    frames: Sequence[CalibrationResult],
+    seen: Sequence[SeenAlignment],
+    steps: Sequence[TravelStep],
+    rig: StereoRig,
 ) -> DriveOfRig:
     """Return what a drive tells of the rig.
 
     Args:
         frames: Accepted frames, in the order of time.
+        seen: Alignments of all frames, refused ones among them: rows do not ask for a road.
         steps: Steps between frames of the same drive, in the order of time.
         rig: The rig that all come from.
     """
     return DriveOfRig(
-        _alignment(frames, steps, rig), fitted(estimate_travel(steps)), _delay(frames, steps, rig)
+        _alignment(frames, seen, steps, rig), fitted(estimate_travel(steps)), _delay(frames, steps, rig)
     )
 
 
 def _alignment(
-    frames: Sequence[CalibrationResult], steps: Sequence[TravelStep], rig: StereoRig
+    frames: Sequence[CalibrationResult],
+    seen: Sequence[SeenAlignment],
+    steps: Sequence[TravelStep],
+    rig: StereoRig,
 ) -> Alignment | None:
     """Return the robust mean of the frames' alignments; the yaw by travel and parallax, too."""
-    told = [(frame.stamp_s, frame.alignment) for frame in frames if frame.alignment is not None]
-    if not told:
+    if not seen:
         return None
-    duration_s = max(told[-1][0] - told[0][0], 0.0)
-    values = np.array([each.as_array() for _, each in told])
-    variances = np.array([np.diag(each.covariance) for _, each in told])
+    duration_s = max(seen[-1].stamp_s - seen[0].stamp_s, 0.0)
+    values = np.array([each.alignment.as_array() for each in seen])
+    variances = np.array([np.diag(each.alignment.covariance) for each in seen])
     over = MeanOverTime(duration_s, _MEMORY_S)
     means, of_means = np.zeros(3), np.zeros(3)
     for index in range(3):
         lasting = _LASTING_PART * variances[:, index]
         mean = mean_over_time(values[:, index], variances[:, index] - lasting, over, common=lasting)
         if isinstance(mean, NotFitted):
-            return told[-1][1]
+            return seen[-1].alignment
         means[index], of_means[index] = mean.value, mean.variance
     by_drive = [
         each
