@@ -26,6 +26,7 @@ from .lanes.matching import Matches
 from .numerics.linear import is_covariance
 from .rejection import fitted
 from .results import CalibrationResult, caught, rejected, result_of
+from .road.priors import TURNED_STD_RAD
 from .search.attempt import Attempt
 from .search.diagnosis import diagnose, not_synchronised
 from .search.solve import coarse_pose, solve
@@ -189,10 +190,14 @@ def _alignment(frame: FrameObservations, chosen: Attempt | None, rig: StereoRig)
     """Return how the right camera is turned: by the rows, and by all that tells its yaw."""
     yaw = _as_told(frame, chosen).yaw_left(rig, calibrated=False)
     covariance = np.zeros((3, 3))
-    covariance[:2, :2] = frame.turn.covariance
+    # Where rows were not compared, calibrations may have left anything.
+    covariance[:2, :2] = frame.turn.covariance if frame.turn.seen else np.eye(2) * TURNED_STD_RAD**2
     covariance[2, 2] = yaw.std_rad**2
     whole_yaw = frame.yaw_corrected_rad + yaw.yaw_rad
-    return Alignment(frame.turn.pitch_rad, frame.turn.roll_rad, whole_yaw, covariance)
+    unexplained_rad = frame.turn.distortion_px / rig.fx if frame.turn.points is not None else 0.0
+    return Alignment(
+        frame.turn.pitch_rad, frame.turn.roll_rad, whole_yaw, covariance, unexplained_rad=unexplained_rad
+    )
 
 
 def _as_told(frame: FrameObservations, chosen: Attempt | None) -> FrameObservations:

@@ -194,7 +194,7 @@ def test_estimate_is_the_last_refusal_until_a_frame_is_accepted(rendered):
     scene, left, right = rendered(1, 0.05)
     calibrator = Calibrator(scene.rig)
     refused = calibrator.add(GREY, GREY, 1.0)
-    assert calibrator.estimate is refused
+    assert calibrator.estimate.rejection is refused.rejection
     accepted = calibrator.add(left, right, 2.0)
     assert same_bytes(calibrator.estimate, accepted)
     assert not calibrator.add(GREY, GREY, 3.0).accepted

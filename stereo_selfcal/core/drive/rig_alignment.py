@@ -104,7 +104,9 @@ def _alignment(
     # Where they contradict each other, the scatter tells how much either is to be believed (Birge, 1932).
     chi2 = float(information @ (yaws - yaw) ** 2) / max(1, len(yaws) - 1)
     variance = max(1.0, chi2) / float(information.sum())
-    return Alignment(float(means[0]), float(means[1]), yaw, np.diag([of_means[0], of_means[1], variance]))
+    covariance = np.diag([of_means[0], of_means[1], variance])
+    unexplained_rad = float(np.median([each.alignment.unexplained_rad for each in seen]))
+    return Alignment(float(means[0]), float(means[1]), yaw, covariance, unexplained_rad=unexplained_rad)
 
 
 def _delay(

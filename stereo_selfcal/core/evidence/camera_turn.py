@@ -22,7 +22,7 @@ from ..estimators.matched_points import match_points
 from ..estimators.row_alignment import LEAST_SMOOTH_PX, RowAlignment, align_rows
 from ..geometry.alignment import optical_rotation
 from ..geometry.pose import Extrinsics
-from ..rejection import NotFitted
+from ..rejection import Bound, NotFitted, fitted
 from ..road.priors import (
     CALIBRATED_TURN_STD_RAD,
     RECTIFICATION_STD_PX,
@@ -120,14 +120,30 @@ def measure_turn(
     ahead = 0.0 if isinstance(by_points, NotFitted) else by_points.ahead
     landmarks = describe_points(images[0], points, ahead)
     told = [] if isinstance(by_points, NotFitted) else [CameraTurn.of_points(by_points)]
-    clear = bool(told) and bool(np.all(told[0].std_rad < CALIBRATED_TURN_STD_RAD[:2]))
-    if not clear and coarse is not None:
-        on_road = vertical_offset(images, rig, coarse)
-        if not isinstance(on_road, NotFitted):
-            told.append(CameraTurn.of_offset(on_road, rig))
-    if isinstance(by_points, NotFitted) and not told:
-        return replace(CameraTurn.unknown(by_points), landmarks=landmarks)
+    vague = by_points if isinstance(by_points, NotFitted) else _vague(told[0])
+    if vague is not None:
+        on_road = None if coarse is None else fitted(vertical_offset(images, rig, coarse))
+        if on_road is None:
+            return replace(CameraTurn.unknown(vague), landmarks=landmarks)
+        told.append(CameraTurn.of_offset(on_road, rig))
     return replace(_with_prior(told), landmarks=landmarks)
+
+
+def _vague(turn: CameraTurn) -> NotFitted | None:
+    """Return why points tell less of a turn than is known of every calibrated pair; None where they tell more.
+
+    The few that a bare road has are matched by chance, some of them.
+    """
+    excess = turn.std_rad / CALIBRATED_TURN_STD_RAD[:2]
+    index = int(np.argmax(excess))
+    if excess[index] < 1.0:
+        return None
+    name, (value, limit) = (
+        ("pitch", "roll")[index],
+        np.degrees([turn.std_rad[index], CALIBRATED_TURN_STD_RAD[index]]),
+    )
+    what = f"standard deviation of the {name} that points of both images tell"
+    return NotFitted(what, float(value), Bound.MOST, float(limit), "deg")
 
 
 def _with_prior(told: Sequence[CameraTurn]) -> CameraTurn:
