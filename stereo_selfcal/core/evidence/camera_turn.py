@@ -34,6 +34,11 @@ from .rig_unknowns import RigStd
 from .row_offset import VerticalOffset, vertical_offset
 
 
+# Points tell a turn where its standard deviation is at most this part of what calibrations leave: with less,
+# a correction would add about as much noise as it takes away.
+_MOST_OF_PRIOR = 0.5
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraTurn:
     """Pitch and roll of the right camera against where the rig has it.
@@ -126,31 +131,31 @@ def measure_turn(
         if on_road is None:
             return replace(CameraTurn.unknown(vague), landmarks=landmarks)
         told.append(CameraTurn.of_offset(on_road, rig))
-    return replace(_with_prior(told), landmarks=landmarks)
+    return replace(with_prior(told), landmarks=landmarks)
 
 
 def _vague(turn: CameraTurn) -> NotFitted | None:
-    """Return why points tell less of a turn than is known of every calibrated pair; None where they tell more.
+    """Return why points hardly tell a turn; None where they do.
 
-    The few that a bare road has are matched by chance, some of them.
+    The few points of a bare road are matched by chance, some of them.
     """
-    excess = turn.std_rad / CALIBRATED_TURN_STD_RAD[:2]
-    index = int(np.argmax(excess))
-    if excess[index] < 1.0:
+    most = _MOST_OF_PRIOR * np.array(CALIBRATED_TURN_STD_RAD[:2])
+    index = int(np.argmax(turn.std_rad / most))
+    value, limit = np.degrees([turn.std_rad[index], most[index]])
+    if value < limit:
         return None
-    name, (value, limit) = (
-        ("pitch", "roll")[index],
-        np.degrees([turn.std_rad[index], CALIBRATED_TURN_STD_RAD[index]]),
-    )
-    what = f"standard deviation of the {name} that points of both images tell"
+    what = f"standard deviation of the {('pitch', 'roll')[index]} that points of both images tell"
     return NotFitted(what, float(value), Bound.MOST, float(limit), "deg")
 
 
-def _with_prior(told: Sequence[CameraTurn]) -> CameraTurn:
+def with_prior(told: Sequence[CameraTurn]) -> CameraTurn:
     """Return the mean of what tells a turn, weighted by information, with the prior of calibrated pairs.
 
     Of these, few have turned by more than calibrations leave: the prior is a sum of two normal distributions,
     and so is what follows from it (Bayes). The angles are taken one by one, as they hardly correlate.
+
+    Args:
+        told: What tells it, at least one.
     """
     information = [np.linalg.inv(each.covariance) for each in told]
     measured = np.linalg.inv(sum(information))

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..camera.rig import StereoRig
 from ..config import CORRECT_NOTHING, CalibratorConfig
-from ..evidence.camera_turn import CameraTurn
+from ..evidence.camera_turn import CameraTurn, with_prior
 from ..evidence.camera_yaw import yaw_of_matches
 from ..evidence.cross_checks import remaining_offset
 from ..evidence.frame_evidence import FoundBy, FrameObservations, Hypothesis
@@ -181,6 +181,6 @@ def turn_under_pose(
     offset = remaining_offset(frame, rig, pose, yaw)
     if offset is None:
         return None
-    turn = CameraTurn.of_offset(offset, rig)
+    turn = with_prior([CameraTurn.of_offset(offset, rig)])
     usual = np.abs(turn.as_array()) <= CALIBRATED_TURN_STD_RAD[:2]
     return None if np.all(usual) else turn
