@@ -86,14 +86,15 @@ def speeds_at(stamps_s: Sequence[float], steps: Sequence[TravelStep]) -> Array:
         steps: Steps of the drive, in the order of time.
 
     Returns:
-        The speeds; NaN where no step is near.
+        The speeds; NaN before the middle of the first step, after that of the last one, and where no step is
+        near.
     """
     stamps = np.asarray(stamps_s, np.float64)
     if not steps:
         return np.full(len(stamps), math.nan)
     middle = np.array([step.middle_s for step in steps])
     speed = np.array([step.speed_mps for step in steps])
-    found = np.interp(stamps, middle, speed)
+    found = np.interp(stamps, middle, speed, left=math.nan, right=math.nan)
     # Within a step or next to it.
     begin = np.array([step.stamp_s for step in steps])
     length = np.array([step.duration_s for step in steps])
