@@ -32,6 +32,7 @@ _PLACE_STD_PX, _DISPARITY_STD_PX = 0.7, 0.3
 _STD_PX = np.array([_PLACE_STD_PX, _PLACE_STD_PX, _DISPARITY_STD_PX])
 _LEAST_SCALE, _MOST_SCALE = 0.1, 3.0
 _ANY_VERGENCE_RAD = 0.005  # prior: a third of a degree, many times what calibrations leave
+_LEAST_TO_START = 8  # pairs that surely look alike; with the motion by them, more are found
 _LEAST_PAIRS = 20  # three numbers each, for seven unknowns
 _LEAST_SHARE = 0.4  # of the pairs that agree with one motion: the rest belongs to other cars, or is wrong
 _WAYS_M = np.arange(-1.0, 20.1, 0.5)  # ahead, that a motion may start from
@@ -130,8 +131,10 @@ def estimate_motion(before: Landmarks, after: Landmarks, rig: StereoRig) -> Fram
     first, second = _Points.of(before, rig), _Points.of(after, rig)
     bits = different_bits(before, after)
     pairs = match_anywhere(bits)
-    if len(pairs[0]) < _LEAST_PAIRS:
-        return _too_few(len(pairs[0]))
+    if len(pairs[0]) < _LEAST_TO_START:
+        return NotFitted(
+            "landmarks that two frames have in common", len(pairs[0]), Bound.LEAST, _LEAST_TO_START
+        )
     state = _start(first.chosen(pairs[0]), second.chosen(pairs[1]), rig)
     coarse = _search(bits, (first, second), state, rig, *_COARSE)
     if isinstance(coarse, NotFitted):

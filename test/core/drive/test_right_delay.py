@@ -80,8 +80,18 @@ def test_unknown_speeds_are_left_out_and_too_few_frames_are_a_reason():
     assert isinstance(fit_delay([0.0, 0.0], [1.0, 1.0], [1.0, 2.0], RIG), NotFitted)
 
 
-def test_speeds_are_those_of_the_steps_near_by():
+def test_speeds_are_those_of_the_steps_around():
     steps = [step_at(100.0, 0.1, 1.0), step_at(100.1, 0.1, 2.0)]
-    found = speeds_at([100.0, 100.1, 100.2, 101.0], steps)
+    found = speeds_at([100.0, 100.1, 100.2, 102.0], steps)
     np.testing.assert_allclose(found, [math.nan, 15.0, math.nan, math.nan], rtol=1e-6)
     assert np.all(np.isnan(speeds_at([1.0], [])))
+
+
+def test_a_wrong_step_changes_no_speed_and_noise_averages_out():
+    rng = np.random.default_rng(5)
+    times = 100.0 + 0.1 * np.arange(40)
+    true_mps = 5.0 + 2.5 * (times + 0.05 - 100.0)
+    ways = 0.1 * true_mps * (1.0 + 0.05 * rng.standard_normal(40))
+    ways[20] *= 3.0
+    found = speeds_at(times[8:32], [step_at(time, 0.1, way) for time, way in zip(times, ways, strict=True)])
+    np.testing.assert_allclose(found, true_mps[8:32] - 0.125, rtol=0.05)
