@@ -85,7 +85,7 @@ def fit_delay(
 
 
 class Moving(Protocol):
-    """What is used of a step: :class:`.TravelStep` and :class:`.RoadStep` have it."""
+    """What is used of a step: :class:`.TravelStep` and :class:`.PatchStep` have it."""
 
     @property
     def middle_s(self) -> float:

@@ -27,7 +27,7 @@ _PLACE_STD_M, _STD_OF_WAY = 0.03, 0.02
 
 
 @dataclass(frozen=True, slots=True)
-class RoadStep:
+class PatchStep:
     """How far the car has driven between two frames.
 
     Attributes:
@@ -53,7 +53,7 @@ class RoadStep:
         return self.way_m / self.duration_s
 
 
-def road_step(before: tuple[float, RoadPatch], after: tuple[float, RoadPatch]) -> RoadStep | NotFitted:
+def road_step(before: tuple[float, RoadPatch], after: tuple[float, RoadPatch]) -> PatchStep | NotFitted:
     """Return how far the car has driven ahead between two frames.
 
     Args:
@@ -88,7 +88,7 @@ def road_step(before: tuple[float, RoadPatch], after: tuple[float, RoadPatch]) -
     below, above = float(along[best - 1]), float(along[best + 1])
     part = 0.5 * (below - above) / (below - 2.0 * peak + above)
     way_m = (best + part) * CELL_M + before[1].near_m - after[1].near_m
-    return RoadStep(before[0], duration_s, way_m, math.hypot(_PLACE_STD_M, _STD_OF_WAY * way_m))
+    return PatchStep(before[0], duration_s, way_m, math.hypot(_PLACE_STD_M, _STD_OF_WAY * way_m))
 
 
 def _texture(patch: RoadPatch) -> Floats:

@@ -44,7 +44,7 @@ def test_at_constant_speed_only_the_sum_is_known():
     speed = np.full(60, 10.0)
     found = fit(measured(np.random.default_rng(1), 0.0, 0.02, speed), speed)
     assert found.offset_m + 10.0 * found.delay_s == pytest.approx(0.02, abs=1e-3)
-    prior_m = BASELINE_DIRECTION_STD_RAD * RIG.baseline_m
+    prior_m = math.hypot(BASELINE_DIRECTION_STD_RAD * RIG.baseline_m, 0.02)
     assert found.std[0] == pytest.approx(prior_m / 10.0, rel=0.05)
     assert found.std[1] == pytest.approx(prior_m, rel=0.05)
     correlation = found.covariance[0, 1] / (found.std[0] * found.std[1])

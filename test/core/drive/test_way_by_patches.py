@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stereo_selfcal import Extrinsics
-from stereo_selfcal.core.drive.way_by_patches import RoadStep, road_step
+from stereo_selfcal.core.drive.way_by_patches import PatchStep, road_step
 from stereo_selfcal.core.estimators.road_patch import RoadPatch, road_patch
 from stereo_selfcal.core.rejection import NotFitted
 from stereo_selfcal.synth.scenes import custom_scene
@@ -26,7 +26,7 @@ def test_the_speed_over_a_road_with_texture_and_lines(speed_mps):
     patches = drive(speed_mps)
     for before, after in pairwise(patches):
         step = road_step(before, after)
-        assert isinstance(step, RoadStep), step.reason
+        assert isinstance(step, PatchStep), step.reason
         assert abs(step.way_m - 0.1 * speed_mps) < 3.0 * step.std_m
         assert step.way_m == pytest.approx(0.1 * speed_mps, abs=0.08)
         assert step.speed_mps == pytest.approx(10.0 * step.way_m)
