@@ -19,8 +19,8 @@ def different_bits(before: Landmarks, after: Landmarks) -> Floats:
     first, second = (
         2.0 * np.unpackbits(each.descriptors, axis=1).astype(np.float32) - 1.0 for each in (before, after)
     )
-    product: Floats = first @ second.T
-    return (np.float32(first.shape[1]) - product) * np.float32(0.5)
+    different: Floats = (np.float32(first.shape[1]) - first @ second.T) * np.float32(0.5)
+    return different
 
 
 def match_anywhere(bits: Floats) -> tuple[Indices, Indices]:
@@ -65,5 +65,5 @@ def _unlike_others(bits: Floats, pairs: tuple[Indices, Indices]) -> Mask:
     others = bits[rows]
     best = others[np.arange(len(rows)), columns].copy()
     others[np.arange(len(rows)), columns] = np.inf
-    unlike: Mask = best <= _RATIO * others.min(axis=1, initial=np.inf)
+    unlike: Mask = best < _RATIO * others.min(axis=1, initial=np.inf)
     return unlike

@@ -14,6 +14,7 @@ from ..rejection import NotFitted
 from ..types import Array
 
 _PRIOR_FREEDOM = 3.0  # independent values that the prior of a scatter is worth
+_NO_TIME = 1e-3  # over the memory: the series is a single value
 _ROUNDS = 3  # of the scatter and the mean; they hardly change each other
 _REWEIGHTING = Reweighting(rounds=4, absolute_rounds=2)
 _DETERMINED = "numbers of a mean over time that the measurements determine"
@@ -41,7 +42,7 @@ class MeanOverTime:
     def of_mean(self) -> float:
         """Variance of the mean over that of a single value, for a correlation that decays exponentially."""
         times = self.duration_s / self.memory_s
-        if times < 1e-3:
+        if times < _NO_TIME:
             return 1.0
         return 2.0 / times * (1.0 - (1.0 - math.exp(-times)) / times)
 

@@ -23,7 +23,7 @@ from ..numerics.linear import invert, is_covariance, solve_linear
 from ..numerics.robust import TUKEY_SIGMAS, Reweighting, fit_reweighted, tukey_weights
 from ..numerics.statistics import MEDIAN_CHI2_3, upper_median
 from ..rejection import Bound, NotFitted
-from ..types import Array, Indices
+from ..types import Array, Floats, Indices
 from .landmark_matches import different_bits, match_anywhere, match_near
 
 # Standard deviations of a landmark [px]: corners are found to half a pixel in either image, and disparities
@@ -32,16 +32,15 @@ _PLACE_STD_PX, _DISPARITY_STD_PX = 0.7, 0.3
 _STD_PX = np.array([_PLACE_STD_PX, _PLACE_STD_PX, _DISPARITY_STD_PX])
 _LEAST_SCALE, _MOST_SCALE = 0.1, 3.0
 _ANY_VERGENCE_RAD = 0.005  # prior: a third of a degree, many times what calibrations leave
+_LEAST_TO_START = 8  # pairs that surely look alike; with the motion by them, more are found
 _LEAST_PAIRS = 20  # three numbers each, for seven unknowns
 _LEAST_SHARE = 0.4  # of the pairs that agree with one motion: the rest belongs to other cars, or is wrong
 _WAYS_M = np.arange(-1.0, 20.1, 0.5)  # ahead, that a motion may start from
 _AGREES = 0.02  # of the width: how far a landmark may be from where such a start moves it
 # How far from where they are expected landmarks are looked for, over the width: after the start, and after a
 # first fit; and how the motion is fitted to them.
-_SEARCHES = (
-    (0.03, Reweighting(rounds=4, absolute_rounds=6)),
-    (0.01, Reweighting(rounds=6)),
-)
+_COARSE = 0.03, Reweighting(rounds=4, absolute_rounds=6)
+_FINE = 0.01, Reweighting(rounds=6)
 _TINY = 1e-12
 _LEAST_WIDENING = 0.2  # beyond, a point is hardly matched
 
@@ -73,16 +72,16 @@ class FrameMotion:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _State:
+class _MotionState:
     """An estimate, in optical axes: ``p_after = rotation p_before + shift``."""
 
     rotation: Array
     shift_m: Array
     yaw_rad: float
 
-    def changed(self, step: Array) -> _State:
+    def changed(self, step: Array) -> _MotionState:
         turn = np.asarray(cv2.Rodrigues(step[:3])[0], np.float64)
-        return _State(turn @ self.rotation, self.shift_m + step[3:6], self.yaw_rad + float(step[6]))
+        return _MotionState(turn @ self.rotation, self.shift_m + step[3:6], self.yaw_rad + float(step[6]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +103,7 @@ class _Points:
         left = landmarks.left.astype(np.float64)
         rays = np.column_stack([(left - (rig.cx, rig.cy)) / (rig.fx, rig.fy), np.ones(len(left))])
         of_right = (landmarks.right[:, 0].astype(np.float64) - rig.cx) / rig.fx
-        # A right camera that sits farther ahead sees the left half of its image too near, the right one too far.
+        # To a right camera that sits farther ahead, its left half looks nearer and its right half farther.
         widening = np.maximum(1.0 - landmarks.ahead * of_right, _LEAST_WIDENING)
         disparity = (left[:, 0] - landmarks.right[:, 0]) / widening
         return cls(rays, np.column_stack([left, disparity]), 1.0 + of_right**2)
@@ -132,27 +131,23 @@ def estimate_motion(before: Landmarks, after: Landmarks, rig: StereoRig) -> Fram
     first, second = _Points.of(before, rig), _Points.of(after, rig)
     bits = different_bits(before, after)
     pairs = match_anywhere(bits)
-    if len(pairs[0]) < _LEAST_PAIRS:
-        return _too_few(len(pairs[0]))
+    if len(pairs[0]) < _LEAST_TO_START:
+        return NotFitted(
+            "landmarks that two frames have in common", len(pairs[0]), Bound.LEAST, _LEAST_TO_START
+        )
     state = _start(first.chosen(pairs[0]), second.chosen(pairs[1]), rig)
-    outcome: _Fit | NotFitted = _too_few(0)
-    for radius, how in _SEARCHES:
-        q, inverse = _moved(first, state, rig)
-        expected = np.column_stack([q[:, :2] * (rig.fx, rig.fy), first.seen[:, 2]]) * inverse[:, None]
-        expected[:, :2] += rig.cx, rig.cy
-        pairs = match_near(bits, expected, second.seen, radius * rig.width)
-        if len(pairs[0]) < _LEAST_PAIRS:
-            return _too_few(len(pairs[0]))
-        outcome = _fit(first.chosen(pairs[0]), second.chosen(pairs[1]), state, rig, how)
-        if isinstance(outcome, NotFitted):
-            return outcome
-        state = outcome.state
-    if outcome.scale > _MOST_SCALE:
-        return NotFitted("scatter of landmarks over what is expected", outcome.scale, Bound.MOST, _MOST_SCALE)
-    least = max(_LEAST_PAIRS, math.ceil(_LEAST_SHARE * len(pairs[0])))
-    if outcome.n_points < least:
-        return NotFitted("landmarks that agree with one motion", outcome.n_points, Bound.LEAST, least)
-    return _in_body_axes(outcome)
+    coarse = _search(bits, (first, second), state, rig, *_COARSE)
+    if isinstance(coarse, NotFitted):
+        return coarse
+    fine = _search(bits, (first, second), coarse.state, rig, *_FINE)
+    if isinstance(fine, NotFitted):
+        return fine
+    if fine.scale > _MOST_SCALE:
+        return NotFitted("scatter of landmarks over what is expected", fine.scale, Bound.MOST, _MOST_SCALE)
+    least = max(_LEAST_PAIRS, math.ceil(_LEAST_SHARE * fine.n_pairs))
+    if fine.n_points < least:
+        return NotFitted("landmarks that agree with one motion", fine.n_points, Bound.LEAST, least)
+    return _in_body_axes(fine)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,12 +157,14 @@ class _Fit:
     Attributes:
         state: The state.
         covariance: (7, 7) of small turn, shift and yaw of the right camera.
+        n_pairs: Number of pairs.
         n_points: Number of pairs that agree.
         scale: Their scatter over what is expected.
     """
 
-    state: _State
+    state: _MotionState
     covariance: Array
+    n_pairs: int
     n_points: int
     scale: float
 
@@ -176,7 +173,26 @@ def _too_few(number: int) -> NotFitted:
     return NotFitted("landmarks that two frames have in common", number, Bound.LEAST, _LEAST_PAIRS)
 
 
-def _start(before: _Points, after: _Points, rig: StereoRig) -> _State:
+def _search(
+    bits: Floats,
+    points: tuple[_Points, _Points],
+    state: _MotionState,
+    rig: StereoRig,
+    radius: float,
+    how: Reweighting,
+) -> _Fit | NotFitted:
+    """Look for landmarks near where a motion moves them, and fit the motion to them."""
+    first, second = points
+    q, inverse = _moved(first, state, rig)
+    expected = np.column_stack([q[:, :2] * (rig.fx, rig.fy), first.seen[:, 2]]) * inverse[:, None]
+    expected[:, :2] += rig.cx, rig.cy
+    pairs = match_near(bits, expected, second.seen, radius * rig.width)
+    if len(pairs[0]) < _LEAST_PAIRS:
+        return _too_few(len(pairs[0]))
+    return _fit(first.chosen(pairs[0]), second.chosen(pairs[1]), state, rig, how)
+
+
+def _start(before: _Points, after: _Points, rig: StereoRig) -> _MotionState:
     """Return a first estimate: of many ways ahead, the one that most pairs agree with after a turn.
 
     The turn that belongs to a way is the median of what remains. No random numbers are drawn.
@@ -193,26 +209,26 @@ def _start(before: _Points, after: _Points, rig: StereoRig) -> _State:
     agreeing[behind] = 0.0
     best = int(agreeing.sum(axis=1).argmax())
     right, down = turns_px[best] / focal
-    way = _State(np.eye(3), np.array([0.0, 0.0, -float(_WAYS_M[best])]), 0.0)
+    way = _MotionState(np.eye(3), np.array([0.0, 0.0, -float(_WAYS_M[best])]), 0.0)
     return way.changed(np.array([-down, right, 0.0, 0.0, 0.0, 0.0, 0.0]))
 
 
-def _moved(points: _Points, state: _State, rig: StereoRig) -> tuple[Array, Array]:
+def _moved(points: _Points, state: _MotionState, rig: StereoRig) -> tuple[Array, Array]:
     """Return landmarks after a motion, over their depths before, and the inverse of their depths then."""
     q = points.rays @ state.rotation.T + points.nearness(state.yaw_rad, rig)[:, None] * state.shift_m
     return q, np.where(q[:, 2] > _NOT_BEHIND, 1.0 / np.maximum(q[:, 2], _NOT_BEHIND), np.nan)
 
 
-def _whitened(before: _Points, after: _Points, state: _State, rig: StereoRig) -> tuple[Array, Array]:
+def _whitened(before: _Points, after: _Points, state: _MotionState, rig: StereoRig) -> tuple[Array, Array]:
     """Return the residuals of the pairs after a motion, each of unit variance, and their derivatives.
 
-    What the disparity before the motion does not tell makes residuals of one pair correlated: their covariance
-    is a diagonal matrix and a product of two vectors, whose root is known.
+    The error of the disparity before the motion is common to the residuals of a pair: their covariance is a
+    diagonal matrix and the product of a vector with itself, whose root is known.
 
     Returns:
-        (N, 3) seen less expected columns, rows and disparities; (N, 3, 7) derivatives of what is expected, by a
-        small turn, the shift and the yaw of the right camera. Landmarks that would be behind the camera have
-        large residuals and no derivatives.
+        (N, 3) seen less expected columns, rows and disparities; (N, 3, 7) derivatives of what is expected, by
+        a small turn, the shift and the yaw of the right camera. Landmarks that would be behind the camera
+        have large residuals and no derivatives.
     """
     depth = rig.fx * rig.baseline_m
     near = before.nearness(state.yaw_rad, rig)
@@ -251,7 +267,7 @@ def _whitened(before: _Points, after: _Points, state: _State, rig: StereoRig) ->
 
 
 def _fit(
-    before: _Points, after: _Points, state: _State, rig: StereoRig, how: Reweighting
+    before: _Points, after: _Points, state: _MotionState, rig: StereoRig, how: Reweighting
 ) -> _Fit | NotFitted:
     """Fit the motion to pairs of landmarks, from a state on."""
     prior = np.zeros(7)
@@ -259,7 +275,7 @@ def _fit(
     normal = np.zeros((7, 7))
     right, derivatives = _whitened(before, after, state, rig)
 
-    def fit(weights: Array, scale: float | Array) -> tuple[_State, Array] | NotFitted:
+    def fit(weights: Array, scale: float | Array) -> tuple[_MotionState, Array] | NotFitted:
         nonlocal state, normal, right, derivatives
         design = derivatives.reshape(-1, 7)
         weighted = design.T * np.repeat(weights / np.square(scale), 3)
@@ -283,7 +299,7 @@ def _fit(
     covariance = _covariance(right, derivatives, found.weights, scale, prior)
     if isinstance(covariance, NotFitted) or not is_covariance(covariance):
         return NotFitted(_DETERMINED, 6, Bound.LEAST, 7)
-    return _Fit(state, covariance, agreeing, scale)
+    return _Fit(state, covariance, len(right), agreeing, scale)
 
 
 def _covariance(
@@ -303,8 +319,9 @@ def _covariance(
     if isinstance(response, NotFitted):
         return response
     spread = len(right) / (len(right) - 7.0) * (pulls.T @ pulls) / scale**4
-    covariance: Array = response @ (spread + np.diag(prior)) @ response
-    return (covariance + covariance.T) / 2.0
+    product = response @ (spread + np.diag(prior)) @ response
+    covariance: Array = (product + product.T) / 2.0
+    return covariance
 
 
 def _in_body_axes(fit: _Fit) -> FrameMotion:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +17,11 @@ import numpy.typing as npt
 from ..camera.rig import StereoRig
 from ..geometry.travel import RightDelay
 from ..numerics.linear import invert, solve_linear
-from ..numerics.robust import Reweighting, fit_reweighted
+from ..numerics.robust import Reweighting, fit_reweighted, scale_by_median
 from ..numerics.statistics import SIGMA_OVER_MAD, upper_median
 from ..rejection import Bound, NotFitted
 from ..road.priors import BASELINE_DIRECTION_STD_RAD
 from ..types import Array
-from .travel import TravelStep
 
 _REWEIGHTING = Reweighting(rounds=4, absolute_rounds=2)
 _LEAST_FRAMES = 3
@@ -29,6 +29,12 @@ _LEAST_FRAMES = 3
 _DELAY_STD_S = 0.1
 # Rows that are off by a tenth of a pixel move the road by a centimetre or two along the way.
 _OFFSET_STD_M = 0.02
+# Within this time, the speed changes linearly: a car brakes by 3 m/s^2, and by other than that hardly sooner.
+_NEAR_S = 0.75
+_STEPS_OF_LINE = 4
+_LEAST_SPEED_SCATTER_MPS = 0.05
+_OF_SPEEDS = Reweighting(rounds=2, absolute_rounds=3)
+_OF_LINE = "numbers of the speed that the steps determine"
 _DETERMINED = "numbers of the delay that the frames determine"
 
 
@@ -78,24 +84,50 @@ def fit_delay(
     return RightDelay(float(delay_s), float(offset_m), covariance, int(np.count_nonzero(found.weights)))
 
 
-def speeds_at(stamps_s: Sequence[float], steps: Sequence[TravelStep]) -> Array:
-    """Return the speed of the car (N,) at some times [m/s], between the steps that were measured.
+class Moving(Protocol):
+    """What is used of a step: :class:`.TravelStep` and :class:`.PatchStep` have it."""
+
+    @property
+    def middle_s(self) -> float:
+        """Time of the middle of the step [s]."""
+
+    @property
+    def speed_mps(self) -> float:
+        """Mean speed [m/s]."""
+
+
+def speeds_at(stamps_s: Sequence[float], steps: Sequence[Moving]) -> Array:
+    """Return the speed of the car (N,) at some times [m/s], by the steps around each.
+
+    A car does not change its speed by much within a second. So the speed is that of a line through the steps
+    before and after, without outliers.
 
     Args:
         stamps_s: Time stamps [s].
-        steps: Steps of the drive, in the order of time.
+        steps: Steps of the drive.
 
     Returns:
-        The speeds; NaN where no step is near.
+        The speeds; NaN where no steps are near, or all lie on one side.
     """
-    stamps = np.asarray(stamps_s, np.float64)
-    if not steps:
-        return np.full(len(stamps), math.nan)
     middle = np.array([step.middle_s for step in steps])
     speed = np.array([step.speed_mps for step in steps])
-    found = np.interp(stamps, middle, speed)
-    # Within a step or next to it.
-    begin = np.array([step.stamp_s for step in steps])
-    length = np.array([step.duration_s for step in steps])
-    apart = np.abs(stamps[:, None] - (begin + length / 2.0)) <= 1.01 * length
-    return np.where(apart.any(axis=1), found, math.nan)
+    return np.array([_speed_at(stamp, middle, speed) for stamp in stamps_s], np.float64)
+
+
+def _speed_at(stamp_s: float, middle_s: Array, speed_mps: Array) -> float:
+    apart = middle_s - stamp_s
+    near = np.abs(apart) <= _NEAR_S
+    time, speed = apart[near], speed_mps[near]
+    if not (np.any(time <= 0.0) and np.any(time >= 0.0)):
+        return math.nan
+    # With few steps, their mean is all they tell.
+    degree = 1 if len(time) >= _STEPS_OF_LINE and float(np.ptp(time)) > 0.0 else 0
+    design = np.vander(time, degree + 1, increasing=True)
+
+    def fit(weights: Array, _: float | Array) -> tuple[Array, Array] | NotFitted:
+        weighted = design.T * weights
+        line = solve_linear(weighted @ design, weighted @ speed, _OF_LINE)
+        return line if isinstance(line, NotFitted) else (line, speed - design @ line)
+
+    found = fit_reweighted(fit, len(time), _OF_SPEEDS, scale_by_median(_LEAST_SPEED_SCATTER_MPS))
+    return math.nan if isinstance(found, NotFitted) else float(found.solution[0])

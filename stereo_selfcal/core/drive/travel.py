@@ -1,9 +1,10 @@
 """The camera against the direction of travel, from the motion between the frames of a drive.
 
-In the mean a car drives along its road. So the direction in which its camera moves says where the horizon is,
-without any disparity. Single steps differ from the mean: the car pitches on its suspension, with a memory of a
-second or two, and in a bend the camera moves sideways. The first is a scatter that is measured; the second
-grows with the curvature, by a length that is estimated, so that steps in a bend count less the tighter it is.
+In the mean a car drives along its road. So the direction in which its camera moves says where the horizon
+is, without any disparity. Single steps differ from the mean: the car pitches on its suspension, with a memory
+of a second or two, and in a bend the camera moves sideways. The first is a scatter that is measured; the
+second grows with the curvature, by a length that is estimated, so that a step counts less the tighter its
+bend.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Yaw of the right camera, the vergence, from a drive: by the direction of travel, and by the parallax.
 
-A right camera that has turned about the vertical makes all disparities wrong by the same number. The surface of
-the road then seems to have another pitch. The direction of travel needs no disparity: in the mean a car drives
-along its road, and what the pitch over the surface differs from that against the direction of travel tells the
-turn. The parallax of each step tells it again: far and near points show it differently.
+A right camera that has turned about the vertical makes all disparities wrong by the same number. The surface
+of the road then seems to have another pitch. The direction of travel needs no disparity: in the mean a car
+drives along its road, and the difference of the pitch over the surface from that against the direction of
+travel tells the turn. The parallax of each step tells it again: far and near points show it differently.
 """
 
 from __future__ import annotations
@@ -86,8 +86,8 @@ def vergence_of_travel(
         steps: Steps of the drive, in the order of time.
         poses: Accepted frames of the same drive, whose poses rest on the surface of the road.
         rig: Intrinsics and baseline.
-        pitch_std_rad: Standard deviations of their pitch by noise, without the unknowns of the rig; None where
-            they do not matter beside the slopes of the road.
+        pitch_std_rad: Standard deviations of their pitch by noise, without the unknowns of the rig; None
+            where they do not matter beside the slopes of the road.
     """
     driven = ahead_only(steps)
     located = [(pose.stamp_s, pose.extrinsics) for pose in poses if pose.extrinsics is not None]
@@ -106,8 +106,9 @@ def vergence_of_travel(
         if not np.any(near):
             continue
         information = 1.0 / noise[near]
-        differences.append(pose.pitch_rad - float(pitches[near] @ information) / float(information.sum()))
-        variances.append(std**2 + 1.0 / float(information.sum()))
+        total = float(information.sum())
+        differences.append(pose.pitch_rad - float(pitches[near] @ information) / total)
+        variances.append(std**2 + 1.0 / total)
         slower.append(float(speeds[near].mean()))
     if len(differences) < _LEAST_POSES:
         return NotFitted("poses while the car drives", len(differences), Bound.LEAST, _LEAST_POSES)

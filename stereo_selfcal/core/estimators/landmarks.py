@@ -20,8 +20,8 @@ from .matched_points import MatchedPoints
 _BITS = 256
 _PATTERN_SEED = 20  # any: descriptors are compared within one release only
 _SPREAD = 0.5  # standard deviation of the places over the half width of the neighbourhood (BRIEF: 0.4)
-# Half width of the neighbourhood: so much of the disparity, within limits in parts of the image's width. For a
-# baseline of half a metre, that is a quarter of a metre of the world.
+# Half width of the neighbourhood: so much of the disparity, within limits in parts of the image's width. For
+# a baseline of half a metre, that is a quarter of a metre of the world.
 _HALF_WIDTH = 0.5
 _LEAST_HALF_WIDTH, _MOST_HALF_WIDTH = 1 / 130, 1 / 50
 _BLUR = 1 / 250  # side of the box over which grey values are averaged, over the width

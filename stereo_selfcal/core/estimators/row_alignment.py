@@ -36,6 +36,7 @@ _ANY_TURN_RAD = 0.02  # a degree: beyond, a pair of images is hardly matched at 
 # What all points have in common, at least: the interpolation of grey values draws them to whole pixels by
 # about this (Shimizu and Okutomi, IJCV 2005).
 LEAST_SMOOTH_PX = 0.03
+_ANY_DIRECTION = 3.0  # of the baseline: an image is 30 ms late at 15 m/s, with a baseline of 0.15 m
 # Least disparity over that of a right camera that does not sit ahead: beyond, a point is not matched.
 _LEAST_WIDENING = 0.2
 # Parts of the image, side by side and one above the other, in which rows have an error of their own.
@@ -111,18 +112,20 @@ def align_rows(points: MatchedPoints, rig: StereoRig) -> RowAlignment | NotFitte
     rows = (points.right[:, 1] - points.left[:, 1]).astype(np.float64)
     design = row_derivatives(rig, points)
     prior = np.array([_ANY_TURN_RAD] * 3 + [BASELINE_DIRECTION_STD_RAD] * 2)
-    solution = np.zeros(5)
+    # The first fits do not hold the baseline: near points of late images would seem to be outliers.
+    solution, held = np.array([0.0, 0.0, 0.0, _ANY_DIRECTION, _ANY_DIRECTION]), 0
 
     def fit(weights: Array, scale: float | Array) -> tuple[tuple[Array, Array], Array] | NotFitted:
-        nonlocal solution, design
+        nonlocal solution, design, held
         weighted = design * (weights / np.square(scale))[:, None]
         normal = weighted.T @ design + np.diag(1.0 / (prior**2 + solution**2))
         found = solve_linear(normal, weighted.T @ rows, _DETERMINED)
         if isinstance(found, NotFitted):
             return found
-        solution = found
-        design = row_derivatives(rig, points, float(solution[4]))
-        return (solution, normal), rows - design @ solution
+        held += 1
+        solution = found if held >= _REWEIGHTING.absolute_rounds else np.append(found[:3], solution[3:])
+        design = row_derivatives(rig, points, float(found[4]))
+        return (found, normal), rows - design @ found
 
     found = fit_reweighted(fit, len(points), _REWEIGHTING, scale_by_median(_LEAST_SCATTER_PX))
     if isinstance(found, NotFitted):

@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from landmark_making import RIG, SHORT_RIG, START, cloud, seen
@@ -122,7 +124,7 @@ def test_images_of_a_street_give_the_motion_and_the_turn_of_the_right_camera():
             images = street_pair(rig, along(START, 1.2 * i), right_yaw_rad=right_yaw_rad, seed=i)
             _, disparities = find_coarse_road(images, rig, CalibratorConfig().search, 0)
             landmarks.append(describe_points(images[0], match_points(images, disparities)))
-        for before, after in zip(landmarks, landmarks[1:], strict=False):
+        for before, after in pairwise(landmarks):
             each = estimate_motion(before, after, rig)
             error = np.concatenate([each.turned_rad, each.moved_m]) - truth(START, along(START, 1.2))
             assert np.all(np.abs(error) < 5.0 * np.sqrt(np.diag(each.covariance)[:6]))
