@@ -33,8 +33,7 @@ from ..types import Array, Image
 from .rig_unknowns import RigStd
 from .row_offset import VerticalOffset, vertical_offset
 
-
-# Points tell a turn where its standard deviation is at most this part of what calibrations leave: with less,
+# Rows tell a turn where its standard deviation is at most this part of what calibrations leave: with less,
 # a correction would add about as much noise as it takes away.
 _MOST_OF_PRIOR = 0.5
 
@@ -126,16 +125,19 @@ def measure_turn(
     landmarks = describe_points(images[0], points, ahead)
     told = [] if isinstance(by_points, NotFitted) else [CameraTurn.of_points(by_points)]
     vague = by_points if isinstance(by_points, NotFitted) else _vague(told[0])
-    if vague is not None:
-        on_road = None if coarse is None else fitted(vertical_offset(images, rig, coarse))
-        if on_road is None:
-            return replace(CameraTurn.unknown(vague), landmarks=landmarks)
+    on_road = None
+    if vague is not None and coarse is not None:
+        on_road = fitted(vertical_offset(images, rig, coarse))
+    if on_road is not None:
         told.append(CameraTurn.of_offset(on_road, rig))
-    return replace(with_prior(told), landmarks=landmarks)
+        vague = _vague(_mean(told))
+    if vague is not None:
+        return replace(CameraTurn.unknown(vague), landmarks=landmarks)
+    return replace(with_prior(_mean(told)), landmarks=landmarks)
 
 
 def _vague(turn: CameraTurn) -> NotFitted | None:
-    """Return why points hardly tell a turn; None where they do.
+    """Return why a turn is hardly told; None where it is.
 
     The few points of a bare road are matched by chance, some of them.
     """
@@ -144,28 +146,39 @@ def _vague(turn: CameraTurn) -> NotFitted | None:
     value, limit = np.degrees([turn.std_rad[index], most[index]])
     if value < limit:
         return None
-    what = f"standard deviation of the {('pitch', 'roll')[index]} that points of both images tell"
+    what = f"standard deviation of the {('pitch', 'roll')[index]} that the rows of both images tell"
     return NotFitted(what, float(value), Bound.MOST, float(limit), "deg")
 
 
-def with_prior(told: Sequence[CameraTurn]) -> CameraTurn:
-    """Return the mean of what tells a turn, weighted by information, with the prior of calibrated pairs.
+def _mean(told: Sequence[CameraTurn]) -> CameraTurn:
+    """Return the mean of what tells a turn, weighted by information."""
+    information = [np.linalg.inv(each.covariance) for each in told]
+    covariance = np.linalg.inv(np.sum(information, axis=0))
+    parts = [each @ turn.as_array() for each, turn in zip(information, told, strict=True)]
+    pitch_rad, roll_rad = covariance @ np.sum(parts, axis=0)
+    return replace(told[0], pitch_rad=float(pitch_rad), roll_rad=float(roll_rad), covariance=covariance)
+
+
+def with_prior(measured: CameraTurn) -> CameraTurn:
+    """Return a measured turn with the prior of calibrated pairs.
 
     Of these, few have turned by more than calibrations leave: the prior is a sum of two normal distributions,
     and so is what follows from it (Bayes). The angles are taken one by one, as they hardly correlate.
 
     Args:
-        told: What tells it, at least one.
+        measured: What the images tell.
     """
-    information = [np.linalg.inv(each.covariance) for each in told]
-    measured = np.linalg.inv(sum(information))
-    mean = measured @ sum(each @ turn.as_array() for each, turn in zip(information, told, strict=True))
     values, stds = np.zeros(2), np.zeros(2)
+    mean, covariance = measured.as_array(), measured.covariance
     for index, calibrated_std in enumerate(CALIBRATED_TURN_STD_RAD[:2]):
-        values[index], stds[index] = _shrunk(mean[index], measured[index, index], calibrated_std)
-    scale = stds / np.sqrt(np.diag(measured))
-    covariance = measured * np.outer(scale, scale)
-    return replace(told[0], pitch_rad=float(values[0]), roll_rad=float(values[1]), covariance=covariance)
+        values[index], stds[index] = _shrunk(mean[index], covariance[index, index], calibrated_std)
+    scale = stds / measured.std_rad
+    return replace(
+        measured,
+        pitch_rad=float(values[0]),
+        roll_rad=float(values[1]),
+        covariance=covariance * np.outer(scale, scale),
+    )
 
 
 def _shrunk(value: float, variance: float, calibrated_std: float) -> tuple[float, float]:

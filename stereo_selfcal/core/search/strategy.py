@@ -181,6 +181,6 @@ def turn_under_pose(
     offset = remaining_offset(frame, rig, pose, yaw)
     if offset is None:
         return None
-    turn = with_prior([CameraTurn.of_offset(offset, rig)])
+    turn = with_prior(CameraTurn.of_offset(offset, rig))
     usual = np.abs(turn.as_array()) <= CALIBRATED_TURN_STD_RAD[:2]
     return None if np.all(usual) else turn
