@@ -46,15 +46,23 @@ def test_derivatives_are_those_of_the_projection():
     np.testing.assert_allclose(found, np.column_stack(rows), rtol=0.01, atol=0.02 * RIG.fy * 0.1)
 
 
-@pytest.mark.parametrize("others", [{}, {"up": 0.004, "ahead": -0.003}, {"ahead": 0.3}])
+@pytest.mark.parametrize("others", [{}, {"up": 0.004, "ahead": -0.003}])
 def test_turn_of_exact_points_is_exact_to_second_order(others):
-    """A fifth of a degree squared is 0.006 px. Late images are those of a camera that sits ahead."""
+    """A fifth of a degree squared is 0.006 px."""
     found = aligned(*seen(**TURN, **others))
-    np.testing.assert_allclose(found.turn, list(TURN.values()), atol=1e-4 if "ahead" in others else 5e-5)
-    assert np.all(np.abs(found.turn - list(TURN.values())) < 2.0 * np.sqrt(np.diag(found.covariance)[:3]))
+    np.testing.assert_allclose(found.turn, list(TURN.values()), atol=5e-5)
     assert found.up == pytest.approx(others.get("up", 0.0), abs=1e-3)
-    assert found.ahead == pytest.approx(others.get("ahead", 0.0), abs=2e-3, rel=0.02)
+    assert found.ahead == pytest.approx(others.get("ahead", 0.0), abs=2e-3)
     assert found.yaw == (found.turn[2], math.sqrt(found.covariance[2, 2]))
+
+
+@pytest.mark.parametrize("ahead", [-0.2, 0.3])
+def test_images_that_are_late_are_those_of_a_camera_that_sits_ahead(ahead):
+    """By a third of the baseline, sixty times what calibrations leave: such a prior has heavy tails."""
+    found = aligned(*seen(ahead=ahead, pitch_rad=TURN["pitch_rad"], roll_rad=TURN["roll_rad"]))
+    assert found.ahead == pytest.approx(ahead, rel=0.02)
+    error = found.turn - [TURN["pitch_rad"], TURN["roll_rad"], 0.0]
+    assert np.all(np.abs(error) < 2.0 * np.sqrt(np.diag(found.covariance)[:3]))
 
 
 def test_error_is_what_is_claimed():
