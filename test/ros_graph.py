@@ -1,6 +1,7 @@
 """What the tests over DDS share: the node as a real process, and a camera that publishes rendered frames."""
 
 import array
+import math
 import os
 import signal
 import subprocess
@@ -29,6 +30,7 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_srvs.srv import Trigger
 
+from stereo_selfcal import Extrinsics
 from stereo_selfcal.core.geometry.homography import SIDES
 from stereo_selfcal.files.saved_result import RESULT_NAMES
 from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene
@@ -37,6 +39,7 @@ ROOT = Path(__file__).resolve().parent.parent
 NAME = "/stereo_selfcal"
 RIG = PAPER_RIG
 RESULTS = [f"extrinsics.{name}" for name in RESULT_NAMES]
+TRUTH = Extrinsics(1.4, math.radians(3.0), math.radians(0.8))  # of the scene straight_road
 
 # For a machine that does much else at the time; nothing here is asserted to be quick.
 PATIENCE_S = 90.0
@@ -282,6 +285,13 @@ def rendered(scene="straight_road", index=0):
     """Return (left, right) of one frame of a named scene."""
     frame = named_scene(scene).frame(index)
     return frame.left, frame.right
+
+
+def assert_near_truth(extrinsics):
+    """Fail if an estimate from ``straight_road`` is off."""
+    assert abs(extrinsics.height_m - TRUTH.height_m) < 0.01
+    assert abs(extrinsics.pitch_rad - TRUTH.pitch_rad) < math.radians(0.05)
+    assert abs(extrinsics.roll_rad - TRUTH.roll_rad) < math.radians(0.3)
 
 
 def blank():

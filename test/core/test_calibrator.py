@@ -177,10 +177,17 @@ def test_images_are_not_changed_and_any_layout_will_do(rendered, calibrated):
         assert same_bytes(calibrate(*images, scene.rig), calibrated(1, 0.05)[1])
 
 
-def drive(scene, n_frames, noise=0.05):
+def frame_of_drive(scene, index, noise=0.05):
     scene = scene.with_noise(noise)
-    for index in range(n_frames):
-        yield render(replace(scene, travelled_m=1.4 * index), np.random.default_rng([5, index]))
+    return render(replace(scene, travelled_m=1.4 * index), np.random.default_rng([5, index]))
+
+
+@pytest.fixture(scope="module")
+def driven(rendered):
+    """Return a scene, and the results of six frames of a drive through it, 100 s and more after the start."""
+    scene = rendered(1, 0.05)[0]
+    calibrator = Calibrator(scene.rig)
+    return scene, [calibrator.add(*frame_of_drive(scene, i), 100.0 + i) for i in range(6)]
 
 
 def test_estimate_before_any_frame():
@@ -202,10 +209,11 @@ def test_estimate_is_the_last_refusal_until_a_frame_is_accepted(rendered):
     assert calibrator.estimate.stamp_s == 2.0
 
 
-def test_estimate_is_fused_over_the_accepted_frames(rendered):
-    scene = rendered(1, 0.05)[0]
-    calibrator, n = Calibrator(scene.rig), 6
-    results = [calibrator.add(*frame, 100.0 + i) for i, frame in enumerate(drive(scene, n))]
+def test_estimate_is_fused_over_the_accepted_frames(driven):
+    scene, results = driven
+    calibrator, n = Calibrator(scene.rig), len(results)
+    for result in results:
+        calibrator.remember(result)
     calibrator.add(GREY, GREY, 200.0)
     fused = calibrator.estimate
     assert [result.stamp_s for result in results] == [100.0 + i for i in range(n)]
@@ -223,13 +231,13 @@ def test_estimate_is_fused_over_the_accepted_frames(rendered):
     np.testing.assert_allclose(fused.stages["refined"].as_array(), poses.mean(axis=0))
 
 
-def test_a_frame_that_does_not_fit_the_others_is_set_aside(rendered):
-    scene = rendered(1, 0.05)[0]
+def test_a_frame_that_does_not_fit_the_others_is_set_aside(driven):
+    scene, results = driven
     calibrator = Calibrator(scene.rig)
-    for frame in drive(scene, 5):
-        calibrator.add(*frame)
+    for result in results[:5]:
+        calibrator.remember(result)
     other = replace(scene, extrinsics=replace(scene.extrinsics, pitch_rad=scene.extrinsics.pitch_rad + 0.03))
-    assert calibrator.add(*next(drive(other, 1))).accepted
+    assert calibrator.add(*frame_of_drive(other, 0)).accepted
     fused = calibrator.estimate
     assert fused.n_frames == 5
     assert "calibrated from 5 frames (1 more set aside as outliers): " in fused.message
@@ -248,7 +256,7 @@ def test_memory_does_not_grow_by_patterns(rendered):
     # once.
     first = len(pickle.dumps(calibrator))
     for _ in range(4):
-        calibrator.add(left, right)
+        calibrator.remember(result)
     assert len(pickle.dumps(calibrator)) - first < 4 * 2500
 
 

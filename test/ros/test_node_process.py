@@ -1,6 +1,5 @@
-"""The node as a real process over DDS: what it answers, publishes and saves, and how it ends."""
+"""The node as a real process over DDS: what it publishes and saves, and how it ends."""
 
-import math
 import signal
 import threading
 
@@ -12,20 +11,12 @@ pytest.importorskip("rclpy")
 import ros_graph
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rcl_interfaces.msg import ParameterEvent
-from ros_graph import LONG_S, RESULTS, SHORT_S, Camera, blank, rendered, stamp_of, wait_for
+from ros_graph import LONG_S, RESULTS, SHORT_S, Camera, assert_near_truth, blank, rendered, stamp_of
 
-from stereo_selfcal import Calibrator, CalibratorConfig, Extrinsics
+from stereo_selfcal import Calibrator, CalibratorConfig
 from stereo_selfcal.core.camera.pairing import stamp_to_s
 from stereo_selfcal.files.result_file import load_result
 from stereo_selfcal.ros import node as node_program
-
-TRUTH = Extrinsics(1.4, math.radians(3.0), math.radians(0.8))  # of the scene straight_road
-
-
-def assert_near_truth(extrinsics):
-    assert abs(extrinsics.height_m - TRUTH.height_m) < 0.01
-    assert abs(extrinsics.pitch_rad - TRUTH.pitch_rad) < math.radians(0.05)
-    assert abs(extrinsics.roll_rad - TRUTH.roll_rad) < math.radians(0.3)
 
 
 def test_result_is_the_same_in_every_place(graph, start, tmp_path):
@@ -64,68 +55,13 @@ def test_result_is_the_same_in_every_place(graph, start, tmp_path):
     np.testing.assert_array_equal(covariance[np.ix_([2, 4, 3], [2, 4, 3])], expected.covariance)
 
 
-@pytest.mark.parametrize("encoding", ["mono16", "bgr8", "rgba8", "png"])
-def test_encodings_give_the_numbers_of_mono8(graph, start, encoding):
-    """Grey images in another coat; for the colours' own weights see test_images.py."""
-    start({"image_transport": "compressed" if encoding == "png" else "raw"})
-    with Camera(graph, [rendered()], encoding):
+def test_compressed_images_give_the_numbers_of_mono8(graph, start):
+    start({"image_transport": "compressed"})
+    with Camera(graph, [rendered()], "png"):
         answer = graph.calibrate()
     assert answer.success, answer.message
     expected = Calibrator(ros_graph.RIG).add(*rendered())
     assert graph.parameters(*RESULTS[:3]) == list(expected.extrinsics.as_array())
-
-
-def test_bayer_images_calibrate(graph, start):
-    start()
-    with Camera(graph, [rendered()], "bayer_rggb8"):
-        answer = graph.calibrate()
-    assert answer.success, answer.message
-
-
-def test_several_frames_are_fused(graph, start):
-    start({"frames": 4, "queue_size": 50})
-    with Camera(graph, [rendered(index=i) for i in range(4)]):
-        answer = graph.calibrate()
-    assert answer.success and "from 4 frames" in answer.message, answer.message
-    assert_near_truth(Extrinsics(*graph.parameters(*RESULTS[:3])))
-
-
-def refused_for_stamps(graph):
-    """Call until no image was lost on the way, as on a busy machine: the answer speaks of that then."""
-    for _ in range(5):
-        answer = graph.calibrate()
-        if "lost on the way" not in answer.message:
-            break
-    return answer
-
-
-def test_approximate_pairs(graph, start):
-    start({"timeout_s": SHORT_S})
-    with Camera(graph, [rendered()], right_late_ns=7_000_000):
-        answer = refused_for_stamps(graph)
-        assert not answer.success
-        assert "the nearest stamps differ by 7.000 ms: set approximate_sync" in answer.message
-        assert graph.set_parameter("approximate_sync", True).successful
-        assert graph.set_parameter("approximate_sync_tolerance_seconds", 0.006).successful
-        answer = refused_for_stamps(graph)
-        assert not answer.success
-        assert "approximate_sync_tolerance_seconds allows 6.000 ms: raise it" in answer.message
-        assert graph.set_parameter("approximate_sync_tolerance_seconds", 0.007).successful
-        assert graph.set_parameter("timeout_s", LONG_S).successful
-        answer = graph.calibrate()
-        assert answer.success, answer.message
-
-
-def test_missing_camera_is_named_with_rates(graph, start):
-    start({"timeout_s": SHORT_S})
-    with Camera(graph, [rendered()], sides=["left"]):
-        answer = graph.calibrate()
-    assert not answer.success
-    assert answer.message.startswith("no pair in 4.0 s: left ")
-    assert (
-        "right 0.0 Hz; nothing arrives on /right/image_rect (0 publishers): start the camera"
-        in answer.message
-    )
 
 
 def test_missing_camera_info_is_named_and_parameters_replace_it(graph, start):
@@ -139,16 +75,6 @@ def test_missing_camera_info_is_named_and_parameters_replace_it(graph, start):
         assert graph.set_parameter("timeout_s", LONG_S).successful
         answer = graph.calibrate()
     assert answer.success, answer.message
-
-
-def test_unknown_encoding_is_named(graph, start):
-    start({"timeout_s": SHORT_S})
-    # Small images: one of full size with two bytes per pixel is more than Fast DDS has of shared memory for a
-    # sender, and on a busy machine a part of each is lost.
-    with Camera(graph, [(np.full((48, 64), 90, np.uint8),) * 2], "yuv422"):
-        answer = graph.calibrate()
-    assert not answer.success
-    assert "image encoding 'yuv422' is not supported" in answer.message
 
 
 def test_refusal_changes_nothing(graph, start, tmp_path):
@@ -173,22 +99,6 @@ def test_refusal_changes_nothing(graph, start, tmp_path):
     assert graph.latest(ParameterEvent, "extrinsics").changed_parameters[0].value.double_value == before[0]
 
 
-def test_good_frame_after_bad_ones_is_found(graph, start):
-    start({"timeout_s": LONG_S})
-    with Camera(graph, [blank(), blank(), blank(), rendered()]):
-        answer = graph.calibrate()
-    assert answer.success, answer.message
-
-
-def test_images_from_before_the_call_are_not_used(graph, start):
-    start({"timeout_s": 1.0})
-    with Camera(graph, [rendered()]):
-        graph.wait_for_diagnostics(lambda values, _: int(values["pairs"]) > 3)
-    answer = graph.calibrate()
-    assert not answer.success
-    assert answer.message.startswith("no pair in 1.0 s: left 0.0 Hz, right 0.0 Hz")
-
-
 def test_unwritable_file_does_not_undo_the_calibration(graph, start, tmp_path):
     path = tmp_path / "missing" / "out.yaml"
     path.parent.mkdir()
@@ -200,20 +110,6 @@ def test_unwritable_file_does_not_undo_the_calibration(graph, start, tmp_path):
     assert answer.success
     assert f"in effect, but not saved: {path} cannot be written: no such file or directory" in answer.message
     assert None not in graph.parameters(*RESULTS)
-
-
-def test_second_call_is_busy_and_parameters_answer_meanwhile(graph, start):
-    start({"timeout_s": LONG_S})
-    first = graph.start_calibrate()
-    graph.wait_for_diagnostics(lambda values, _: values["state"] == "calibrating")
-    second = graph.calibrate()
-    assert not second.success
-    assert second.message.startswith("busy: ")
-    assert graph.parameters("timeout_s") == [LONG_S]
-    assert not first.done()
-    with Camera(graph, [rendered()]):
-        answer = wait_for(first)
-    assert answer.success, answer.message
 
 
 def test_nobody_ever_sees_half_a_result(graph, start):
@@ -237,18 +133,6 @@ def test_nobody_ever_sees_half_a_result(graph, start):
         reader.join()
     assert len(known) == 3
     assert seen <= known
-
-
-def test_bag_that_starts_over_keeps_pairing(graph, start):
-    """Stamps jump back with every pass; every pass must pair (message_filters gets stuck)."""
-    start()
-    # Minutes earlier each time: the node takes images only when it probes, and sees no jump back to stamps
-    # that the pass before had not come to yet.
-    for first in (2000, 1000, 0):
-        with Camera(graph, [rendered()], first=first):
-            graph.wait_for_diagnostics(lambda values, _: float(values["pair_rate_hz"]) > 2)
-            assert graph.calibrate().success
-    graph.wait_for_diagnostics(lambda values, _: int(values["resets"]) >= 2)
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -285,10 +169,3 @@ def test_arguments_that_forge_lines_are_told_in_one_printable_line(capsys):
     out, err = capsys.readouterr()
     assert out == "" and err.startswith("stereo_selfcal: ")
     assert err.count("\n") == 1 and err.rstrip("\n").isprintable()
-
-
-def test_output_path_that_forges_lines_is_refused_while_it_runs(graph, start):
-    start()
-    outcome = graph.set_parameter("output_path", "/tmp/a\nFORGED\x1b[31m")
-    assert not outcome.successful
-    assert outcome.reason.startswith("output_path is ") and outcome.reason.isprintable()
