@@ -14,6 +14,7 @@ from .camera.rig import StereoRig
 from .config import CORRECT_ALL, CalibratorConfig
 from .drive.fusion import fuse_frames
 from .drive.rig_alignment import SeenAlignment, drive_of_rig
+from .drive.rig_doubt import with_doubt_of_rig
 from .drive.travel import SeenLandmarks, TravelStep, step_between
 from .errors import shortened
 from .evidence.frame_evidence import FrameObservations
@@ -122,7 +123,8 @@ class Calibrator:
             return rejected(frame_checks.no_frames())
         told = drive_of_rig(accepted, seen, steps, self.rig)
         fused = fuse_frames(accepted, self.rig).copied() if accepted else last
-        return replace(fused, alignment=told.alignment, travel=told.travel, delay=told.delay)
+        fused = replace(fused, alignment=told.alignment, travel=told.travel, delay=told.delay)
+        return with_doubt_of_rig(fused, self.rig, len(accepted) - fused.n_frames) if accepted else fused
 
     def calibrate_frame(self, left: Image, right: Image, stamp_s: float = 0.0) -> CalibrationResult:
         """Calibrate one frame without adding it to the estimate, and let every exception pass.
@@ -196,7 +198,12 @@ def _alignment(frame: FrameObservations, chosen: Attempt | None, rig: StereoRig)
     whole_yaw = frame.yaw_corrected_rad + yaw.yaw_rad
     unexplained_rad = frame.turn.distortion_px / rig.fx if frame.turn.points is not None else 0.0
     return Alignment(
-        frame.turn.pitch_rad, frame.turn.roll_rad, whole_yaw, covariance, unexplained_rad=unexplained_rad
+        frame.turn.pitch_rad,
+        frame.turn.roll_rad,
+        whole_yaw,
+        covariance,
+        unexplained_rad=unexplained_rad,
+        yaw_corrected_rad=frame.yaw_corrected_rad,
     )
 
 

@@ -15,6 +15,7 @@ from ..results import CalibrationResult, announce
 from ..types import Array
 from .changes import find_changes
 from .fusion import AcceptedFrame, fuse_frames, own_covariance
+from .rig_doubt import with_doubt_of_rig
 
 # Stamps from 2001 on come from a clock. Smaller stamps count from the start of a simulation.
 FIRST_CLOCK_S = 1e9
@@ -96,7 +97,7 @@ def estimate_drive(frames: Sequence[AcceptedFrame], rig: StereoRig, fused: Calib
         segment is fused with weights that include the motion, and the covariance includes the error of the
         mean that the motion causes.
     """
-    if not frames:
+    if not frames or not fused.accepted:
         return Drive(fused)
     frames = sorted(frames, key=lambda frame: frame.stamp_s)
     poses = np.array([frame.extrinsics.as_array() for frame in frames if frame.extrinsics is not None])
@@ -127,6 +128,7 @@ def estimate_drive(frames: Sequence[AcceptedFrame], rig: StereoRig, fused: Calib
             if not history.changes:
                 estimate = replace(estimate, travel=fused.travel)
             estimate = replace(estimate, message=announce(estimate, n_outliers))
+            estimate = with_doubt_of_rig(estimate, rig, n_outliers)
         spread = Extrinsics.from_array(part.spread)
         segments.append(DriveSegment(part.start_s, part.end_s, estimate, spread, error))
     changes = []

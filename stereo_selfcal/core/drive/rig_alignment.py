@@ -105,8 +105,14 @@ def _alignment(
     chi2 = float(information @ (yaws - yaw) ** 2) / max(1, len(yaws) - 1)
     variance = max(1.0, chi2) / float(information.sum())
     covariance = np.diag([of_means[0], of_means[1], variance])
-    unexplained_rad = float(np.median([each.alignment.unexplained_rad for each in seen]))
-    return Alignment(float(means[0]), float(means[1]), yaw, covariance, unexplained_rad=unexplained_rad)
+    return Alignment(
+        float(means[0]),
+        float(means[1]),
+        yaw,
+        covariance,
+        unexplained_rad=float(np.median([each.alignment.unexplained_rad for each in seen])),
+        yaw_corrected_rad=float(np.mean([each.alignment.yaw_corrected_rad for each in seen])),
+    )
 
 
 def _delay(

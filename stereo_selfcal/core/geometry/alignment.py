@@ -31,6 +31,7 @@ class Alignment:
         covariance: (3, 3) of (pitch_rad, roll_rad, yaw_rad). What is not seen has a large variance.
         unexplained_rad: Standard deviation of the smooth error of the rows that no turn explains [rad]; 0
             where it is not known.
+        yaw_corrected_rad: The part of the yaw that was corrected before the pose was estimated [rad].
     """
 
     pitch_rad: float
@@ -38,6 +39,7 @@ class Alignment:
     yaw_rad: float
     covariance: Array
     unexplained_rad: float = 0.0
+    yaw_corrected_rad: float = 0.0
 
     @classmethod
     def from_values(cls, values: Mapping[str, float], covariance: Array | None = None) -> Alignment:
