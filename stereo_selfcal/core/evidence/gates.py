@@ -293,6 +293,13 @@ GATES: tuple[Gate, ...] = (
         surface_measurements.read_surface_difference,
     ),
     Gate(
+        "nothing_excludes_lines",
+        "nothing excludes the lines",
+        RejectReason.TEXTURE_DISAGREES,
+        _KERB,
+        line_readings.read_all_against_lines,
+    ),
+    Gate(
         "lines_on_surface",
         "lines on the surface",
         RejectReason.TEXTURE_DISAGREES,

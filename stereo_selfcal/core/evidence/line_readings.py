@@ -11,6 +11,7 @@ from ..road.priors import MAX_CROSS_FALL
 from ..tolerances import EXCLUDED_SIGMAS, WRONG
 from .frame_evidence import Evidence
 from .measurements import Reading
+from .surface_measurements import read_surface_difference
 
 # The widest lines, those of bus lanes and at motorway exits, are half a metre wide; they are measured to a
 # tenth of that. The band of a guard rail is as wide or wider, where it is taken for paint on a road.
@@ -31,6 +32,24 @@ def read_sweep(evidence: Evidence) -> Reading | None:
     what = (
         f"the surface between the lane lines is a plane {height_m:.3f} m below the camera, and "
         "excludes theirs by {value} standard deviations"
+    )
+    return Reading(what, value, Bound.MOST, EXCLUDED_SIGMAS, "", value <= EXCLUDED_SIGMAS)
+
+
+def read_all_against_lines(evidence: Evidence) -> Reading | None:
+    """Read how surely faint texture and the road surface together exclude the plane of the lines.
+
+    Each of them may be below its limit. They are different pixels, or different measures of the same ones, so
+    that their standard deviations are added as squares.
+    """
+    sweep, surface = read_sweep(evidence), read_surface_difference(evidence)
+    if sweep is None or surface is None:
+        return None
+    by_surface = EXCLUDED_SIGMAS * surface.value / surface.threshold
+    value = math.hypot(max(sweep.value, 0.0), by_surface)
+    what = (
+        "faint texture and the road surface between the lane lines together exclude their plane by {value} "
+        "standard deviations"
     )
     return Reading(what, value, Bound.MOST, EXCLUDED_SIGMAS, "", value <= EXCLUDED_SIGMAS)
 
