@@ -33,7 +33,7 @@ def rows(pitch_deg, roll_deg, std_deg=(0.01, 0.02)):
     return RowAlignment(turn, 0.0, 0.0, np.diag(np.radians([*std_deg, 0.1, 0.3, 0.3]) ** 2), 0.1, 0.05, 300)
 
 
-def offset(lower_px, fall_deg, std_px=0.05, std_deg=0.02):
+def offset(lower_px, fall_deg, std_px=0.01, std_deg=0.005):
     return VerticalOffset(lower_px, std_px, fall_deg * DEG, std_deg * DEG, 40)
 
 
@@ -48,7 +48,7 @@ def told(monkeypatch, points, road=NO_CELLS, coarse=POSE):
 
 
 def believed(points):
-    return with_prior([CameraTurn.of_points(points)])
+    return with_prior(CameraTurn.of_points(points))
 
 
 def by_brute_force(values, stds, calibrated_std):
@@ -84,8 +84,8 @@ def test_faint_points_and_road_are_both_believed(monkeypatch):
     found = told(monkeypatch, points, offset(lower_px, fall_deg))
     smooth_rad = LEAST_SMOOTH_PX / RIG.fy
     of_road = (
-        math.hypot(0.05 / RIG.fy, smooth_rad),
-        math.hypot(0.02 * DEG, smooth_rad * 2 * RIG.fx / RIG.width),
+        math.hypot(0.01 / RIG.fy, smooth_rad),
+        math.hypot(0.005 * DEG, smooth_rad * 2 * RIG.fx / RIG.width),
     )
     values = ([-0.02 * DEG, -lower_px / RIG.fy], [-0.06 * DEG, -fall_deg * DEG])
     for index, std in enumerate(([0.02 * DEG, of_road[0]], [0.05 * DEG, of_road[1]])):
@@ -131,8 +131,10 @@ def test_points_that_hardly_tell_a_turn_are_no_comparison_of_the_rows(monkeypatc
     for points in (rows(0.03, 0.0, (0.006, 0.001)), rows(0.0, 0.05, (0.001, 0.011))):
         found = told(monkeypatch, points)
         assert not found.seen and (found.pitch_rad, found.roll_rad) == (0.0, 0.0)
-        assert "that points of both images tell: 0.0" in found.lacking.reason
+        assert "that the rows of both images tell: 0.0" in found.lacking.reason
     assert told(monkeypatch, rows(0.03, 0.0, (0.004, 0.009))).seen
+    # The same where the road tells no more.
+    assert not told(monkeypatch, rows(0.03, 0.0, (0.02, 0.02)), offset(0.1, 0.0, std_px=0.2)).seen
 
 
 def test_what_is_not_corrected_is_unknown_by_all_of_it():
