@@ -211,15 +211,16 @@ NOT_ON_THE_WAY = {
     "that may have no solution, derivatives, medians",
     "geometry/pose, geometry/plane, geometry/rays, geometry/homography": "frames, signs and projections",
     "search/refusal, search/diagnosis, search/both_images": "why a frame is refused",
-    "evidence/far_disparity, evidence/camera_yaw, evidence/vergence, evidence/rig_unknowns, "
+    "evidence/far_disparity, evidence/camera_yaw, evidence/rig_unknowns, "
     "evidence/rig_measurements": "what is unknown of the rig, and what shows it",
     "evidence/synchronisation, estimators/road_shift": "whether both images are of one moment",
     "geometry/alignment, alignment_verdict": "how the right camera is turned, and what is to be done",
     "drive/drive, drive/motion, drive/changes": "the whole of a drive",
     "estimators/landmarks, drive/landmark_matches, drive/motion_between_frames, drive/travel, "
     "geometry/travel": "how the car moves between frames",
-    "drive/rig_alignment, drive/travel_vergence, drive/right_delay, drive/mean_over_time": "what a drive "
-    "tells of the rig",
+    "estimators/road_patch, drive/way_by_patches": "how far the car drives, by the road surface alone",
+    "drive/rig_alignment, drive/rig_doubt, drive/travel_vergence, drive/right_delay, "
+    "drive/mean_over_time": "what a drive tells of the rig",
     "camera/topic_names, camera/camera_difference, drive/camera_changes": "topics, changes of cameras",
     "camera/plain_camera_info, camera/rotations, geometry/camera_info_repair": "CameraInfo, corrected where "
     "the right camera has turned",

@@ -12,7 +12,7 @@ from stereo_selfcal.core.estimators.dense_disparity import DenseDisparities
 from stereo_selfcal.core.estimators.matched_points import MatchedPoints
 from stereo_selfcal.core.estimators.row_alignment import LEAST_SMOOTH_PX, RowAlignment
 from stereo_selfcal.core.evidence import camera_turn
-from stereo_selfcal.core.evidence.camera_turn import CameraTurn, measure_turn, turned_back
+from stereo_selfcal.core.evidence.camera_turn import CameraTurn, measure_turn, turned_back, with_prior
 from stereo_selfcal.core.evidence.row_offset import VerticalOffset
 from stereo_selfcal.core.rejection import Bound, NotFitted
 from stereo_selfcal.core.road.priors import CALIBRATED_TURN_STD_RAD, TURNED_ROWS_PART, TURNED_STD_RAD
@@ -33,7 +33,7 @@ def rows(pitch_deg, roll_deg, std_deg=(0.01, 0.02)):
     return RowAlignment(turn, 0.0, 0.0, np.diag(np.radians([*std_deg, 0.1, 0.3, 0.3]) ** 2), 0.1, 0.05, 300)
 
 
-def offset(lower_px, fall_deg, std_px=0.05, std_deg=0.02):
+def offset(lower_px, fall_deg, std_px=0.01, std_deg=0.005):
     return VerticalOffset(lower_px, std_px, fall_deg * DEG, std_deg * DEG, 40)
 
 
@@ -45,6 +45,10 @@ def told(monkeypatch, points, road=NO_CELLS, coarse=POSE):
     monkeypatch.setattr(camera_turn, "align_rows", lambda *_: points)
     monkeypatch.setattr(camera_turn, "vertical_offset", lambda *_: road)
     return measure_turn((BLANK, BLANK), RIG, NO_DISPARITIES, coarse)
+
+
+def believed(points):
+    return with_prior(CameraTurn.of_points(points))
 
 
 def by_brute_force(values, stds, calibrated_std):
@@ -66,8 +70,8 @@ def by_brute_force(values, stds, calibrated_std):
 
 @pytest.mark.parametrize("pitch_deg", [0.0, 0.005, 0.03, 0.06, -0.2])
 @pytest.mark.parametrize("std_deg", [0.002, 0.009, 0.05])
-def test_posterior_is_that_of_bayes_rule(monkeypatch, pitch_deg, std_deg):
-    found = told(monkeypatch, rows(pitch_deg, -2.0 * pitch_deg, (std_deg, 2.0 * std_deg)))
+def test_posterior_is_that_of_bayes_rule(pitch_deg, std_deg):
+    found = believed(rows(pitch_deg, -2.0 * pitch_deg, (std_deg, 2.0 * std_deg)))
     for index, (value, std) in enumerate(((pitch_deg, std_deg), (-2.0 * pitch_deg, 2.0 * std_deg))):
         mean, spread = by_brute_force([value * DEG], [std * DEG], CALIBRATED_TURN_STD_RAD[index])
         assert found.as_array()[index] == pytest.approx(mean, abs=0.01 * spread)
@@ -80,8 +84,8 @@ def test_faint_points_and_road_are_both_believed(monkeypatch):
     found = told(monkeypatch, points, offset(lower_px, fall_deg))
     smooth_rad = LEAST_SMOOTH_PX / RIG.fy
     of_road = (
-        math.hypot(0.05 / RIG.fy, smooth_rad),
-        math.hypot(0.02 * DEG, smooth_rad * 2 * RIG.fx / RIG.width),
+        math.hypot(0.01 / RIG.fy, smooth_rad),
+        math.hypot(0.005 * DEG, smooth_rad * 2 * RIG.fx / RIG.width),
     )
     values = ([-0.02 * DEG, -lower_px / RIG.fy], [-0.06 * DEG, -fall_deg * DEG])
     for index, std in enumerate(([0.02 * DEG, of_road[0]], [0.05 * DEG, of_road[1]])):
@@ -89,26 +93,26 @@ def test_faint_points_and_road_are_both_believed(monkeypatch):
         assert found.as_array()[index] == pytest.approx(mean, abs=0.01 * spread)
         assert found.std_rad[index] == pytest.approx(spread, rel=0.01)
     # What points tell clearly needs no road.
-    clear = rows(0.0, 0.0, (0.005, 0.01))
+    clear = rows(0.0, 0.0, (0.004, 0.009))
     np.testing.assert_array_equal(
         told(monkeypatch, clear, offset(5.0, 1.0)).as_array(), told(monkeypatch, clear).as_array()
     )
 
 
 @pytest.mark.parametrize("std_deg", [0.003, 0.01, 0.04])
-def test_turn_grows_with_what_is_told_without_a_jump(monkeypatch, std_deg):
+def test_turn_grows_with_what_is_told_without_a_jump(std_deg):
     stated = np.arange(0.0, 0.4, 0.002)
-    found = [told(monkeypatch, rows(each, 0.0, (std_deg, 0.02))) for each in stated]
+    found = [believed(rows(each, 0.0, (std_deg, 0.02))) for each in stated]
     pitch, std = np.array([[each.pitch_rad, each.std_rad[0]] for each in found]).T / DEG
     assert np.all(np.diff(pitch) > 0.0) and np.all(pitch <= stated)
     assert np.diff(pitch).max() < 0.012 and np.abs(np.diff(std)).max() < 0.006
 
 
-def test_tails_are_heavy(monkeypatch):
+def test_tails_are_heavy():
     """A camera that has surely turned is corrected by all of it; one that may have turned, by little."""
-    clear = told(monkeypatch, rows(0.2, 0.0, (0.01, 0.02)))
+    clear = believed(rows(0.2, 0.0, (0.01, 0.02)))
     assert clear.pitch_rad == pytest.approx(0.2 * DEG, rel=0.02)
-    unclear = told(monkeypatch, rows(0.05, 0.0, (0.05, 0.05)))
+    unclear = believed(rows(0.05, 0.0, (0.05, 0.05)))
     assert abs(unclear.pitch_rad) < 0.01 * DEG and unclear.std_rad[0] < 0.03 * DEG
 
 
@@ -120,6 +124,17 @@ def test_without_any_rows_it_is_what_calibrations_leave(monkeypatch):
         np.testing.assert_allclose(found.std_rad, CALIBRATED_TURN_STD_RAD[:2])
         images = (BLANK, BLANK)
         assert turned_back(images, RIG, found) == (images, found)
+
+
+def test_points_that_hardly_tell_a_turn_are_no_comparison_of_the_rows(monkeypatch):
+    """A correction by half of what calibrations leave, or more, adds as much noise as it takes away."""
+    for points in (rows(0.03, 0.0, (0.006, 0.001)), rows(0.0, 0.05, (0.001, 0.011))):
+        found = told(monkeypatch, points)
+        assert not found.seen and (found.pitch_rad, found.roll_rad) == (0.0, 0.0)
+        assert "that the rows of both images tell: 0.0" in found.lacking.reason
+    assert told(monkeypatch, rows(0.03, 0.0, (0.004, 0.009))).seen
+    # The same where the road tells no more.
+    assert not told(monkeypatch, rows(0.03, 0.0, (0.02, 0.02)), offset(0.1, 0.0, std_px=0.2)).seen
 
 
 def test_what_is_not_corrected_is_unknown_by_all_of_it():

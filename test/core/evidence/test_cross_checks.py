@@ -117,15 +117,18 @@ LOWER = of_right_camera(named_world("plain"), lower_px=0.3)
 
 @pytest.mark.parametrize(("camera", "pitch_px", "roll_deg"), [(TURNED, 0.0, 0.5), (LOWER, -0.3, 0.0)])
 def test_rows_of_a_bare_road_are_corrected_once_its_pose_is_known(camera, pitch_px, roll_deg):
-    """No texture tells them before. Content that is lower is that of a camera that is nose up."""
+    """No texture tells them before. Content that is lower is that of a camera that is nose up.
+
+    Half a degree, of which the horizon tells 0.04 deg, is 7 % less by the prior of turned pairs.
+    """
     world, _, result = bare("plain", **camera)
     assert result.accepted
     error = result.extrinsics.as_array() - world.truth.as_array()
-    assert np.all(np.abs(error) < [0.003, math.radians(0.02), math.radians(0.1)])
-    assert np.all(np.abs(error) < 3.0 * result.std.as_array())
+    assert np.all(np.abs(error) < [0.025, math.radians(0.02), math.radians(0.1)])
+    assert np.all(np.abs(error) < 1.5 * result.std.as_array())
     turn = result.alignment
     assert turn.pitch_rad * world.scene.rig.fy == pytest.approx(pitch_px, abs=0.05)
-    assert turn.roll_rad == pytest.approx(math.radians(roll_deg), abs=math.radians(0.02))
+    assert turn.roll_rad == pytest.approx(math.radians(roll_deg), abs=math.radians(0.04))
     for found, expected, std in zip(
         (turn.pitch_rad, turn.roll_rad),
         (pitch_px / world.scene.rig.fy, math.radians(roll_deg)),

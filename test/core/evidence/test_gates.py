@@ -14,13 +14,14 @@ from stereo_selfcal.core.estimators.lane_sweep import LaneSweep
 from stereo_selfcal.core.estimators.line_covariance import Bends, LineFit
 from stereo_selfcal.core.estimators.stripe_fit import StripeFit
 from stereo_selfcal.core.estimators.texture_fit import TextureFit, TextureQuality
+from stereo_selfcal.core.evidence.camera_yaw import YawTold
 from stereo_selfcal.core.evidence.frame_evidence import Contradictor, Evidence
 from stereo_selfcal.core.evidence.gates import GATES, evaluate_gates
 from stereo_selfcal.core.evidence.kerb_face import EdgeStep
 from stereo_selfcal.core.evidence.profile import Profile
 from stereo_selfcal.core.evidence.row_offset import VerticalOffset
 from stereo_selfcal.core.evidence.stripe_border import StripeBorder
-from stereo_selfcal.core.evidence.vergence import Vergence
+from stereo_selfcal.core.evidence.synchronisation import Lateness
 from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
 from stereo_selfcal.core.lanes.line_geometry import BelowPlane, HeightOverLane
 from stereo_selfcal.core.rejection import Bound
@@ -90,11 +91,14 @@ GOOD = Evidence(
     inner_line_height=HeightOverLane(0.005, 0.002),
     std=np.array([0.003, 1e-4, 1e-3]),
     contradictors=(Contradictor(POSE, np.diag([0.004, 2e-4, 1.5e-3]) ** 2),),
-    vergence=Vergence(math.radians(0.01), math.radians(0.005), math.radians(0.05), by_lines=True),
+    yaw=YawTold(math.radians(0.01), math.radians(0.005)),
+    wrong_yaw_rad=math.radians(0.05),
     own_strip=ASPHALT,
     kerb_heights=(HeightOverLane(0.01, 0.005), HeightOverLane(-0.01, 0.005)),
     coarse=DENSE,
     sweeps=(swept((POSE.height_m, POSE.roll_rad, 9.0)),),
+    lateness=Lateness(0.01, 0.02, clear=True),
+    most_way_m=0.1,
 )
 MM, DEG = 1e3, math.degrees(1.0)
 
@@ -171,10 +175,9 @@ BAD = {
     "surface_agrees": {
         "contradictors": (Contradictor(replace(POSE, height_m=1.6), np.diag([0.004, 2e-4, 1.5e-3]) ** 2),)
     },
-    "parallel_cameras": {
-        "vergence": Vergence(math.radians(-0.2), math.radians(0.01), math.radians(0.05), by_lines=True)
-    },
+    "parallel_cameras": {"yaw": YawTold(math.radians(-0.2), math.radians(0.01))},
     "lines_on_surface": {"surface_heights": over(0.1, 0.0)},
+    "synchronised": {"lateness": Lateness(-0.2, 0.02, clear=True)},
 }
 
 
@@ -211,7 +214,8 @@ def test_gates_without_evidence_are_not_read_and_those_of_before_not_again():
             sweeps=(),
             contradictors=(),
             kerb_heights=(),
-            vergence=None,
+            yaw=None,
+            lateness=None,
         )
     )
     assert [reading.name for reading in first] == ["plausible", "fitness"]
@@ -448,20 +452,30 @@ def test_all_three_numbers_together_exclude_lines():
         assert (rejection is not None) == excluded
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize("by_lines", [True, False])
-def test_cameras_that_are_not_parallel(sign, by_lines):
-    """By what makes a pose over the surface wrong, or five standard deviations of the turn."""
+@pytest.mark.parametrize(("sign", "side"), [(1.0, "left"), (-1.0, "right")])
+def test_cameras_that_are_not_parallel(sign, side):
+    """By what makes a pose over the surface wrong."""
 
-    def turned(degrees, std_deg=0.005):
-        yaw_rad, std_rad = math.radians(sign * degrees), math.radians(std_deg)
-        return refusal(vergence=Vergence(yaw_rad, std_rad, math.radians(0.05), by_lines))
+    def turned(degrees):
+        return refusal(yaw=YawTold(math.radians(sign * degrees), math.radians(0.02)))
 
     assert turned(0.049) is None
-    words = "lane lines are parallel" if by_lines else "farther than infinity", "right camera looks"
+    words = f"right camera looks 0.051 deg farther to the {side}", "std 0.020 deg"
     assert_refuses(turned(0.051), RejectReason.IMAGES_NOT_RECTIFIED, 0.051, 0.05, *words)
-    assert turned(0.099, 0.02) is None and turned(0.101, 0.02) is not None
-    assert refusal(vergence=None) is None
+    assert refusal(yaw=None) is None
+
+
+@pytest.mark.parametrize(("sign", "late"), [(1.0, "left"), (-1.0, "right")])
+def test_images_that_are_not_of_one_moment(sign, late):
+    """Against the way that makes a height wrong; 0.139 m at 50 km/h are 10 ms."""
+
+    def moved_by(way_m):
+        return refusal(lateness=Lateness(sign * way_m, 0.02, clear=True))
+
+    assert moved_by(0.099) is None
+    words = f"the {late} image was taken", "at 50 km/h", "trigger both cameras together"
+    assert_refuses(moved_by(0.139), RejectReason.IMAGES_NOT_SYNCHRONISED, 0.139, 0.1, *words, "10 ms")
+    assert refusal(lateness=None) is None
 
 
 @pytest.mark.parametrize(("axis", "limit", "scale"), WRONG)
