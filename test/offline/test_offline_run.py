@@ -33,6 +33,13 @@ def road(tmp_path_factory):
     return path
 
 
+@pytest.fixture(scope="module")
+def replayed(road):
+    """Return an open source of that road, and what comes of it."""
+    with BagSource([road]) as source:
+        yield source, calibrate_recording(source)
+
+
 class Frames(FrameSource):
     """Black images, whose frames know whether they are still there."""
 
@@ -70,9 +77,8 @@ def test_every_frame_is_a_row_and_the_estimate_is_that_of_one_calibrator(road):
     assert replay.rig == PAPER_RIG
 
 
-def test_rows_hold_what_a_report_needs(road):
-    with BagSource([road]) as source:
-        row = calibrate_recording(source).rows[-1]
+def test_rows_hold_what_a_report_needs(replayed):
+    row = replayed[1].rows[-1]
     assert row.accepted
     assert row.covariance.shape == (3, 3)
     assert row.confirmed == ("textured" in row.stages)
@@ -92,15 +98,20 @@ def test_a_refused_frame_keeps_its_reason_limit_and_remedy():
     assert row.name == "0.png"
 
 
+@pytest.fixture(scope="module")
+def bent(tmp_path_factory):
+    path = tmp_path_factory.mktemp("offline") / "bend"
+    write_bag(path, custom_scene(name="bend", n_frames=1, curvature_per_m=1 / 150.0))
+    with BagSource([path]) as source:
+        yield source, calibrate_recording(source)
+
+
 @pytest.mark.parametrize("scene_kind", ["accepted", "refused"])
-def test_rows_hold_every_attempt_in_brief(road, tmp_path, scene_kind):
+def test_rows_hold_every_attempt_in_brief(request, scene_kind):
     """Those of the workers' slim results too: a row is all that is left of a frame."""
-    if scene_kind == "refused":
-        road = tmp_path / "bend"
-        write_bag(road, custom_scene(name="bend", n_frames=1, curvature_per_m=1 / 150.0))
-    with BagSource([road]) as source:
-        row = calibrate_recording(source).rows[0]
-        _, result = look_again(source, row)
+    source, replay = request.getfixturevalue("bent" if scene_kind == "refused" else "replayed")
+    row = replay.rows[0]
+    _, result = look_again(source, row)
     assert row.attempts
     assert row.attempts == tuple(map(AttemptSummary.of, result.attempts))
     for brief, attempt in zip(row.attempts, result.attempts, strict=True):
@@ -140,6 +151,6 @@ def test_the_last_accepted_row_is_shown():
 
 
 def test_memory_holds_two_frames_however_long_the_recording():
-    source = Frames(30)
-    assert len(calibrate_recording(source).rows) == 30
-    assert len(source.alive) == 30
+    source = Frames(10)
+    assert len(calibrate_recording(source).rows) == 10
+    assert len(source.alive) == 10

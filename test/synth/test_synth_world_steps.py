@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -42,6 +43,12 @@ def world(rig="paper", **changes):
     return WorldScene(RIGS[rig].rig, pose, (-1.75, 1.75), 0.02, 0.15, **{**values, **changes})
 
 
+@lru_cache(maxsize=2)
+def rendered(scene, camera):
+    """Return the picture of a camera; of the last scene, which is asked for edge by edge."""
+    return render_side(scene, camera)
+
+
 def check_edge(scene, d_m, z_m, before, after, rig="paper", tolerance_px=0.06):
     """Compare an edge along the road with OpenCV's projection and with its disparity in both images.
 
@@ -54,7 +61,7 @@ def check_edge(scene, d_m, z_m, before, after, rig="paper", tolerance_px=0.06):
         rig: Which rig it is.
         tolerance_px: Of a column, and of a disparity.
     """
-    pictures = [render_side(scene, camera) for camera in CAMERAS]
+    pictures = [rendered(scene, camera) for camera in CAMERAS]
     for s in NEAR_M[rig]:
         point = edge_point(scene, d_m, z_m, s)
         greys = (after, before) if d_m > 0 else (before, after)

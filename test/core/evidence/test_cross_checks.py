@@ -15,6 +15,7 @@ from stereo_selfcal.core.evidence.kerb_face import measure_edge_steps
 from stereo_selfcal.core.evidence.nuisances import seen_slope_covariance, unseen_slope_covariance
 from stereo_selfcal.core.evidence.profile import FAR_M, NEAR_M, measure_profile
 from stereo_selfcal.core.evidence.stripe_border import measure_borders
+from stereo_selfcal.core.geometry.homography import SIDES
 from stereo_selfcal.core.geometry.plane import plane_from_pose
 from stereo_selfcal.core.lanes.closed_form import solve_plane
 from stereo_selfcal.core.lanes.extra_lines import inner_line_height
@@ -26,6 +27,8 @@ from stereo_selfcal.core.reservations import Reservation, ReservationKind
 from stereo_selfcal.synth.ingredients import Car, Paint, Shadow
 from stereo_selfcal.synth.road_shape import RoadShape, near_plane, pose_over_plane
 from stereo_selfcal.synth.world import LaneLine
+from stereo_selfcal.synth.world_renderer import render_side
+from stereo_selfcal.synth.world_sensor import capture
 from stereo_selfcal.synth.worlds import named_world, render_world
 
 SLOPE_UNKNOWN = Reservation(ReservationKind.SLOPE_AHEAD_UNKNOWN)
@@ -33,11 +36,17 @@ LINES_ALONE = CalibratorConfig.from_mapping({"texture.check": 0})
 
 
 @cache
-def bare(name, **changes):
-    """Return a named world without texture, its images, and what the calibrator makes of the lines."""
+def seen(name, **changes):
+    """Return a named world without texture, and its images."""
     world = named_world(name)
     world = replace(world, scene=replace(world.scene, texture_amplitude=0.0, **changes))
-    images = render_world(world, np.random.default_rng(5))
+    return world, render_world(world, np.random.default_rng(5))
+
+
+@cache
+def bare(name, **changes):
+    """Return a named world without texture, its images, and what the calibrator makes of the lines."""
+    world, images = seen(name, **changes)
     return world, images, Calibrator(world.scene.rig, LINES_ALONE).add(*images)
 
 
@@ -49,7 +58,7 @@ def of_right_camera(world, **changes):
 @pytest.mark.parametrize("lower_px", [0.0, 1.0, -3.0])
 def test_horizon_shows_turn_and_offset(turned_deg, lower_px):
     camera = of_right_camera(named_world("plain"), turned_rad=math.radians(turned_deg), lower_px=lower_px)
-    world, images, _ = bare("plain", **camera)
+    world, images = seen("plain", **camera)
     found = horizon_offset(images, world.scene.rig, world.truth)
     # The turn of a camera, right side down, lifts what is to its right in the picture.
     assert found.roll_rad == pytest.approx(-math.radians(turned_deg), abs=2e-4)
@@ -59,7 +68,7 @@ def test_horizon_shows_turn_and_offset(turned_deg, lower_px):
 
 
 def test_horizon_is_found_with_a_wrong_roll():
-    world, images, _ = bare("plain")
+    world, images = seen("plain")
     pose = world.truth
     wrong = Extrinsics(pose.height_m, pose.pitch_rad, pose.roll_rad + math.radians(3.0))
     found = horizon_offset(images, world.scene.rig, wrong)
@@ -73,7 +82,7 @@ def test_a_bare_horizon_that_is_slanted_shows_the_turn_as_well(turned_deg):
     soft = replace(camera, photometry=replace(camera.photometry, psf_sigma_px=1.5))
     pose = replace(named_world("plain").truth, roll_rad=math.radians(2.6))
     turned = replace(soft, turned_rad=math.radians(turned_deg))
-    world, images, _ = bare("plain", pose=pose, left=soft, right=turned)
+    world, images = seen("plain", pose=pose, left=soft, right=turned)
     found = horizon_offset(images, world.scene.rig, pose)
     assert not isinstance(found, NotFitted)
     assert found.roll_rad == pytest.approx(-math.radians(turned_deg), abs=math.radians(0.05))
@@ -85,7 +94,7 @@ def test_horizon_shows_a_turn_through_noise_that_drowns_its_cells(turned_deg):
     camera = named_world("plain").scene.right
     noisy = replace(camera, photometry=replace(camera.photometry, noise_fraction=0.10))
     turned = replace(noisy, turned_rad=math.radians(turned_deg))
-    world, images, _ = bare("plain", sky_grey=130.0, left=noisy, right=turned)
+    world, images = seen("plain", sky_grey=130.0, left=noisy, right=turned)
     found = horizon_offset(images, world.scene.rig, world.truth)
     assert not isinstance(found, NotFitted)
     assert found.roll_rad == pytest.approx(-math.radians(turned_deg), abs=math.radians(0.1))
@@ -93,7 +102,7 @@ def test_horizon_shows_a_turn_through_noise_that_drowns_its_cells(turned_deg):
 
 
 def test_horizon_outside_of_the_image_says_nothing():
-    world, images, _ = bare("plain")
+    world, images = seen("plain")
     up = Extrinsics(1.4, math.radians(24.5), 0.0)
     assert isinstance(horizon_offset(images, world.scene.rig, up), NotFitted)
     blank = np.full_like(images[0], 90)
@@ -252,7 +261,7 @@ def test_a_line_between_two_others_tells_a_crown(fall):
     """A crown in the middle of the lane, with a line on it: the outer lines have a plane of their own."""
     middle = Paint(replace(named_world("plain").scene.paints[0].line, offset_m=0.1))
     shape = RoadShape(crown_at_m=0.1, fall_right=fall, fall_left=fall)
-    world, images, _ = bare("plain", paints=(*named_world("plain").scene.paints, middle), shape=shape)
+    world, images = seen("plain", paints=(*named_world("plain").scene.paints, middle), shape=shape)
     rig, config = world.scene.rig, CalibratorConfig()
     points = tuple(find_stripe_points(image, config.extraction) for image in images)
     found = find_hypotheses(points, images, rig, config)
@@ -302,14 +311,24 @@ def test_both_edges_of_paint_lie_in_the_road_also_in_a_shadow():
             assert abs(face.height_m) < max(0.01, 3.0 * face.std_m), name
 
 
+def with_noise(scene, seed):
+    """Return the images of a scene; those of other noise are made of the same pictures."""
+    rng = np.random.default_rng(seed)
+    return [capture(without_noise(scene, side), scene.camera(side), rng) for side in SIDES]
+
+
+@cache
+def without_noise(scene, side):
+    return render_side(scene, side)
+
+
 def in_noise_and_soft_focus(name, seed, **changes):
     """Return what the calibrator makes of a bare world that a lens out of focus and a noisy sensor see."""
     world = named_world(name)
     photometry = replace(world.scene.left.photometry, psf_sigma_px=1.1, noise_fraction=0.05)
-    cameras = {side: replace(getattr(world.scene, side), photometry=photometry) for side in ("left", "right")}
+    cameras = {side: replace(getattr(world.scene, side), photometry=photometry) for side in SIDES}
     scene = replace(world.scene, texture_amplitude=0.0, **cameras, **changes)
-    images = render_world(replace(world, scene=scene), np.random.default_rng(seed))
-    return Calibrator(scene.rig, LINES_ALONE).add(*images)
+    return Calibrator(scene.rig, LINES_ALONE).add(*with_noise(scene, seed))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -349,8 +368,7 @@ def test_a_few_cells_in_noise_do_not_tell_a_turn():
     world = named_world("plain")
     scene = replace(world.scene, texture_amplitude=0.0, sky_grey=150.0, left=noisy, right=noisy)
     for seed in range(20):
-        images = render_world(replace(world, scene=scene), np.random.default_rng(seed))
-        assert isinstance(horizon_offset(images, scene.rig, world.truth), NotFitted)
+        assert isinstance(horizon_offset(with_noise(scene, seed), scene.rig, world.truth), NotFitted)
     clear = replace(scene, sky_grey=200.0)
     images = render_world(replace(world, scene=clear), np.random.default_rng(0))
     assert abs(horizon_offset(images, scene.rig, world.truth).roll_rad) < math.radians(0.1)
