@@ -6,6 +6,7 @@ import math
 import numbers
 import threading
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -65,7 +66,9 @@ class Calibrator:
         self.__dict__.update(state)
         self._lock = threading.Lock()
 
-    def add(self, left: Image, right: Image, stamp_s: float = 0.0) -> CalibrationResult:
+    def add(
+        self, left: Image, right: Image, stamp_s: float = 0.0, stamp_difference_s: float = 0.0
+    ) -> CalibrationResult:
         """Calibrate one frame and remember it when it is accepted.
 
         The result depends on this frame alone: the random numbers start from the seed for each frame. What
@@ -76,13 +79,15 @@ class Calibrator:
             left: (H, W) uint8 rectified image of the left camera.
             right: The same of the right camera.
             stamp_s: Time stamp of the frame [s].
+            stamp_difference_s: Stamp of the right image minus that of the left one [s].
 
         Raises:
-            TypeError: The time stamp is no number.
+            TypeError: A time is no number.
             ValueError: It is not finite.
         """
-        stamp_s = _checked_stamp(stamp_s)
-        result = caught(lambda: self.calibrate_frame(left, right, stamp_s), stamp_s)
+        stamp_s = _checked_time("stamp_s", stamp_s)
+        apart_s = _checked_time("stamp_difference_s", stamp_difference_s)
+        result = caught(lambda: self.calibrate_frame(left, right, stamp_s, apart_s), stamp_s)
         self.remember(result)
         return result
 
@@ -126,7 +131,9 @@ class Calibrator:
         fused = replace(fused, alignment=told.alignment, travel=told.travel, delay=told.delay)
         return with_doubt_of_rig(fused, self.rig, len(accepted) - fused.n_frames) if accepted else fused
 
-    def calibrate_frame(self, left: Image, right: Image, stamp_s: float = 0.0) -> CalibrationResult:
+    def calibrate_frame(
+        self, left: Image, right: Image, stamp_s: float = 0.0, stamp_difference_s: float = 0.0
+    ) -> CalibrationResult:
         """Calibrate one frame without adding it to the estimate, and let every exception pass.
 
         Arguments and result are those of :meth:`add`. The hypotheses about its lines are solved one after the
@@ -136,17 +143,22 @@ class Calibrator:
         if refusal:
             return rejected(refusal, stamp_s)
         left, right = np.asarray(left), np.asarray(right)  # of plain arrays, whatever was derived from them
-        frame = FrameObservations.from_images((left, right), self.rig, self.config)
+        observed = partial(
+            FrameObservations.from_images,
+            (left, right),
+            self.rig,
+            self.config,
+            stamp_difference_s=stamp_difference_s,
+        )
+        frame = observed()
         search, attempts = self._search(frame)
         turn = turn_under_pose(attempts, frame, self.rig, self.config)
         if turn is not None:
-            frame = FrameObservations.from_images((left, right), self.rig, self.config, turn)
+            frame = observed(turn)
             search, attempts = self._search(frame)
         if self.config.alignment.correct == CORRECT_ALL:
             yaw = _as_told(frame, choose(attempts)).yaw_left(self.rig)
-            frame = FrameObservations.from_images(
-                (left, right), self.rig, self.config, frame.turn, yaw.yaw_rad
-            )
+            frame = observed(frame.turn, yaw.yaw_rad)
             search, attempts = self._search(frame)
         chosen = choose(attempts)
         result = result_of(chosen, attempts, stamp_s)
@@ -226,18 +238,18 @@ def _with_what_was_seen(
     )
 
 
-def _checked_stamp(stamp_s: float) -> float:
-    """Return a time stamp as a float.
+def _checked_time(name: str, time_s: float) -> float:
+    """Return a time as a float.
 
     Raises:
         TypeError: It is no number.
         ValueError: It is not finite.
     """
-    if isinstance(stamp_s, bool) or not isinstance(stamp_s, numbers.Real):
-        raise TypeError(f"stamp_s is {shortened(stamp_s)}: a number of seconds is needed")
-    value = float(stamp_s)
+    if isinstance(time_s, bool) or not isinstance(time_s, numbers.Real):
+        raise TypeError(f"{name} is {shortened(time_s)}: a number of seconds is needed")
+    value = float(time_s)
     if not math.isfinite(value):
-        raise ValueError(f"stamp_s is {value}: a finite number of seconds is needed")
+        raise ValueError(f"{name} is {value}: a finite number of seconds is needed")
     return value
 
 
