@@ -16,6 +16,7 @@ from .config import CORRECT_ALL, CalibratorConfig
 from .drive.fusion import fuse_frames
 from .drive.rig_alignment import SeenAlignment, drive_of_rig
 from .drive.rig_doubt import with_doubt_of_rig
+from .drive.right_delay import seen_ahead
 from .drive.travel import SeenLandmarks, TravelStep, step_between
 from .errors import shortened
 from .evidence.frame_evidence import FrameObservations
@@ -30,7 +31,7 @@ from .rejection import fitted
 from .results import CalibrationResult, caught, rejected, result_of
 from .road.priors import TURNED_STD_RAD
 from .search.attempt import Attempt
-from .search.diagnosis import diagnose, not_synchronised
+from .search.diagnosis import diagnose, lateness_of_refused, not_synchronised
 from .search.solve import coarse_pose, solve
 from .search.strategy import FrameSearch, choose, turn_under_pose
 from .types import Image
@@ -113,7 +114,9 @@ class Calibrator:
             if step is not None:
                 self._steps.append(step)
             if result.alignment is not None:
-                self._seen.append(SeenAlignment(result.stamp_s, result.alignment))
+                self._seen.append(
+                    SeenAlignment(result.stamp_s, result.alignment, seen_ahead(result, self.rig))
+                )
             if result.landmarks is not None:
                 self._previous = SeenLandmarks(result.stamp_s, result.landmarks)
             self._last = kept
@@ -166,10 +169,16 @@ class Calibrator:
         if chosen is None or not chosen.accepted:
             refusal, pattern = search.refusal(attempts)
             cause = diagnose(refusal, lines, pattern, frame, self.rig, self.config)
-            cause = not_synchronised(cause, chosen, frame, self.rig)
-            result = replace(result, rejection=cause, message=cause.message, pattern=pattern)
+            late = lateness_of_refused(cause, chosen, frame, self.rig)
+            cause = not_synchronised(cause, late)
+            result = replace(result, rejection=cause, message=cause.message, pattern=pattern, lateness=late)
         alignment = _alignment(frame, chosen, self.rig)
-        result = replace(result, alignment=alignment, landmarks=frame.turn.landmarks)
+        result = replace(
+            result,
+            alignment=alignment,
+            landmarks=frame.turn.landmarks,
+            stamp_difference_s=stamp_difference_s,
+        )
         if chosen is None:
             result = _with_what_was_seen(result, lines.matches, frame)
         return replace(result, unused_lines=unused_lines(lines, result.pattern, result.lane_line))

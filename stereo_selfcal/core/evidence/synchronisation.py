@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..camera.rig import StereoRig
+from ..estimators.landmarks import Landmarks
 from ..estimators.road_shift import find_road_shift
 from ..geometry.pose import Extrinsics
 from ..rejection import Bound, Rejection, RejectReason
-from ..road.priors import SIDEWAYS_MPS, SIDEWAYS_PART, USUAL_SPEED_MPS
+from ..road.priors import BASELINE_DIRECTION_STD_RAD, SIDEWAYS_MPS, SIDEWAYS_PART, USUAL_SPEED_MPS
 from ..tolerances import EXCLUDED_SIGMAS, WRONG
 from ..types import Array, Image
 
@@ -96,6 +97,22 @@ def measure_lateness(
     if shift.sigmas < _LEAST_SIGMAS:
         return None
     return Lateness(shift.ahead_m, _WAY_STD_M, shift.sigmas_at_zero < _MOST_AT_ZERO * shift.sigmas)
+
+
+def lateness_of_rows(landmarks: Landmarks | None, rig: StereoRig) -> Lateness | None:
+    """Return the way of the car between both images, as the rows of points all over them tell it.
+
+    Args:
+        landmarks: The points, and how far ahead the right camera seems to sit.
+        rig: The rig.
+
+    Returns:
+        The way; None where the rows do not tell it.
+    """
+    if landmarks is None or not np.isfinite(landmarks.ahead_std):
+        return None
+    std_m = rig.baseline_m * float(np.hypot(landmarks.ahead_std, BASELINE_DIRECTION_STD_RAD))
+    return Lateness(-rig.baseline_m * landmarks.ahead, float(np.hypot(std_m, _WAY_STD_M)), clear=True)
 
 
 def synchronisation_covariance(
