@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from refusal_words import assert_says_everything
+from stereo_selfcal.core.evidence.vergence import Vergence
 
 from stereo_selfcal import CalibratorConfig, Extrinsics, RejectReason
 from stereo_selfcal.core.estimators.coarse_road import CoarseRoad
@@ -20,7 +21,6 @@ from stereo_selfcal.core.evidence.kerb_face import EdgeStep
 from stereo_selfcal.core.evidence.profile import Profile
 from stereo_selfcal.core.evidence.row_offset import VerticalOffset
 from stereo_selfcal.core.evidence.stripe_border import StripeBorder
-from stereo_selfcal.core.evidence.vergence import Vergence
 from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
 from stereo_selfcal.core.lanes.line_geometry import BelowPlane, HeightOverLane
 from stereo_selfcal.core.rejection import Bound
