@@ -32,7 +32,7 @@ class FakeCalibrator:
     def remember(self, result):
         pass
 
-    def calibrate_frame(self, left, right, stamp_s=0.0):
+    def calibrate_frame(self, left, right, stamp_s=0.0, stamp_difference_s=0.0):
         self.stamps.append(stamp_s)
         if not self.accept(len(self.stamps) - 1):
             return refusal(stamp_s)

@@ -30,6 +30,7 @@ ROOMS = (
     "geometry",
     "road",
     "alignment_verdict",
+    "delay_report",
     "lanes",
     "estimators",
     "evidence",

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 
 from ..options import Options
 from ..table import Table
+from .late import late_tables
 from .others import drive_tables, row_tables, world_tables
 from .priors import prior_tables
 from .turns import turn_tables
@@ -22,6 +23,7 @@ PARTS = {
     "rows": row_tables,
     "change": drive_tables,
     "worlds": world_tables,
+    "late": late_tables,
 }
 
 

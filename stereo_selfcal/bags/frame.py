@@ -35,6 +35,7 @@ class StereoFrame:
         rig_problem: Why there are no cameras for the frame, in one line.
         frozen: Which image is only the last one again, None where both are new.
         fault: The fault of the program that came up when it was; None in any other case.
+        stamp_difference_s: Stamp of the right image minus that of the left one [s].
     """
 
     stamp_s: float
@@ -47,6 +48,7 @@ class StereoFrame:
     rig_problem: str = ""
     frozen: FrozenImage | None = None
     fault: Fault | None = None
+    stamp_difference_s: float = 0.0
 
     def seen_by(self, cameras: StereoRectifier) -> StereoFrame:
         """Return the frame as cameras see it: rectified, with their rig."""

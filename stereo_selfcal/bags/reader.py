@@ -304,6 +304,7 @@ class StereoBag:
             pair.left.recorded_ns,
             frozen=pair.frozen,
         )
+        frame = replace(frame, stamp_difference_s=pair.difference_s)
         if self._cameras is None or found.infos is None:
             return frame
         try:

@@ -10,11 +10,13 @@ from typing import Any
 
 from ..core.alignment_verdict import report_alignment
 from ..core.camera.rig import StereoRig
+from ..core.delay_report import describe_delay
 from ..core.drive.camera_changes import CameraChange
 from ..core.drive.drive import Drive, DriveSegment, clock
 from ..core.errors import printable
 from ..core.geometry.alignment import ALIGNMENT_NAMES, Alignment
 from ..core.geometry.pose import POSE_COMPONENTS, POSE_NAMES, Extrinsics
+from ..core.geometry.travel import RightDelay
 from ..core.geometry.uncertainty import UncertaintyTerm
 from ..core.reservations import Reservation
 from ..offline import AttemptSummary, FrameRow, Replay
@@ -76,6 +78,8 @@ def table_summary(replay: Replay) -> str:
     text += f"{_moves(drive)}{printable(estimate.message)}\n"
     if estimate.alignment is not None:
         text += f"alignment: {report_alignment(estimate.alignment, replay.rig).message}\n"
+    if estimate.delay is not None:
+        text += f"synchronisation: {describe_delay(estimate.delay)}\n"
     text += "".join(f"{printable(remark)}\n" for remark in replay.remarks)
     if replay.damage is not None:
         text += f"THE RECORDING IS DAMAGED AND ENDED EARLY, after {len(rows)} frames\n"
@@ -134,6 +138,7 @@ def as_dict(replay: Replay) -> dict[str, Any]:
         ],
         "uncertainty": None if extrinsics is None else _uncertainty(estimate.uncertainty),
         "alignment": _alignment(estimate.alignment, replay.rig),
+        "delay": _delay(estimate.delay),
         "with_reservations": replay.with_reservations,
         "reservations": _reservations(estimate.reservations, estimate.n_frames),
     }
@@ -183,6 +188,16 @@ def _alignment(alignment: Alignment | None, rig: StereoRig) -> dict[str, Any] | 
     std = {name: float(value) for name, value, known in named if known}
     content: dict[str, Any] = {**unknown, **alignment.as_dict(), "std": {**unknown, **std}}
     return content | {"verdict": str(report.verdict), "message": report.message}
+
+
+def _delay(delay: RightDelay | None) -> dict[str, Any] | None:
+    """Return when right images are taken, with how much farther ahead the right camera sits."""
+    if delay is None:
+        return None
+    names = "delay_s", "offset_m"
+    std = dict(zip(names, map(float, delay.std), strict=True))
+    values: dict[str, Any] = {"delay_s": delay.delay_s, "offset_m": delay.offset_m, "std": std}
+    return values | {"frames": delay.n_frames, "message": describe_delay(delay)}
 
 
 def _reservations(reservations: Sequence[Reservation], n_frames: int) -> list[dict[str, Any]]:

@@ -6,6 +6,7 @@ import math
 import numbers
 import threading
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from .config import CORRECT_ALL, CalibratorConfig
 from .drive.fusion import fuse_frames
 from .drive.rig_alignment import SeenAlignment, drive_of_rig
 from .drive.rig_doubt import with_doubt_of_rig
+from .drive.right_delay import seen_ahead
 from .drive.travel import SeenLandmarks, TravelStep, step_between
 from .errors import shortened
 from .evidence.frame_evidence import FrameObservations
@@ -29,7 +31,7 @@ from .rejection import fitted
 from .results import CalibrationResult, caught, rejected, result_of
 from .road.priors import TURNED_STD_RAD
 from .search.attempt import Attempt
-from .search.diagnosis import diagnose, not_synchronised
+from .search.diagnosis import diagnose, lateness_of_refused, not_synchronised
 from .search.solve import coarse_pose, solve
 from .search.strategy import FrameSearch, choose, turn_under_pose
 from .types import Image
@@ -65,7 +67,9 @@ class Calibrator:
         self.__dict__.update(state)
         self._lock = threading.Lock()
 
-    def add(self, left: Image, right: Image, stamp_s: float = 0.0) -> CalibrationResult:
+    def add(
+        self, left: Image, right: Image, stamp_s: float = 0.0, stamp_difference_s: float = 0.0
+    ) -> CalibrationResult:
         """Calibrate one frame and remember it when it is accepted.
 
         The result depends on this frame alone: the random numbers start from the seed for each frame. What
@@ -76,13 +80,15 @@ class Calibrator:
             left: (H, W) uint8 rectified image of the left camera.
             right: The same of the right camera.
             stamp_s: Time stamp of the frame [s].
+            stamp_difference_s: Stamp of the right image minus that of the left one [s].
 
         Raises:
-            TypeError: The time stamp is no number.
+            TypeError: A time is no number.
             ValueError: It is not finite.
         """
-        stamp_s = _checked_stamp(stamp_s)
-        result = caught(lambda: self.calibrate_frame(left, right, stamp_s), stamp_s)
+        stamp_s = _checked_time("stamp_s", stamp_s)
+        apart_s = _checked_time("stamp_difference_s", stamp_difference_s)
+        result = caught(lambda: self.calibrate_frame(left, right, stamp_s, apart_s), stamp_s)
         self.remember(result)
         return result
 
@@ -108,7 +114,9 @@ class Calibrator:
             if step is not None:
                 self._steps.append(step)
             if result.alignment is not None:
-                self._seen.append(SeenAlignment(result.stamp_s, result.alignment))
+                self._seen.append(
+                    SeenAlignment(result.stamp_s, result.alignment, seen_ahead(result, self.rig))
+                )
             if result.landmarks is not None:
                 self._previous = SeenLandmarks(result.stamp_s, result.landmarks)
             self._last = kept
@@ -126,7 +134,9 @@ class Calibrator:
         fused = replace(fused, alignment=told.alignment, travel=told.travel, delay=told.delay)
         return with_doubt_of_rig(fused, self.rig, len(accepted) - fused.n_frames) if accepted else fused
 
-    def calibrate_frame(self, left: Image, right: Image, stamp_s: float = 0.0) -> CalibrationResult:
+    def calibrate_frame(
+        self, left: Image, right: Image, stamp_s: float = 0.0, stamp_difference_s: float = 0.0
+    ) -> CalibrationResult:
         """Calibrate one frame without adding it to the estimate, and let every exception pass.
 
         Arguments and result are those of :meth:`add`. The hypotheses about its lines are solved one after the
@@ -136,17 +146,22 @@ class Calibrator:
         if refusal:
             return rejected(refusal, stamp_s)
         left, right = np.asarray(left), np.asarray(right)  # of plain arrays, whatever was derived from them
-        frame = FrameObservations.from_images((left, right), self.rig, self.config)
+        observed = partial(
+            FrameObservations.from_images,
+            (left, right),
+            self.rig,
+            self.config,
+            stamp_difference_s=stamp_difference_s,
+        )
+        frame = observed()
         search, attempts = self._search(frame)
         turn = turn_under_pose(attempts, frame, self.rig, self.config)
         if turn is not None:
-            frame = FrameObservations.from_images((left, right), self.rig, self.config, turn)
+            frame = observed(turn)
             search, attempts = self._search(frame)
         if self.config.alignment.correct == CORRECT_ALL:
             yaw = _as_told(frame, choose(attempts)).yaw_left(self.rig)
-            frame = FrameObservations.from_images(
-                (left, right), self.rig, self.config, frame.turn, yaw.yaw_rad
-            )
+            frame = observed(frame.turn, yaw.yaw_rad)
             search, attempts = self._search(frame)
         chosen = choose(attempts)
         result = result_of(chosen, attempts, stamp_s)
@@ -154,10 +169,16 @@ class Calibrator:
         if chosen is None or not chosen.accepted:
             refusal, pattern = search.refusal(attempts)
             cause = diagnose(refusal, lines, pattern, frame, self.rig, self.config)
-            cause = not_synchronised(cause, chosen, frame, self.rig)
-            result = replace(result, rejection=cause, message=cause.message, pattern=pattern)
+            late = lateness_of_refused(cause, chosen, frame, self.rig)
+            cause = not_synchronised(cause, late)
+            result = replace(result, rejection=cause, message=cause.message, pattern=pattern, lateness=late)
         alignment = _alignment(frame, chosen, self.rig)
-        result = replace(result, alignment=alignment, landmarks=frame.turn.landmarks)
+        result = replace(
+            result,
+            alignment=alignment,
+            landmarks=frame.turn.landmarks,
+            stamp_difference_s=stamp_difference_s,
+        )
         if chosen is None:
             result = _with_what_was_seen(result, lines.matches, frame)
         return replace(result, unused_lines=unused_lines(lines, result.pattern, result.lane_line))
@@ -226,18 +247,18 @@ def _with_what_was_seen(
     )
 
 
-def _checked_stamp(stamp_s: float) -> float:
-    """Return a time stamp as a float.
+def _checked_time(name: str, time_s: float) -> float:
+    """Return a time as a float.
 
     Raises:
         TypeError: It is no number.
         ValueError: It is not finite.
     """
-    if isinstance(stamp_s, bool) or not isinstance(stamp_s, numbers.Real):
-        raise TypeError(f"stamp_s is {shortened(stamp_s)}: a number of seconds is needed")
-    value = float(stamp_s)
+    if isinstance(time_s, bool) or not isinstance(time_s, numbers.Real):
+        raise TypeError(f"{name} is {shortened(time_s)}: a number of seconds is needed")
+    value = float(time_s)
     if not math.isfinite(value):
-        raise ValueError(f"stamp_s is {value}: a finite number of seconds is needed")
+        raise ValueError(f"{name} is {value}: a finite number of seconds is needed")
     return value
 
 

@@ -50,7 +50,8 @@ class CalibrationResult:
         landmarks: Points of this frame that the next one may see again; None of fused results.
         travel: The camera against the direction of travel, over several frames; None where it is not known.
         delay: When right images are taken, against the left ones, over several frames; None where unknown.
-        lateness: The way of the car between both images; None where the road does not tell it.
+        lateness: The way of the car between both images, of refused frames too; None where nothing tells it.
+        stamp_difference_s: Stamp of the right image minus that of the left one [s].
         attempts: Every hypothesis that was solved for this frame, in order; empty when several are fused.
         confirmed_by_texture: Whether the texture of the road surface has confirmed the lines.
         fault: The fault of the program for which the frame is refused; None in any other case.
@@ -78,6 +79,7 @@ class CalibrationResult:
     attempts: tuple[Attempt, ...] = ()
     alignment: Alignment | None = None
     lateness: Lateness | None = None
+    stamp_difference_s: float = 0.0
     landmarks: Landmarks | None = None
     travel: Travel | None = None
     delay: RightDelay | None = None
@@ -154,6 +156,7 @@ def result_of(chosen: Attempt | None, attempts: Sequence[Attempt], stamp_s: floa
         genetic=chosen.genetic,
         gates=chosen.readings,
         attempts=tuple(attempts),
+        lateness=chosen.lateness,
     )
     if chosen.estimate is None or not chosen.accepted:
         return replace(common, rejection=chosen.rejection)
@@ -166,7 +169,6 @@ def result_of(chosen: Attempt | None, attempts: Sequence[Attempt], stamp_s: floa
         lane_curvature_per_m=chosen.lane_curvature_per_m,
         n_frames=1,
         reservations=chosen.estimate.reservations,
-        lateness=chosen.lateness,
         confirmed_by_texture=chosen.poses.textured is not None,
     )
     return replace(accepted, message=announce(accepted))

@@ -70,7 +70,7 @@ def _calibrate_frame(calibrator: Calibrator, frame: StereoFrame) -> CalibrationR
             return rejected(frozen, frame.stamp_s)
         if frame.cameras is not None and frame.cameras.rig != calibrator.rig:
             calibrator = Calibrator(frame.cameras.rig, calibrator.config)
-        return calibrator.calibrate_frame(frame.left, frame.right, frame.stamp_s)
+        return calibrator.calibrate_frame(frame.left, frame.right, frame.stamp_s, frame.stamp_difference_s)
     rejection = Rejection(
         RejectReason.IMAGE_UNREADABLE,
         f"{{value}} of {{limit}} pairs of images could be read ({frame.problem})",

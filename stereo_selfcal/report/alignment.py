@@ -15,6 +15,7 @@ from ..core.alignment_verdict import (
     report_alignment,
     seen_angles,
 )
+from ..core.delay_report import describe_delay
 from ..core.geometry.alignment import ALIGNMENT_NAMES, Alignment
 from ..offline import FrameRow, Replay
 from .charts import Level, time_series
@@ -53,6 +54,7 @@ def alignment_section(replay: Replay) -> dict[str, Any] | None:
         "word": word,
         "kind": kind,
         "sentence": sentence_of(report),
+        "delay": delay_sentence(replay),
         "lines": [] if alignment is None else _lines(alignment),
         "charts": _charts(replay, rows),
     }
@@ -62,6 +64,12 @@ def sentence_of(report: AlignmentReport) -> str:
     """Return the message of an alignment as a sentence of the page."""
     message = report.message.replace("+-", "±").replace(" deg", "°")
     return f"{message[0].upper()}{message[1:]}."
+
+
+def delay_sentence(replay: Replay) -> str:
+    """Return when right images are taken, as a sentence of the page; "" where nothing tells it."""
+    message = describe_delay(replay.estimate.delay).replace("+-", "±")
+    return f"{message[0].upper()}{message[1:]}." if message else ""
 
 
 def _lines(alignment: Alignment) -> list[list[str]]:

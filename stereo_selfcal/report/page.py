@@ -15,11 +15,12 @@ import numpy as np
 
 from .. import __version__
 from ..core.config import CalibratorConfig
+from ..core.delay_report import is_late
 from ..core.drive.drive import FIRST_CLOCK_S, DriveSegment, clock
 from ..core.errors import printable
 from ..core.geometry.pose import POSE_COMPONENTS, Extrinsics, PoseComponent
 from ..offline import FrameRow, FrameSource, Replay
-from .alignment import alignment_report, alignment_section, sentence_of
+from .alignment import alignment_report, alignment_section, delay_sentence, sentence_of
 from .choice import refusals
 from .figures import MINUTE_S, charts, gates, residuals
 from .pictures import digits, pictures
@@ -97,6 +98,8 @@ def _verdict(replay: Replay) -> dict[str, Any]:
     turned = alignment_report(replay)
     if turned.verdict.is_fault:
         doubts.append(sentence_of(turned))
+    if is_late(estimate.delay):
+        doubts.append(delay_sentence(replay))
     moved = ", and moved" if drive.changes else ""
     word = f"Calibrated{moved}{', with reservations' if replay.with_reservations else ''}"
     kind = "warn" if drive.changes or replay.with_reservations else "good"

@@ -15,6 +15,7 @@ from ..core.camera.image_messages import message_to_grey
 from ..core.camera.pairing import PairCounts, StampedPair, stamp_to_s
 from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
+from ..core.delay_report import describe_delay, is_late
 from ..core.drive.camera_changes import CameraFollower
 from ..core.errors import ImageError, RigError
 from ..core.faults import Fault
@@ -95,7 +96,7 @@ class CalibrationCall:
                 self._take_or_refuse(pair)
                 if self._calibrator is not None and self._accepted == self._config.frames:
                     estimate, rig = self._calibrator.estimate, self._calibrator.rig
-                    message = estimate.message + _misalignment(estimate, rig)
+                    message = estimate.message + _misalignment(estimate, rig) + _lateness(estimate)
                     message += self._changes() + self._doubts(before)
                     if estimate.accepted:
                         rig, cameras = self._calibrator.rig, self._follower.current
@@ -160,7 +161,7 @@ class CalibrationCall:
         if refusal is not None:
             frame = refused_frame(left, right, calibrator.rig, refusal, pair.stamp_ns)
         else:
-            frame = calibrate_timed(calibrator, left, right, pair.stamp_ns)
+            frame = calibrate_timed(calibrator, left, right, pair.stamp_ns, pair.difference_s)
         if self._report is not None:
             self._report(frame)
         result = frame.result
@@ -221,7 +222,8 @@ class CalibrationCall:
         if not self._pairs:
             return no_pair_reason(self._source, self._config, before, elapsed_s)
         seen = f"{self._pairs} {'pair' if self._pairs == 1 else 'pairs'} in {elapsed_s:.1f} s"
-        return self._reason_after_pairs(seen) + self._silence()
+        late = "" if self._calibrator is None else _lateness(self._calibrator.estimate)
+        return self._reason_after_pairs(seen) + late + self._silence()
 
     def _reason_after_pairs(self, seen: str) -> str:
         n_changes = len(self._follower.changes)
@@ -252,6 +254,11 @@ def _misalignment(estimate: CalibrationResult, rig: StereoRig) -> str:
     """Return how the right camera is turned, to be added to a message; "" where nothing is to be done."""
     report = report_alignment(estimate.alignment, rig)
     return f"; {report.message}" if report.verdict.is_fault else ""
+
+
+def _lateness(estimate: CalibrationResult) -> str:
+    """Return by how much right images are late, to be added to a message; "" where that is not sure."""
+    return f"; {describe_delay(estimate.delay)}" if is_late(estimate.delay) else ""
 
 
 def _grey(message: Any, topic: str, rig_size: tuple[int, int]) -> Pixels:

@@ -22,6 +22,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from ..core.alignment_verdict import report_alignment
 from ..core.camera.pairing import PairCounts
 from ..core.camera.rig import StereoRig
+from ..core.delay_report import describe_delay, is_late
 from ..core.drive.alignment_watch import AlignmentFinding
 from ..core.geometry.alignment import Alignment
 from ..core.geometry.pose import POSE_COMPONENTS
@@ -217,9 +218,9 @@ def _verdict(report: CalibrationReport) -> tuple[bytes, str]:
             )
         if report.active.save_failed:
             return WARN, f"{text}; {report.active.saved}"
-        turned = report.alignment.message or _misalignment(report.active)
-        if turned:
-            return WARN, f"{text}; {turned}"
+        wrong = (report.alignment.message or _misalignment(report.active), _lateness(report.active))
+        if any(wrong):
+            return WARN, "; ".join([text, *filter(None, wrong)])
     return level, text
 
 
@@ -227,6 +228,12 @@ def _misalignment(active: ActiveCalibration) -> str:
     """Return how the right camera is turned; "" where nothing is to be done about it."""
     alignment = report_alignment(active.result.alignment, active.rig)
     return alignment.message if alignment.verdict.is_fault else ""
+
+
+def _lateness(active: ActiveCalibration) -> str:
+    """Return by how much right images are late; "" where that is not sure."""
+    delay = active.result.delay
+    return describe_delay(delay) if is_late(delay) else ""
 
 
 def _described(active: ActiveCalibration) -> str:
@@ -265,6 +272,10 @@ def _alignment(report: CalibrationReport) -> dict[str, str]:
         **_numbers("alignment_now", finding.present),
         "alignment_now_frames": str(finding.frames),
     }
+    if active.result.delay is not None:
+        delay = active.result.delay
+        values |= {"right_delay_s": repr(delay.delay_s), "right_delay_std_s": repr(float(delay.std[0]))}
+        values["synchronisation"] = describe_delay(delay)
     return values | ({"alignment_change": finding.message} if finding.message else {})
 
 

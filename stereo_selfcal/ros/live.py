@@ -38,6 +38,7 @@ class LiveFrame:
         problem: Why the rig is not known, "" otherwise.
         stamp_ns: Stamp of the frame [ns].
         refusal: Why it cannot be calibrated: a camera repeats its last image. None in any other case.
+        stamp_difference_s: Stamp of the right image minus that of the left one [s].
     """
 
     left: Image
@@ -46,6 +47,7 @@ class LiveFrame:
     problem: str
     stamp_ns: int
     refusal: Rejection | None = None
+    stamp_difference_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,4 +167,4 @@ class LiveFrames:
             return LiveFrame(*images, None, problem, stamp_ns)
         refusal = refuse_frozen(pair.frozen, *images, since=True)
         rectifier = rectifier.for_images(*images)
-        return LiveFrame(*rectifier.apply(*images), rectifier.rig, "", stamp_ns, refusal)
+        return LiveFrame(*rectifier.apply(*images), rectifier.rig, "", stamp_ns, refusal, pair.difference_s)

@@ -79,7 +79,8 @@ class Monitor:
             return
         # A new calibrator for each frame: it would fuse all frames it has accepted.
         calibrator = Calibrator(frame.rig, config.calibrator)
-        self._report(calibrate_timed(calibrator, frame.left, frame.right, frame.stamp_ns))
+        images, stamp_ns = (frame.left, frame.right), frame.stamp_ns
+        self._report(calibrate_timed(calibrator, *images, stamp_ns, frame.stamp_difference_s))
 
     def _run(self) -> None:
         last_s, delay_s = -float("inf"), 0.0

@@ -41,7 +41,9 @@ class FrameReport:
     elapsed_s: float
 
 
-def calibrate_timed(calibrator: Calibrator, left: Image, right: Image, stamp_ns: int) -> FrameReport:
+def calibrate_timed(
+    calibrator: Calibrator, left: Image, right: Image, stamp_ns: int, stamp_difference_s: float = 0.0
+) -> FrameReport:
     """Calibrate a frame and measure how long that takes.
 
     Args:
@@ -49,9 +51,10 @@ def calibrate_timed(calibrator: Calibrator, left: Image, right: Image, stamp_ns:
         left: (H, W) uint8 rectified image of the left camera.
         right: The same of the right camera.
         stamp_ns: Stamp of the frame [ns].
+        stamp_difference_s: Stamp of the right image minus that of the left one [s].
     """
     start_s = time.monotonic()
-    result = calibrator.add(left, right, stamp_to_s(stamp_ns))
+    result = calibrator.add(left, right, stamp_to_s(stamp_ns), stamp_difference_s)
     return FrameReport(left, right, calibrator.rig, result, stamp_ns, time.monotonic() - start_s)
 
 

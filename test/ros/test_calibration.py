@@ -95,7 +95,7 @@ class FakeCalibrator:
         self.rig, self.settings, self.frames = rig, settings, []
         FakeCalibrator.made = (*self.made, self)
 
-    def add(self, left, right, stamp_s):
+    def add(self, left, right, stamp_s, stamp_difference_s):
         assert left.shape == right.shape == (3, 4) and left.dtype == np.uint8
         if left[0, 0] <= 50:
             return rejected(
@@ -210,7 +210,7 @@ def test_raw_images_are_rectified(monkeypatch):
     """Here by a flip of the principal point: one column to the right."""
     shown = []
     monkeypatch.setattr(
-        FakeCalibrator, "add", lambda self, left, right, _: shown.append((left, right)) or self.estimate
+        FakeCalibrator, "add", lambda self, left, right, *_: shown.append((left, right)) or self.estimate
     )
     left, right = raw_info("left"), raw_info("right")
     left.k[2] += 1.0
@@ -504,7 +504,7 @@ def image_of_12_bits(value):
 def test_images_of_12_bits_are_scaled_alike_and_the_answer_says_so(monkeypatch):
     seen = []
 
-    def calibrate(calibrator, left, right, stamp_ns):
+    def calibrate(calibrator, left, right, stamp_ns, stamp_difference_s):
         seen.append((int(left.max()), int(right.max())))
         return SimpleNamespace(result=SimpleNamespace(accepted=False, message="no lines"))
 

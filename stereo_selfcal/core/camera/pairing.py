@@ -71,6 +71,11 @@ class StampedPair(Generic[T]):
         """Stamp of the pair [ns]: that of the left image."""
         return self.left_stamp_ns
 
+    @property
+    def difference_s(self) -> float:
+        """Stamp of the right image minus that of the left one [s]."""
+        return (self.right_stamp_ns - self.left_stamp_ns) / _NS_PER_S
+
 
 @dataclass(frozen=True, slots=True)
 class PairCounts:

@@ -13,7 +13,7 @@ from ..geometry.travel import RightDelay, Travel
 from ..rejection import NotFitted, fitted
 from ..results import CalibrationResult
 from .mean_over_time import MeanOverTime, mean_over_time
-from .right_delay import fit_delay, speeds_at
+from .right_delay import SeenAhead, estimate_delay
 from .travel import TravelStep, estimate_travel
 from .travel_vergence import vergence_of_parallax, vergence_of_travel
 
@@ -30,10 +30,12 @@ class SeenAlignment:
     Attributes:
         stamp_s: Time stamp [s].
         alignment: How the right camera is turned.
+        ahead: How far ahead it seems to sit; None where nothing tells it.
     """
 
     stamp_s: float
     alignment: Alignment
+    ahead: SeenAhead | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +68,9 @@ def drive_of_rig(
         rig: The rig that all come from.
     """
     return DriveOfRig(
-        _alignment(frames, seen, steps, rig), fitted(estimate_travel(steps)), _delay(frames, steps, rig)
+        _alignment(frames, seen, steps, rig),
+        fitted(estimate_travel(steps)),
+        fitted(estimate_delay([each.ahead for each in seen if each.ahead is not None], steps, rig)),
     )
 
 
@@ -113,16 +117,3 @@ def _alignment(
         unexplained_rad=float(np.median([each.alignment.unexplained_rad for each in seen])),
         yaw_corrected_rad=float(np.mean([each.alignment.yaw_corrected_rad for each in seen])),
     )
-
-
-def _delay(
-    frames: Sequence[CalibrationResult], steps: Sequence[TravelStep], rig: StereoRig
-) -> RightDelay | None:
-    """Return the delay of the right images, by the way of the car between both images of each frame."""
-    told = [(frame.stamp_s, frame.lateness) for frame in frames if frame.lateness is not None]
-    if not told or not steps:
-        return None
-    # A right image that is taken earlier is one of a camera that sits farther back.
-    ahead = [-late.way_m for _, late in told]
-    stds = [late.std_m for _, late in told]
-    return fitted(fit_delay(ahead, stds, speeds_at([stamp_s for stamp_s, _ in told], steps), rig))

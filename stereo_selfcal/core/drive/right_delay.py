@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -20,6 +21,7 @@ from ..numerics.linear import invert, solve_linear
 from ..numerics.robust import Reweighting, fit_reweighted, scale_by_median
 from ..numerics.statistics import SIGMA_OVER_MAD, upper_median
 from ..rejection import Bound, NotFitted
+from ..results import CalibrationResult
 from ..road.priors import BASELINE_DIRECTION_STD_RAD
 from ..types import Array
 
@@ -36,6 +38,65 @@ _LEAST_SPEED_SCATTER_MPS = 0.05
 _OF_SPEEDS = Reweighting(rounds=2, absolute_rounds=3)
 _OF_LINE = "numbers of the speed that the steps determine"
 _DETERMINED = "numbers of the delay that the frames determine"
+
+
+@dataclass(frozen=True, slots=True)
+class SeenAhead:
+    """How far ahead the right camera seems to sit in a frame.
+
+    Attributes:
+        stamp_s: Time stamp of the frame [s].
+        ahead_m: How much farther ahead than the rig has it [m].
+        std_m: Its standard deviation [m].
+        stamp_difference_s: Stamp of the right image minus that of the left one [s].
+    """
+
+    stamp_s: float
+    ahead_m: float
+    std_m: float
+    stamp_difference_s: float = 0.0
+
+
+def seen_ahead(result: CalibrationResult, rig: StereoRig) -> SeenAhead | None:
+    """Return how far ahead the right camera seems to sit in a frame, accepted or refused.
+
+    The rows of points all over the images tell it; where they do not, the road as seen from above.
+
+    Args:
+        result: Result of the frame.
+        rig: The rig.
+
+    Returns:
+        The way; None where nothing tells it.
+    """
+    seen, late = result.landmarks, result.lateness
+    if seen is not None and math.isfinite(seen.ahead_std):
+        ahead_m, std_m = rig.baseline_m * seen.ahead, rig.baseline_m * seen.ahead_std
+    elif late is not None:
+        # A right image that is taken earlier is one of a camera that sits farther back.
+        ahead_m, std_m = -late.way_m, late.std_m
+    else:
+        return None
+    return SeenAhead(result.stamp_s, ahead_m, std_m, result.stamp_difference_s)
+
+
+def estimate_delay(
+    seen: Sequence[SeenAhead], steps: Sequence[Moving], rig: StereoRig
+) -> RightDelay | NotFitted:
+    """Estimate the delay of the right images of a drive, against what their stamps say.
+
+    Args:
+        seen: How far ahead the right camera seems to sit in each frame.
+        steps: Steps of the drive, in the order of time: they tell the speed.
+        rig: The rig that all come from.
+
+    Returns:
+        The delay, or why it is not known.
+    """
+    speeds_mps = speeds_at([each.stamp_s for each in seen], steps)
+    by_stamps_m = speeds_mps * np.array([each.stamp_difference_s for each in seen])
+    ahead_m = np.array([each.ahead_m for each in seen]) - by_stamps_m
+    return fit_delay(ahead_m, [each.std_m for each in seen], speeds_mps, rig)
 
 
 def fit_delay(
@@ -81,7 +142,9 @@ def fit_delay(
     if isinstance(covariance, NotFitted):
         return covariance
     delay_s, offset_m = found.solution
-    return RightDelay(float(delay_s), float(offset_m), covariance, int(np.count_nonzero(found.weights)))
+    used = found.weights > 0.0
+    speeds = float(speed[used].min()), float(speed[used].max())
+    return RightDelay(float(delay_s), float(offset_m), covariance, int(np.count_nonzero(used)), speeds)
 
 
 class Moving(Protocol):

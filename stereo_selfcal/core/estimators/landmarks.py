@@ -8,6 +8,7 @@ images are not needed any more.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -37,12 +38,14 @@ class Landmarks:
         descriptors: (N, 32) bits, eight in each uint8.
         ahead: How much farther ahead the right camera seems to sit in this frame, over the baseline
             (:attr:`.RowAlignment.ahead`): that of a late image depends on the speed.
+        ahead_std: Its standard deviation; infinite where the rows do not tell it.
     """
 
     left: Floats
     right: Floats
     descriptors: npt.NDArray[np.uint8]
     ahead: float = 0.0
+    ahead_std: float = math.inf
 
     def __len__(self) -> int:
         """Return the number of points."""
@@ -59,13 +62,16 @@ def _pattern() -> Floats:
 _PLACES = _pattern()
 
 
-def describe_points(image: Image, points: MatchedPoints, ahead: float = 0.0) -> Landmarks:
+def describe_points(
+    image: Image, points: MatchedPoints, ahead: float = 0.0, ahead_std: float = math.inf
+) -> Landmarks:
     """Describe the neighbourhoods of matched points in the left image.
 
     Args:
         image: Left image, (H, W) uint8.
         points: Matched points.
         ahead: How much farther ahead the right camera seems to sit, over the baseline.
+        ahead_std: Its standard deviation.
     """
     height, width = image.shape
     side = 2 * round(_BLUR * width / 2.0) + 1
@@ -80,4 +86,5 @@ def describe_points(image: Image, points: MatchedPoints, ahead: float = 0.0) -> 
         column = np.clip(left[:, :1] + half * places[:, 0] + np.float32(0.5), 0, width - 1).astype(np.int32)
         row = np.clip(left[:, 1:] + half * places[:, 1] + np.float32(0.5), 0, height - 1).astype(np.int32)
         grey.append(flat[row * np.int32(width) + column])
-    return Landmarks(left, points.right.astype(np.float32), np.packbits(grey[0] < grey[1], axis=1), ahead)
+    bits = np.packbits(grey[0] < grey[1], axis=1)
+    return Landmarks(left, points.right.astype(np.float32), bits, ahead, ahead_std)

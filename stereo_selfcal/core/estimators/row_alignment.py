@@ -72,6 +72,11 @@ class RowAlignment:
         """The yaw of the right camera and its standard deviation [rad]."""
         return float(self.turn[2]), math.sqrt(float(self.covariance[2, 2]))
 
+    @property
+    def ahead_std(self) -> float:
+        """Standard deviation of :attr:`ahead`."""
+        return math.sqrt(float(self.covariance[4, 4]))
+
 
 def row_derivatives(rig: StereoRig, points: MatchedPoints, ahead: float = 0.0) -> Array:
     """Return the derivatives (N, 5) of the rows [px] in the right image, less those in the left one.

@@ -121,8 +121,8 @@ def measure_turn(
     """
     points = match_points(images, disparities)
     by_points = align_rows(points, rig)
-    ahead = 0.0 if isinstance(by_points, NotFitted) else by_points.ahead
-    landmarks = describe_points(images[0], points, ahead)
+    ahead = () if isinstance(by_points, NotFitted) else (by_points.ahead, by_points.ahead_std)
+    landmarks = describe_points(images[0], points, *ahead)
     told = [] if isinstance(by_points, NotFitted) else [CameraTurn.of_points(by_points)]
     vague = by_points if isinstance(by_points, NotFitted) else _vague(told[0])
     on_road = None

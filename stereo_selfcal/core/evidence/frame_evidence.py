@@ -55,6 +55,7 @@ class FrameObservations:
         rig_std: Standard deviations of what remains unknown of the rig.
         yaw_told: The yaw of the right camera, by rows and lines.
         yaw_corrected_rad: The yaw of which the images are free [rad].
+        stamp_difference_s: Stamp of the right image minus that of the left one [s].
     """
 
     images: tuple[Image, Image]
@@ -66,6 +67,7 @@ class FrameObservations:
     rig_std: RigStd = CALIBRATED
     yaw_told: tuple[YawTold, ...] = ()
     yaw_corrected_rad: float = 0.0
+    stamp_difference_s: float = 0.0
 
     @classmethod
     def from_images(
@@ -75,6 +77,7 @@ class FrameObservations:
         config: CalibratorConfig,
         turn: CameraTurn | None = None,
         yaw_rad: float = 0.0,
+        stamp_difference_s: float = 0.0,
     ) -> FrameObservations:
         """Return the observations of a frame.
 
@@ -84,6 +87,7 @@ class FrameObservations:
             config: Settings.
             turn: Pitch and roll of the right camera where they are known; None to measure them.
             yaw_rad: The yaw of the right camera that is to be corrected [rad].
+            stamp_difference_s: Stamp of the right image minus that of the left one [s].
         """
         surface, coarse = None, None
         if config.texture.check or config.alignment.correct != CORRECT_NOTHING:
@@ -103,7 +107,16 @@ class FrameObservations:
         if turn.points is not None:
             by_rows_rad, std_rad = turn.points.yaw
             told = YawTold(by_rows_rad - yaw_rad, std_rad)
-        frame = cls(images, (left, right), clipped, surface, far, turn, yaw_corrected_rad=yaw_rad)
+        frame = cls(
+            images,
+            (left, right),
+            clipped,
+            surface,
+            far,
+            turn,
+            yaw_corrected_rad=yaw_rad,
+            stamp_difference_s=stamp_difference_s,
+        )
         return frame.with_yaw(told, rig)
 
     def with_yaw(self, told: YawTold | None, rig: StereoRig) -> FrameObservations:

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..camera.rig import StereoRig
+from ..estimators.landmarks import Landmarks
 from ..estimators.road_shift import find_road_shift
 from ..geometry.pose import Extrinsics
 from ..rejection import Bound, Rejection, RejectReason
-from ..road.priors import SIDEWAYS_PART
+from ..road.priors import BASELINE_DIRECTION_STD_RAD, SIDEWAYS_MPS, SIDEWAYS_PART, USUAL_SPEED_MPS
 from ..tolerances import EXCLUDED_SIGMAS, WRONG
 from ..types import Array, Image
 
@@ -26,7 +27,6 @@ _MOST_AT_ZERO = 0.5
 # Standard deviation of the way. In recorded pairs of cameras that are triggered together, it is 1.6 cm, as
 # rows that are off by a tenth of a pixel move the road by a centimetre 10 m ahead.
 _WAY_STD_M = 0.02
-_USUAL_SPEED_MPS = 50.0 / 3.6
 _REMEDY = "trigger both cameras together, and check that the driver pairs images of the same moment"
 
 
@@ -58,7 +58,7 @@ class Lateness:
     def what(self) -> str:
         """The finding in words, with a place for the value."""
         late = "left" if self.way_m > 0.0 else "right"
-        delay_ms = 1e3 * abs(self.way_m) / _USUAL_SPEED_MPS
+        delay_ms = 1e3 * abs(self.way_m) / USUAL_SPEED_MPS
         return (
             f"the {late} image was taken {{value}} of the way later than the other one, which is "
             f"{delay_ms:.0f} ms at 50 km/h"
@@ -76,10 +76,7 @@ class Lateness:
             pose: The pose.
             rig: The rig: the height is proportional to its baseline.
         """
-        across_m = SIDEWAYS_PART * float(np.hypot(self.way_m, self.std_m))
-        covariance = np.zeros((3, 3))
-        covariance[0, 0] = (pose.height_m * across_m / rig.baseline_m) ** 2
-        return covariance
+        return _by_way_across(SIDEWAYS_PART * float(np.hypot(self.way_m, self.std_m)), pose, rig)
 
 
 def measure_lateness(
@@ -100,3 +97,43 @@ def measure_lateness(
     if shift.sigmas < _LEAST_SIGMAS:
         return None
     return Lateness(shift.ahead_m, _WAY_STD_M, shift.sigmas_at_zero < _MOST_AT_ZERO * shift.sigmas)
+
+
+def lateness_of_rows(landmarks: Landmarks | None, rig: StereoRig) -> Lateness | None:
+    """Return the way of the car between both images, as the rows of points all over them tell it.
+
+    Args:
+        landmarks: The points, and how far ahead the right camera seems to sit.
+        rig: The rig.
+
+    Returns:
+        The way; None where the rows do not tell it.
+    """
+    if landmarks is None or not np.isfinite(landmarks.ahead_std):
+        return None
+    std_m = rig.baseline_m * float(np.hypot(landmarks.ahead_std, BASELINE_DIRECTION_STD_RAD))
+    return Lateness(-rig.baseline_m * landmarks.ahead, float(np.hypot(std_m, _WAY_STD_M)), clear=True)
+
+
+def synchronisation_covariance(
+    late: Lateness | None, stamp_difference_s: float, pose: Extrinsics, rig: StereoRig
+) -> Array:
+    """Return the covariance (3, 3) of a pose by images that are not of one moment.
+
+    Args:
+        late: The way of the car between both images; None where the road does not tell it. Then the car
+            moves as far across as cars do in that time.
+        stamp_difference_s: Stamp of the right image minus that of the left one [s].
+        pose: The pose.
+        rig: The rig.
+    """
+    if late is not None:
+        return late.covariance(pose, rig)
+    return _by_way_across(SIDEWAYS_MPS * abs(stamp_difference_s), pose, rig)
+
+
+def _by_way_across(across_m: float, pose: Extrinsics, rig: StereoRig) -> Array:
+    """Return the covariance of a pose by a way across, which lengthens or shortens the baseline."""
+    covariance = np.zeros((3, 3))
+    covariance[0, 0] = (pose.height_m * across_m / rig.baseline_m) ** 2
+    return covariance

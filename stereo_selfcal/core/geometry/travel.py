@@ -38,20 +38,22 @@ class Travel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RightDelay:
-    """When the right images are taken, against the left ones of the same stamps.
+    """When the right images are taken, against what their stamps say.
 
     Attributes:
-        delay_s: How much later [s].
+        delay_s: How much later [s]: than the left ones, where the stamps are equal.
         offset_m: How much farther ahead the right camera sits than the rig has it [m].
         covariance: (2, 2) of (delay_s, offset_m), with the prior of the offset. At constant speed both are
             correlated: the sum ``offset_m + speed * delay_s`` is known better than either.
         n_frames: Number of frames that agree.
+        speeds_mps: Least and greatest speed of these [m/s].
     """
 
     delay_s: float
     offset_m: float
     covariance: Array
     n_frames: int
+    speeds_mps: tuple[float, float]
 
     @property
     def std(self) -> Array:

@@ -44,6 +44,9 @@ PARALLEL_PART = 0.9
 # How far a car moves sideways for each metre that it drives, as a camera in it sees it: it drifts in its lane
 # by 0.3 m/s at 50 km/h, and cameras are mounted straight to a degree (standard deviation).
 SIDEWAYS_PART = 0.02
+USUAL_SPEED_MPS = 50.0 / 3.6
+# The same for each second, where the way between two images is not known.
+SIDEWAYS_MPS = SIDEWAYS_PART * USUAL_SPEED_MPS
 # Mean distance of the farthest thing that is seen along a road: half of 42 recorded frames show nothing
 # farther than 190 m, whose median of an exponential distribution of the disparity is.
 FARTHEST_M = 130.0

@@ -42,7 +42,7 @@ class Attempt:
         lane_curvature_per_m: Curvature of the lane [1/m], > 0: bends left; None where it was not measured.
         genetic: Report of the genetic algorithm; None where it did not run.
         surface: The road surface the lines were compared with, or that is the estimate; None without one.
-        lateness: The way of the car between both images, of an accepted attempt; None where it is not told.
+        lateness: The way of the car between both images, once it was measured; None where it is not told.
         yaw_told: The yaw of the right camera, by rows and lines; empty where the hypothesis was refused.
         lane_line: The line of the left image that tells the yaw of an estimate without a pair of lines.
     """

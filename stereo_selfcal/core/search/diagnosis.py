@@ -16,7 +16,7 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
 from ..evidence.frame_evidence import FrameObservations
-from ..evidence.synchronisation import measure_lateness
+from ..evidence.synchronisation import Lateness, lateness_of_rows, measure_lateness
 from ..geometry.homography import SIDES
 from ..lanes.closed_form import solve_plane
 from ..lanes.detector import detect_by_hough
@@ -127,10 +127,12 @@ def diagnose(
     return cause or rejection
 
 
-def not_synchronised(
+def lateness_of_refused(
     rejection: Rejection, attempt: Attempt | None, frame: FrameObservations, rig: StereoRig
-) -> Rejection:
-    """Return that the images are not of one moment, where the road shows it, else the refusal itself.
+) -> Lateness | None:
+    """Return the way of the car between the images of a refused frame; None where nothing tells it.
+
+    The road tells it, and where it does not, the rows of points all over the images: they need no road.
 
     Args:
         rejection: The refusal.
@@ -138,11 +140,30 @@ def not_synchronised(
         frame: Images, and what is known of them without a hypothesis.
         rig: Intrinsics and baseline.
     """
-    if attempt is None or rejection.reason not in _OF_LINES:
+    late = None if attempt is None else attempt.lateness
+    if rejection.reason not in _OF_LINES:
+        return late
+    if late is None and attempt is not None:
+        pose = attempt.poses.by_lines or attempt.poses.textured
+        late = None if pose is None else measure_lateness(frame.images, rig, pose, None)
+    if late is not None and late.surely:
+        return late
+    # Lenses that are not known move rows as well.
+    rectified = rejection.reason is not RejectReason.IMAGES_NOT_RECTIFIED
+    by_rows = lateness_of_rows(frame.turn.landmarks, rig) if rectified else None
+    return late if by_rows is None else by_rows
+
+
+def not_synchronised(rejection: Rejection, late: Lateness | None) -> Rejection:
+    """Return that the images are not of one moment, where that is sure, else the refusal itself.
+
+    Args:
+        rejection: The refusal.
+        late: The way of the car between both images.
+    """
+    if late is None or not late.surely or rejection.reason not in _OF_LINES:
         return rejection
-    pose = attempt.poses.by_lines or attempt.poses.textured
-    late = None if pose is None else measure_lateness(frame.images, rig, pose, None)
-    return late.refusal() if late is not None and late.surely else rejection
+    return late.refusal()
 
 
 def _exchanged_or_upside_down(

@@ -27,7 +27,7 @@ from ..evidence.profile import measure_profile
 from ..evidence.rig_unknowns import changes_of_lines, response_of_lines, response_of_surface, rig_terms
 from ..evidence.road_surface import SurfaceCells
 from ..evidence.row_offset import vertical_offset
-from ..evidence.synchronisation import Lateness, measure_lateness
+from ..evidence.synchronisation import Lateness, measure_lateness, synchronisation_covariance
 from ..geometry.homography import SIDES
 from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, merge_terms
@@ -149,7 +149,7 @@ def _solve_lines(
     )
     readings, refusal = evaluate_gates(evidence, already=readings)
     if refusal:
-        return _refused(hypothesis, refusal, readings, poses, genetic)
+        return replace(_refused(hypothesis, refusal, readings, poses, genetic), lateness=late)
     estimate = _estimate(pose, fit, refined, evidence, reservations).with_terms(
         UncertaintyTerm("paint_angle", paint_angle_covariance(pattern, rig, pose))
     )
@@ -168,13 +168,13 @@ def _solve_lines(
     surface = SurfaceCells.of(checked.evidence.texture)
     if checked.rejection is not None:
         refused = _refused(hypothesis, checked.rejection, checked.readings, checked.poses, genetic)
-        return replace(refused, surface=surface)
+        return replace(refused, surface=surface, lateness=late)
     return Attempt(
         hypothesis,
         Verdict.ACCEPTED,
         poses=checked.poses,
         readings=checked.readings,
-        estimate=_with_lateness(checked.estimate, late, rig),
+        estimate=_with_lateness(checked.estimate, late, frame, rig),
         lane_curvature_per_m=bends.lateral_per_m,
         genetic=genetic,
         surface=surface,
@@ -232,7 +232,7 @@ def _solve_surface(
     of_rig = response_of_surface(rig, texture.extrinsics, frame.rig_std)
     terms = merge_terms((*texture.terms, *rig_terms(of_rig)))
     late = measure_lateness(frame.images, rig, texture.extrinsics, yaw)
-    estimate = _with_lateness(Estimate(texture.extrinsics, terms, yaw, (seen,)), late, rig)
+    estimate = _with_lateness(Estimate(texture.extrinsics, terms, yaw, (seen,)), late, frame, rig)
     evidence = Evidence(
         config,
         texture=texture,
@@ -245,7 +245,7 @@ def _solve_surface(
     evidence = with_strip(evidence, texture, frame, rig)
     readings, refusal = evaluate_gates(evidence)
     if refusal:
-        return _refused(hypothesis, refusal, readings, poses)
+        return replace(_refused(hypothesis, refusal, readings, poses), lateness=late)
     accepted = Attempt(
         hypothesis,
         Verdict.ACCEPTED,
@@ -260,19 +260,21 @@ def _solve_surface(
     vertical = vertical_offset(frame.images, rig, texture.extrinsics, yaw or 0.0)
     if isinstance(vertical, NotFitted):  # the rows may be those of a camera that has turned
         message = f"the rows of both images are not compared; {vertical.reason}"
-        return Attempt(hypothesis, Verdict.NOT_FITTED, message, poses=poses, readings=readings)
+        given_up = Attempt(hypothesis, Verdict.NOT_FITTED, message, poses=poses, readings=readings)
+        return replace(given_up, lateness=late)
     evidence = replace(evidence, vertical=vertical)
     readings, refusal = evaluate_gates(evidence, already=readings)
     if refusal:
-        return _refused(hypothesis, refusal, readings, poses)
+        return replace(_refused(hypothesis, refusal, readings, poses), lateness=late)
     return replace(accepted, readings=readings)
 
 
-def _with_lateness(estimate: Estimate, late: Lateness | None, rig: StereoRig) -> Estimate:
+def _with_lateness(
+    estimate: Estimate, late: Lateness | None, frame: FrameObservations, rig: StereoRig
+) -> Estimate:
     """Return an estimate with the term by the way of the car between both images."""
-    if late is None:
-        return estimate
-    return estimate.with_terms(UncertaintyTerm("synchronisation", late.covariance(estimate.pose, rig)))
+    covariance = synchronisation_covariance(late, frame.stamp_difference_s, estimate.pose, rig)
+    return estimate.with_terms(UncertaintyTerm("synchronisation", covariance))
 
 
 def _refused(

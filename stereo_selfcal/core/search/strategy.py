@@ -9,6 +9,7 @@ first. A contradiction ends the search: what clear lines or the surface refuse, 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -181,6 +182,6 @@ def turn_under_pose(
     offset = remaining_offset(frame, rig, pose, yaw)
     if offset is None:
         return None
-    turn = with_prior(CameraTurn.of_offset(offset, rig))
+    turn = replace(with_prior(CameraTurn.of_offset(offset, rig)), landmarks=frame.turn.landmarks)
     usual = np.abs(turn.as_array()) <= CALIBRATED_TURN_STD_RAD[:2]
     return None if np.all(usual) else turn

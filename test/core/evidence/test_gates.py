@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from refusal_words import assert_says_everything
+from stereo_selfcal.core.evidence.vergence import Vergence
 
 from stereo_selfcal import CalibratorConfig, Extrinsics, RejectReason
 from stereo_selfcal.core.estimators.coarse_road import CoarseRoad
