@@ -1,6 +1,7 @@
 """Recordings and settings for the tests of the fleet; workers import it as well."""
 
 import os
+import shutil
 import signal
 import time
 from dataclasses import dataclass
@@ -34,6 +35,15 @@ def make_bags(folder: Path, n: int, n_frames: int = 2) -> list[Path]:
         height_m = 1.3 + 0.05 * index
         write_bag(path, custom_scene(name=path.name, n_frames=n_frames, height_m=height_m, seed=index))
     return paths
+
+
+def make_copies(folder: Path, n: int, n_frames: int = 2) -> list[Path]:
+    """Write small recordings of one road, for tests of what becomes of them; one of them is rendered."""
+    (first,) = make_bags(folder, 1, n_frames)
+    copies = [folder / f"road{index}" for index in range(1, n)]
+    for path in copies:
+        shutil.copytree(first, path)
+    return [first, *copies]
 
 
 # Dask does not replace a worker that dies before its nanny has heard of its start.
