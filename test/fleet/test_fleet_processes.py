@@ -7,7 +7,7 @@ import threading
 import time
 
 import pytest
-from fleet_making import QUICK, deadly, make_bags, run_fleet
+from fleet_making import QUICK, deadly, make_bags, make_copies, run_fleet
 
 from stereo_selfcal.core.config import CalibratorConfig
 from stereo_selfcal.fleet import processes
@@ -28,7 +28,7 @@ PATIENCE_S = 60.0
 
 @pytest.fixture(scope="module")
 def roads(tmp_path_factory):
-    return make_bags(tmp_path_factory.mktemp("fleet"), 3)
+    return make_copies(tmp_path_factory.mktemp("fleet"), 3)
 
 
 def statuses(done):
