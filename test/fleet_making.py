@@ -1,6 +1,7 @@
 """Recordings and settings for the tests of the fleet; workers import it as well."""
 
 import os
+import shutil
 import signal
 import time
 from dataclasses import dataclass
@@ -36,9 +37,19 @@ def make_bags(folder: Path, n: int, n_frames: int = 2) -> list[Path]:
     return paths
 
 
+def make_copies(folder: Path, n: int, n_frames: int = 2) -> list[Path]:
+    """Write small recordings of one road, for tests of what becomes of them; one of them is rendered."""
+    (first,) = make_bags(folder, 1, n_frames)
+    copies = [folder / f"road{index}" for index in range(1, n)]
+    for path in copies:
+        shutil.copytree(first, path)
+    return [first, *copies]
+
+
 # Dask does not replace a worker that dies before its nanny has heard of its start.
 NANNY_HEARS_S = 1.0
 FOR_EVER_S = 1000.0
+LATE_S = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +83,23 @@ class Deadly(FleetSettings):
             time.sleep(self.after_s)
             os.kill(os.getpid(), signal.SIGKILL)
         return FleetSettings.open(self, path)
+
+
+@dataclass(frozen=True, slots=True)
+class Slow(FleetSettings):
+    """Settings under which every frame takes a while to be read, without any work."""
+
+    def open(self, path):
+        source = FleetSettings.open(self, path)
+        frames = source.frames
+
+        def late():
+            for frame in frames():
+                time.sleep(LATE_S)
+                yield frame
+
+        source.frames = late
+        return source
 
 
 def deadly(always=(), once="", **more):

@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
-from fleet_making import QUICK, make_bags, quick_options
+from fleet_making import QUICK, make_bags, make_copies, quick_options
 
 from stereo_selfcal.cli.fleet import listed, main
 from stereo_selfcal.cli.replay import main as replay
@@ -171,6 +171,7 @@ def test_processes_of_this_machine_need_no_dask(roads, tmp_path):
     script = tmp_path / "without.py"
     script.write_text(f"if __name__ == '__main__':\n    {without}\n", encoding="utf-8")
     command = [sys.executable, str(script), str(folder / "bags" / "road0"), "--output", str(tmp_path / "out")]
+    command += quick_options(tmp_path)
     run = subprocess.run(command, env=environment(), text=True, capture_output=True, check=False)
     assert (run.returncode, "1 calibrated" in run.stdout) == (0, True), run.stderr
 
@@ -223,9 +224,9 @@ def wait_for_group_to_end(group):
 
 @pytest.mark.slow
 def test_interrupted_it_ends_cleanly_and_goes_on_where_it_was(tmp_path):
-    make_bags(tmp_path / "bags", 6, n_frames=4)
+    make_copies(tmp_path / "bags", 6, n_frames=4)
     command = [sys.executable, "-m", "stereo_selfcal", "fleet", str(tmp_path / "bags")]
-    command += ["--output", str(tmp_path / "out"), "--workers", "1", *quick_options(tmp_path)]
+    command += ["--output", str(tmp_path / "out"), "--workers", "1", "--no-report", *quick_options(tmp_path)]
     # In a process group of its own, all of which gets the Ctrl-C, as in a terminal.
     run = subprocess.Popen(
         command,
@@ -262,7 +263,7 @@ def test_interrupted_it_ends_cleanly_and_goes_on_where_it_was(tmp_path):
 
 @pytest.mark.slow
 def test_killed_again_and_again_it_loses_no_result_leaves_nothing_and_comes_to_an_end(tmp_path):
-    bags = make_bags(tmp_path / "bags", 6)
+    bags = make_copies(tmp_path / "bags", 6)
     scratch = tmp_path / "scratch"
     scratch.mkdir()
     out = tmp_path / "out"

@@ -29,6 +29,9 @@ SIGMAS = 4.0
 
 @pytest.fixture(scope="module")
 def bags(tmp_path_factory):
+    """Return a folder with the named bags: those beside the project, which test_synth_bag.py makes anew."""
+    if all((ROOT / "bags" / scene.name).exists() for scene in NAMED_SCENES):
+        return ROOT / "bags"
     folder = tmp_path_factory.mktemp("bags")
     list(write_named_bags(folder))
     return folder

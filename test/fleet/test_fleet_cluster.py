@@ -10,7 +10,7 @@ pytest.importorskip("distributed")
 
 import dask
 from distributed.security import Security
-from fleet_making import NANNY_HEARS_S, QUICK, deadly, make_bags, report_of, run_fleet
+from fleet_making import NANNY_HEARS_S, QUICK, deadly, make_copies, report_of, run_fleet
 
 from stereo_selfcal.fleet import cluster as cluster_module
 from stereo_selfcal.fleet.cluster import DaskWorkers, existing_cluster, local_cluster
@@ -45,7 +45,7 @@ def workers(cluster):
 
 @pytest.fixture(scope="module")
 def roads(tmp_path_factory):
-    return make_bags(tmp_path_factory.mktemp("fleet"), 3)
+    return make_copies(tmp_path_factory.mktemp("fleet"), 3)
 
 
 @contextmanager

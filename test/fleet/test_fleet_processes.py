@@ -7,9 +7,8 @@ import threading
 import time
 
 import pytest
-from fleet_making import QUICK, deadly, make_bags, run_fleet
+from fleet_making import QUICK, Slow, deadly, make_bags, make_copies, run_fleet
 
-from stereo_selfcal.core.config import CalibratorConfig
 from stereo_selfcal.fleet import processes
 from stereo_selfcal.fleet.outcome import Status
 from stereo_selfcal.fleet.processes import ProcessWorkers
@@ -28,7 +27,7 @@ PATIENCE_S = 60.0
 
 @pytest.fixture(scope="module")
 def roads(tmp_path_factory):
-    return make_bags(tmp_path_factory.mktemp("fleet"), 3)
+    return make_copies(tmp_path_factory.mktemp("fleet"), 3)
 
 
 def statuses(done):
@@ -120,8 +119,8 @@ def test_a_recording_that_hangs_is_given_up_and_the_others_are_done(roads, how):
 
 def test_a_recording_that_gives_frames_may_take_longer_than_the_patience(tmp_path, monkeypatch):
     """Time counts between frames, not for the whole recording."""
-    settings = FleetSettings(CalibratorConfig())
-    (path,) = make_bags(tmp_path, 1, n_frames=12)
+    settings = Slow(QUICK)
+    (path,) = make_bags(tmp_path, 1, n_frames=8)
     with ProcessWorkers(1, 60.0) as workers:
         begin_s = time.monotonic()
         run_fleet(workers, [path], settings)

@@ -2,7 +2,7 @@
 
 import bag_making
 import pytest
-from fleet_making import QUICK, deadly, make_bags, report_of, run_fleet
+from fleet_making import QUICK, deadly, make_bags, make_copies, report_of, run_fleet
 
 from stereo_selfcal.cli.report import as_json
 from stereo_selfcal.core.config import CalibratorConfig
@@ -27,7 +27,7 @@ def workers():
 
 @pytest.fixture(scope="module")
 def roads(tmp_path_factory):
-    return make_bags(tmp_path_factory.mktemp("fleet"), 3)
+    return make_copies(tmp_path_factory.mktemp("fleet"), 3)
 
 
 def replayed(path):
