@@ -214,7 +214,8 @@ NOT_ON_THE_WAY = {
     "evidence/far_disparity, evidence/camera_yaw, evidence/rig_unknowns, "
     "evidence/rig_measurements": "what is unknown of the rig, and what shows it",
     "evidence/synchronisation, estimators/road_shift": "whether both images are of one moment",
-    "geometry/alignment, alignment_verdict": "how the right camera is turned, and what is to be done",
+    "geometry/alignment, alignment_verdict, delay_report": "how the right camera is turned, whether its "
+    "images are late, and what is to be done",
     "drive/drive, drive/motion, drive/changes": "the whole of a drive",
     "estimators/landmarks, drive/landmark_matches, drive/motion_between_frames, drive/travel, "
     "geometry/travel": "how the car moves between frames",

@@ -128,7 +128,7 @@ def test_without_any_rows_it_is_what_calibrations_leave(monkeypatch):
 
 def test_points_that_hardly_tell_a_turn_are_no_comparison_of_the_rows(monkeypatch):
     """A correction by half of what calibrations leave, or more, adds as much noise as it takes away."""
-    for points in (rows(0.03, 0.0, (0.006, 0.001)), rows(0.0, 0.05, (0.001, 0.011))):
+    for points in (rows(0.03, 0.0, (0.008, 0.001)), rows(0.0, 0.05, (0.001, 0.011))):
         found = told(monkeypatch, points)
         assert not found.seen and (found.pitch_rad, found.roll_rad) == (0.0, 0.0)
         assert "that the rows of both images tell: 0.0" in found.lacking.reason

@@ -225,8 +225,9 @@ def test_far_things_show_a_turn_without_a_jump():
         yaw_px = np.array([each.yaw_rad for each in found]) * RIG.fx
         assert np.all(np.diff(yaw_px)[disparities[:-1] < 0.0] < 0.0)
         assert np.abs(np.diff(yaw_px)).max() < 0.4
-        assert yaw_px[20] == pytest.approx(1.0, abs=0.2)
-        assert np.abs(yaw_px[disparities > 0.5]).max() < (0.25 if n_equal == 1.0 else 2.1)
+        # What is farthest away may be nearer than infinity: then the camera has turned by more.
+        assert 0.9 < yaw_px[20] < 1.5
+        assert np.abs(yaw_px[disparities > 0.5]).max() < (0.4 if n_equal == 1.0 else 2.1)
 
 
 def test_of_images_that_were_turned_back_the_rest_is_told():

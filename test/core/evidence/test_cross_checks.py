@@ -153,9 +153,9 @@ def test_a_bare_road_whose_rows_are_right_is_looked_at_once():
     looks = []
     of_images = FrameObservations.from_images
 
-    def counted(*arguments):
+    def counted(*arguments, **named):
         looks.append(arguments)
-        return of_images(*arguments)
+        return of_images(*arguments, **named)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(FrameObservations, "from_images", counted)

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from refusal_words import assert_says_everything
-from stereo_selfcal.core.evidence.vergence import Vergence
 
 from stereo_selfcal import CalibratorConfig, Extrinsics, RejectReason
 from stereo_selfcal.core.estimators.coarse_road import CoarseRoad
@@ -175,6 +174,13 @@ BAD = {
     "faint_texture_agrees": {"sweeps": (swept((1.6, 0.0, 9.0)),)},
     "surface_agrees": {
         "contradictors": (Contradictor(replace(POSE, height_m=1.6), np.diag([0.004, 2e-4, 1.5e-3]) ** 2),)
+    },
+    # Each of them is four fifths of what it needs to refuse the lines alone.
+    "nothing_excludes_lines": {
+        "sweeps": (swept((1.6, 0.0, 4.0)),),
+        "contradictors": (
+            Contradictor(replace(POSE, height_m=1.448), np.diag([0.004, 2e-4, 1.5e-3]) ** 2),
+        ),
     },
     "parallel_cameras": {"yaw": YawTold(math.radians(-0.2), math.radians(0.01))},
     "lines_on_surface": {"surface_heights": over(0.1, 0.0)},

@@ -37,7 +37,7 @@ def nothing(u, v=0.0):
     return np.zeros_like(u + v)
 
 
-PITCH_PX, ROLL_RAD = RIG.fy * math.radians(0.01), math.radians(0.02)
+PITCH_PX, ROLL_RAD = RIG.fy * math.radians(0.015), math.radians(0.02)
 # By how much each unknown makes the disparity larger at (column, row), and the right image's content lower
 # [px]. A right camera that is nose down has its content higher; one whose right side is low, to the right.
 UNKNOWNS = {
