@@ -2,8 +2,8 @@
 
 It was written from the interface and the renderers, without a look at how the estimator works. The parts are
 turns of the right camera on recorded and rendered roads (:mod:`.turns`), rigs and paint drawn from the stated
-priors (:mod:`.priors`), and rows that are off, the change over a drive and the worlds of others
-(:mod:`.others`).
+priors (:mod:`.priors`), rows that are off, the change over a drive and the worlds of others (:mod:`.others`),
+and drives whose right images are late (:mod:`.late`).
 """
 
 from __future__ import annotations

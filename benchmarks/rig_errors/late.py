@@ -59,8 +59,9 @@ class LateDrive:
 
     def scene_at(self, time_s: float) -> Scene:
         """Return the world as the car sees it, which drifts from side to side."""
-        turn = 2.0 * math.pi * RATE_HZ / self.n_frames
-        way_m = _MEAN_MPS * time_s + self.varies_mps / turn * (1.0 - math.cos(turn * time_s))
+        # From the least speed to the greatest one, by 2.6 m/s^2 at most.
+        turn = math.pi * RATE_HZ / self.n_frames
+        way_m = _MEAN_MPS * time_s - self.varies_mps / turn * math.sin(turn * time_s)
         aside_m = _DRIFT_MPS * _WEAVES_S / (2.0 * math.pi) * math.sin(2.0 * math.pi * time_s / _WEAVES_S)
         return replace(self.scene, travelled_m=way_m, lateral_offset_m=aside_m)
 

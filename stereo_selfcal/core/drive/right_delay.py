@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -31,6 +31,9 @@ _LEAST_FRAMES = 3
 _DELAY_STD_S = 0.1
 # Rows that are off by a tenth of a pixel move the road by a centimetre or two along the way.
 _OFFSET_STD_M = 0.02
+# Speeds by the steps around are right to so much in rendered drives: steps have errors of their own, and a
+# car changes its acceleration.
+_SPEED_PART = 0.03
 # Within this time, the speed changes linearly: a car brakes by 3 m/s^2, and by other than that hardly sooner.
 _NEAR_S = 0.75
 _STEPS_OF_LINE = 4
@@ -96,7 +99,12 @@ def estimate_delay(
     speeds_mps = speeds_at([each.stamp_s for each in seen], steps)
     by_stamps_m = speeds_mps * np.array([each.stamp_difference_s for each in seen])
     ahead_m = np.array([each.ahead_m for each in seen]) - by_stamps_m
-    return fit_delay(ahead_m, [each.std_m for each in seen], speeds_mps, rig)
+    delay = fit_delay(ahead_m, [each.std_m for each in seen], speeds_mps, rig)
+    if isinstance(delay, NotFitted):
+        return delay
+    # Speeds that are all too large make the delay too small.
+    of_speed = np.diag([(_SPEED_PART * delay.delay_s) ** 2, 0.0])
+    return replace(delay, covariance=delay.covariance + of_speed)
 
 
 def fit_delay(

@@ -24,6 +24,7 @@ from ..geometry.alignment import optical_rotation
 from ..geometry.pose import Extrinsics
 from ..rejection import Bound, NotFitted, fitted
 from ..road.priors import (
+    BASELINE_DIRECTION_STD_RAD,
     CALIBRATED_TURN_STD_RAD,
     RECTIFICATION_STD_PX,
     TURNED_ROWS_PART,
@@ -105,7 +106,15 @@ class CameraTurn:
         if not self.corrected and self.seen:
             variances = variances + np.square([self.pitch_rad, self.roll_rad])
         pitch, roll = (math.sqrt(float(each)) for each in variances)
-        return RigStd(pitch, roll, yaw_rad, self.distortion_px, rows_measured=self.seen)
+        return RigStd(pitch, roll, yaw_rad, self.distortion_px, rows_measured=self.seen, ahead=self._ahead)
+
+    @property
+    def _ahead(self) -> float:
+        """How far ahead the right camera seems to sit, over the baseline, beyond what calibrations leave."""
+        if self.landmarks is None or not math.isfinite(self.landmarks.ahead_std):
+            return 0.0
+        usual = math.hypot(self.landmarks.ahead_std, BASELINE_DIRECTION_STD_RAD)
+        return math.sqrt(max(0.0, self.landmarks.ahead**2 - usual**2))
 
 
 def measure_turn(

@@ -23,12 +23,16 @@ from ..road.priors import CALIBRATED_TURN_STD_RAD, RECTIFICATION_STD_PX
 from ..types import Array
 
 # Term of the uncertainty of each unknown: the disparity is wrong by a constant, by a part that grows with the
-# column, by one that grows with the row; the right camera is turned in pitch, and in roll.
-_TERMS = ("vergence", "rectification", "rectification", "row_offset", "row_offset")
+# column, by one that grows with the row; the right camera is turned in pitch, and in roll; it sits farther
+# ahead, or its images are late.
+_TERMS = ("vergence", "rectification", "rectification", "row_offset", "row_offset", "synchronisation")
 # The names of these terms: their causes are the same in all frames of a rig, and do not average out.
 RIG_TERMS = frozenset(_TERMS)
 # The same where the rows of the frame were compared: what remains of pitch and roll is the noise of that.
-_TERMS_WITH_ROWS = ("vergence", "rectification", "rectification", "noise", "noise")
+_TERMS_WITH_ROWS = ("vergence", "rectification", "rectification", "noise", "noise", "synchronisation")
+# Distance of the texture that tells the roll, over the height of the camera: right images that are 2 to 5 ms
+# late roll rendered roads by as much as at 5 to 6 heights.
+_TELLING_HEIGHTS = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +45,7 @@ class RigStd:
         yaw_rad: Of its yaw, the vergence.
         distortion_px: Of what lenses and rectification leave in the disparities, at the border [px].
         rows_measured: Whether pitch and roll were measured in the same frame.
+        ahead: Of how far ahead it sits, over the baseline, beyond what calibrations leave.
     """
 
     pitch_rad: float = CALIBRATED_TURN_STD_RAD[0]
@@ -48,6 +53,7 @@ class RigStd:
     yaw_rad: float = CALIBRATED_TURN_STD_RAD[2]
     distortion_px: float = RECTIFICATION_STD_PX
     rows_measured: bool = False
+    ahead: float = 0.0
 
 
 CALIBRATED = RigStd()  # what calibrations leave
@@ -94,6 +100,8 @@ def response_of_surface(rig: StereoRig, pose: Extrinsics, std: RigStd = CALIBRAT
     changes[2, 2] = down * std.distortion_px
     # A right camera whose right side is too low: what lies lower moves to the right.
     changes[2, 4] = rig.fx * std.roll_rad
+    # A right camera that sits farther ahead: what lies to the right moves to the right, the more the nearer.
+    changes[1, 5] = std.ahead * rig.fx * rig.baseline_m / (_TELLING_HEIGHTS * pose.height_m)
     return RigResponse.of(jac_pose_plane @ changes, std)
 
 
@@ -114,13 +122,15 @@ def response_of_lines(
 def changes_of_lines(pattern: LanePattern, rig: StereoRig, std: RigStd = CALIBRATED) -> Array:
     """Return the change of two lines in both images by one standard deviation of each unknown.
 
+    Lines along the way are the same from farther ahead.
+
     Args:
         pattern: The lines.
         rig: Intrinsics and baseline.
         std: Standard deviations of the unknowns.
 
     Returns:
-        (8, 5) changes of (u_mid, slope) of the lines of the left and of the right camera.
+        (8, 6) changes of (u_mid, slope) of the lines of the left and of the right camera.
     """
     stds_px = np.array([rig.fx * std.yaw_rad, std.distortion_px, std.distortion_px])
     changes = np.zeros((8, len(_TERMS)))
