@@ -178,9 +178,7 @@ BAD = {
     # Each of them is four fifths of what it needs to refuse the lines alone.
     "nothing_excludes_lines": {
         "sweeps": (swept((1.6, 0.0, 4.0)),),
-        "contradictors": (
-            Contradictor(replace(POSE, height_m=1.448), np.diag([0.004, 2e-4, 1.5e-3]) ** 2),
-        ),
+        "contradictors": (Contradictor(replace(POSE, height_m=1.448), np.diag([0.004, 2e-4, 1.5e-3]) ** 2),),
     },
     "parallel_cameras": {"yaw": YawTold(math.radians(-0.2), math.radians(0.01))},
     "lines_on_surface": {"surface_heights": over(0.1, 0.0)},

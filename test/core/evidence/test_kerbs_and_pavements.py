@@ -2,16 +2,20 @@
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
 from stereo_selfcal import Calibrator, CalibratorConfig, Extrinsics, RejectReason
 from stereo_selfcal.core.evidence import camera_turn, cross_checks, road_surface
+from stereo_selfcal.core.geometry.homography import SIDES
 from stereo_selfcal.core.rejection import Bound, NotFitted
 from stereo_selfcal.core.search import solve
 from stereo_selfcal.synth.ingredients import Band, Shadow
 from stereo_selfcal.synth.road_shape import RoadShape
+from stereo_selfcal.synth.world_renderer import render_side
+from stereo_selfcal.synth.world_sensor import capture
 from stereo_selfcal.synth.worlds import RIGS, named_world, render_named_world, render_world
 
 # What the node promises never to accept: mm, deg, deg.
@@ -45,6 +49,7 @@ def kerb_before_pavement(texture_amplitude, texture_seed):
     return scene, render_world(replace(world, scene=scene), np.random.default_rng(texture_seed))
 
 
+@cache
 def textured(rig="kitti", **changes):
     """Return scene and images of a road in dappled light."""
     world = named_world("plain")
@@ -265,15 +270,22 @@ def test_a_slope_that_begins_right_ahead_is_known_or_doubted(name):
     assert abs(world.scene.shape.grade_change) > 0.018 and right
 
 
+@cache
+def bare_road():
+    """Return a scene and what both cameras see of it, without noise."""
+    scene = replace(named_world("plain").scene, texture_amplitude=0.0, kerbs=(), rig=RIGS["kitti"][0])
+    return scene, {side: render_side(scene, side) for side in SIDES}
+
+
 @pytest.mark.parametrize("noise_index", range(5))
 def test_noise_hides_no_kerb(noise_index):
     """It differs from row to row: an estimate from a noisy image is not doubted for it."""
-    world = named_world("plain")
-    scene = replace(world.scene, texture_amplitude=0.0, kerbs=(), rig=RIGS["kitti"][0])
+    scene, pictures = bare_road()
     rng = np.random.default_rng(noise_index)
+    images = [capture(pictures[side], scene.camera(side), rng) for side in SIDES]
     images = (
         np.clip(np.rint(image + rng.normal(0.0, 15.0, image.shape)), 0, 255).astype(np.uint8)
-        for image in render_world(replace(world, scene=scene), rng)
+        for image in images
     )
     result = Calibrator(scene.rig).add(*images)
     assert result.accepted
