@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..camera.rig import StereoRig
+from ..evidence.told_alignment import told_variances, with_untold
 from ..geometry.alignment import Alignment
 from ..geometry.travel import RightDelay, Travel
 from ..rejection import NotFitted, fitted
@@ -80,20 +81,26 @@ def _alignment(
     steps: Sequence[TravelStep],
     rig: StereoRig,
 ) -> Alignment | None:
-    """Return the robust mean of the frames' alignments; the yaw by travel and parallax, too."""
+    """Return the robust mean of what frames tell of the alignment; the yaw by travel and parallax, too."""
     if not seen:
         return None
-    duration_s = max(seen[-1].stamp_s - seen[0].stamp_s, 0.0)
+    # A longer gap has nothing in common with what was before, and a gap of hours no more than that.
+    gaps_s = np.diff(np.sort([each.stamp_s for each in seen]))
+    duration_s = float(np.minimum(gaps_s, 2.0 * _MEMORY_S).sum())
     values = np.array([each.alignment.as_array() for each in seen])
-    variances = np.array([np.diag(each.alignment.covariance) for each in seen])
+    variances = np.array([told_variances(each.alignment) for each in seen])
     over = MeanOverTime(duration_s, _MEMORY_S)
-    means, of_means = np.zeros(3), np.zeros(3)
+    means, of_means = np.zeros(3), np.full(3, np.inf)
     for index in range(3):
-        lasting = _LASTING_PART * variances[:, index]
-        mean = mean_over_time(values[:, index], variances[:, index] - lasting, over, common=lasting)
+        told = np.isfinite(variances[:, index])
+        if not np.any(told):
+            continue
+        lasting = _LASTING_PART * variances[told, index]
+        mean = mean_over_time(values[told, index], variances[told, index] - lasting, over, common=lasting)
         if isinstance(mean, NotFitted):
             return seen[-1].alignment
         means[index], of_means[index] = mean.value, mean.variance
+    of_means = with_untold(of_means)
     by_drive = [
         each
         for each in (
