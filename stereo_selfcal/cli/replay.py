@@ -153,8 +153,9 @@ def _replay_all(arguments: argparse.Namespace, settings: _Settings) -> int:
 def _summary(replay: Replay, arguments: argparse.Namespace) -> str:
     """Return what stands below the table, with what was corrected of an exported CameraInfo."""
     summary = table_summary(replay)
-    if CAMERA_INFO in arguments.exports and _is_written(replay):
-        summary += f"CameraInfo: {_repaired_pairs(replay)[0].describe()}\n"
+    pairs = _repaired_pairs(replay, arguments.exports)
+    if pairs:
+        summary += f"CameraInfo: {pairs[0].describe()}\n"
     return summary
 
 
@@ -163,9 +164,17 @@ def _is_written(replay: Replay) -> bool:
     return replay.estimate.accepted and replay.damage is None
 
 
-def _repaired_pairs(replay: Replay) -> tuple[RepairedPair, ...]:
+def _repaired_pairs(replay: Replay, exports: Sequence[str]) -> tuple[RepairedPair, ...]:
+    """Return the CameraInfo to be exported; none where it is not asked for, or nothing new can be told.
+
+    A right camera that has turned far lets no frame be accepted before its CameraInfo is put right. So a
+    recording without an accepted frame has the corrected CameraInfo, but none that is as it was.
+    """
+    if CAMERA_INFO not in exports or replay.damage is not None:
+        return ()
     cameras = replay.cameras or StereoRectifier.of_rig(replay.rig)
-    return repaired_pairs(cameras, replay.estimate.alignment)
+    pairs = repaired_pairs(cameras, replay.estimate.alignment)
+    return pairs if replay.estimate.accepted or pairs[0].corrected else ()
 
 
 def _of_one_pair(arguments: argparse.Namespace, name: str, pair: StereoTopics) -> argparse.Namespace:
@@ -286,11 +295,13 @@ def _write_result(
     path: Path, source: FrameSource, replay: Replay, exports: Sequence[str], frames: tuple[str, str]
 ) -> None:
     estimate, rig = replay.estimate, replay.rig
+    pairs = _repaired_pairs(replay, exports)
     if estimate.extrinsics is not None and _is_written(replay):
         # The folders above the recording are nobody's business.
         write_result(path, estimate, rig, source=source.name, seed=replay.config.seed)
-        pairs = _repaired_pairs(replay) if CAMERA_INFO in exports else ()
         write_exports(path, exports, estimate.extrinsics, rig, *frames, pairs)
+    elif pairs:
+        write_exports(path, exports, None, rig, *frames, pairs)
 
 
 def _write_report(path: Path, source: FrameSource, replay: Replay) -> None:

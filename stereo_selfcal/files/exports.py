@@ -185,7 +185,7 @@ def export_paths(result_path: Path, names: Sequence[str]) -> list[Path]:
 def write_exports(
     result_path: Path,
     names: Sequence[str],
-    extrinsics: Extrinsics,
+    extrinsics: Extrinsics | None,
     rig: StereoRig,
     road_frame: str,
     camera_frame: str,
@@ -196,7 +196,7 @@ def write_exports(
     Args:
         result_path: The result file; ``out.yaml`` gets ``out.urdf.xml`` and so on beside it.
         names: Names of the exports (:data:`EXPORT_NAMES`).
-        extrinsics: The calibration.
+        extrinsics: The calibration; None where there is none, for which the CameraInfo alone is written.
         rig: The rig it holds for.
         road_frame: Frame of the road.
         camera_frame: Frame of the camera body.
@@ -216,6 +216,8 @@ def write_exports(
     texts: dict[Path, str] = {}
     for name in names:
         if name != CAMERA_INFO:
+            if extrinsics is None:
+                continue
             text = EXPORTS[name].text(extrinsics, rig, road_frame, camera_frame)
             texts[_beside(result_path, EXPORTS[name].suffix)] = text
             continue

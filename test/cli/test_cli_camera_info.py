@@ -222,3 +222,16 @@ def assert_said(capsys, pattern):
     out, err = capsys.readouterr()
     assert out == "" and err.count("\n") == 1
     assert re.search(pattern, err), err
+
+
+@pytest.mark.parametrize(("alignment", "written"), [(TURNED, 4), (None, 0)])
+def test_without_an_accepted_frame_a_corrected_camera_info_is_exported(
+    tmp_path, monkeypatch, capsys, alignment, written
+):
+    monkeypatch.setattr(use_fake(monkeypatch), "accept", staticmethod(lambda index: False))
+    export_as_measured(monkeypatch, alignment)
+    bag = make_bag(tmp_path / "bag", cameras(), n_frames=1)
+    assert run(bag, "--output", tmp_path / "out.yaml", "--export", "camera_info,urdf") == 1
+    assert ("CameraInfo: the right camera is turned back" in capsys.readouterr().out) == bool(written)
+    assert not (tmp_path / "out.yaml").exists() and not (tmp_path / "out.urdf.xml").exists()
+    assert len(list(tmp_path.glob("out.*.yaml"))) == written

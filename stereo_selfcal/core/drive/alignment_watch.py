@@ -15,7 +15,7 @@ from enum import Enum
 import numpy as np
 
 from ..alignment_verdict import GOOD_LIMITS_RAD
-from ..evidence.far_disparity import MOST_TURN_RAD
+from ..evidence.told_alignment import UNTOLD_VARIANCES, told_variances
 from ..geometry.alignment import ALIGNMENT_NAMES, Alignment
 from ..road.priors import CALIBRATED_TURN_STD_RAD
 from ..tolerances import EXCLUDED_SIGMAS
@@ -33,8 +33,6 @@ _HUBER_SIGMAS = 3.0
 _FEWEST_FRAMES = 5  # as the drift test of the pose
 # An alarm ends where this part of the limit is not reached any more, so that it does not flicker.
 _EASED = 0.5
-# An angle that may be anything up to the largest turn that is measured has this variance, and tells nothing.
-_NOTHING_TOLD = MOST_TURN_RAD**2 / 3.0
 
 
 class AlignmentState(Enum):
@@ -171,14 +169,12 @@ class AlignmentWatch:
 
 def _information(alignment: Alignment) -> Array:
     """Return the information (3, 3) of a frame; an angle that may be anything gives none."""
-    known = alignment.known()
-    variances = np.diag(alignment.covariance)
-    telling = known & (variances < _NOTHING_TOLD)
+    telling = np.isfinite(told_variances(alignment))
     information = np.zeros((3, 3))
     if telling.any():
         chosen = np.ix_(telling, telling)
         # What it would have without being told anything is no information: the angle lies within a range.
-        told = np.linalg.inv(alignment.covariance[chosen]) - np.eye(int(telling.sum())) / _NOTHING_TOLD
+        told = np.linalg.inv(alignment.covariance[chosen]) - np.diag(1.0 / UNTOLD_VARIANCES[telling])
         values, vectors = np.linalg.eigh((told + told.T) / 2.0)
         information[chosen] = (vectors * np.maximum(values, 0.0)) @ vectors.T
     return information

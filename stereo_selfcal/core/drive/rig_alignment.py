@@ -8,10 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..camera.rig import StereoRig
+from ..estimators.row_alignment import LEAST_SMOOTH_PX
+from ..evidence.told_alignment import told_variances, with_untold
 from ..geometry.alignment import Alignment
 from ..geometry.travel import RightDelay, Travel
 from ..rejection import NotFitted, fitted
 from ..results import CalibrationResult
+from ..road.priors import ROW_YAW_STD_RAD
+from ..types import Array
 from .mean_over_time import MeanOverTime, mean_over_time
 from .right_delay import SeenAhead, estimate_delay
 from .travel import TravelStep, estimate_travel
@@ -21,6 +25,8 @@ from .travel_vergence import vergence_of_parallax, vergence_of_travel
 # road, lens and paint do to rows and lines is the same in frames that see the same.
 _LASTING_PART = 0.5
 _MEMORY_S = 10.0
+# And some of it is the same in all frames of a rig. At least this part of a variance is not.
+_OWN_PART = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,20 +86,29 @@ def _alignment(
     steps: Sequence[TravelStep],
     rig: StereoRig,
 ) -> Alignment | None:
-    """Return the robust mean of the frames' alignments; the yaw by travel and parallax, too."""
+    """Return the robust mean of what frames tell of the alignment; the yaw by travel and parallax, too."""
     if not seen:
         return None
-    duration_s = max(seen[-1].stamp_s - seen[0].stamp_s, 0.0)
+    # A longer gap has nothing in common with what was before, and a gap of hours no more than that.
+    gaps_s = np.diff(np.sort([each.stamp_s for each in seen]))
+    duration_s = float(np.minimum(gaps_s, 2.0 * _MEMORY_S).sum())
     values = np.array([each.alignment.as_array() for each in seen])
-    variances = np.array([np.diag(each.alignment.covariance) for each in seen])
+    variances = np.array([told_variances(each.alignment) for each in seen])
+    permanent = _permanent_variances(variances, rig)
     over = MeanOverTime(duration_s, _MEMORY_S)
-    means, of_means = np.zeros(3), np.zeros(3)
+    means, of_means = np.zeros(3), np.full(3, np.inf)
     for index in range(3):
-        lasting = _LASTING_PART * variances[:, index]
-        mean = mean_over_time(values[:, index], variances[:, index] - lasting, over, common=lasting)
+        told = np.isfinite(variances[:, index])
+        if not np.any(told):
+            continue
+        own = variances[told, index] - permanent[told, index]
+        lasting = _LASTING_PART * own
+        mean = mean_over_time(values[told, index], own - lasting, over, common=lasting)
         if isinstance(mean, NotFitted):
             return seen[-1].alignment
-        means[index], of_means[index] = mean.value, mean.variance
+        remains = np.average(np.sqrt(permanent[told, index]), weights=mean.weights / own)
+        means[index], of_means[index] = mean.value, mean.variance + remains**2
+    of_means = with_untold(of_means)
     by_drive = [
         each
         for each in (
@@ -117,3 +132,21 @@ def _alignment(
         unexplained_rad=float(np.median([each.alignment.unexplained_rad for each in seen])),
         yaw_corrected_rad=float(np.mean([each.alignment.yaw_corrected_rad for each in seen])),
     )
+
+
+def _permanent_variances(variances: Array, rig: StereoRig) -> Array:
+    """Return the parts (N, 3) of the variances of the angles that are the same in all frames of a rig.
+
+    Rows of matched points are drawn to whole pixels in all frames alike. The yaw that they tell is off by
+    what is not known of the lenses, and counts in the mean of all that tells it as its information does.
+
+    Args:
+        variances: (N, 3) of what frames tell; infinite where they tell nothing.
+        rig: Intrinsics.
+    """
+    by_pixels_rad = LEAST_SMOOTH_PX / rig.fy * np.array([1.0, 2.0 * rig.fx / rig.width])
+    most = (1.0 - _OWN_PART) * variances
+    permanent = np.empty_like(variances)
+    permanent[:, :2] = np.minimum(by_pixels_rad**2, most[:, :2])
+    permanent[:, 2] = np.minimum((variances[:, 2] / ROW_YAW_STD_RAD) ** 2, most[:, 2])
+    return permanent

@@ -19,7 +19,9 @@ from ..geometry.uncertainty import UncertaintyTerm, merge_terms, total_covarianc
 from ..rejection import Bound, Rejection, RejectReason
 from ..results import CalibrationResult, announce, rejected
 
-_REMEDY = "calibrate the pair again: the right camera has turned about the vertical"
+_REMEDY = (
+    "calibrate the pair again, or correct its CameraInfo: the right camera has turned about the vertical"
+)
 _TERM = "vergence"
 
 

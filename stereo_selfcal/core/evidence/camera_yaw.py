@@ -39,6 +39,7 @@ from .rig_unknowns import RigStd, response_of_surface
 # matter: from a thousandth of the width to all of the range.
 _POINTS = 161
 _CLOSEST = 1e-3
+_REACH = 6.0  # standard deviations to either side that are on the grid
 _WRONG_MATCH = 0.01  # how often what seems farthest away is a wrong match
 _ANYTHING = 1.0 / (2.0 * MOST_TURN_RAD)  # density of an angle that tells nothing
 
@@ -160,13 +161,18 @@ def yaw_posterior(
         far: The disparity of what is farthest away; None where nothing is seen.
         rig: Intrinsics and baseline.
         calibrated: Whether the prior is that of calibrated pairs, of which few have turned by much since;
-            else all angles are equally probable, up to where a pair can be matched at all.
+            else all angles are equally probable, up to where far things are searched for, or farther where
+            rows or lines tell more.
         corrected_rad: The yaw of which the images are free already [rad].
 
     Returns:
         Mean and standard deviation of the yaw that is left in the images.
     """
-    grid = _grid(told, corrected_rad)
+    # What rows tell beyond the range is a turn all the same: at its end, it would look sharply known.
+    most_rad = MOST_TURN_RAD
+    if not calibrated:
+        most_rad = max(most_rad, *(abs(each.yaw_rad) + _REACH * each.std_rad for each in told), 0.0)
+    grid = _grid(told, corrected_rad, most_rad)
     likelihood = np.ones(len(grid))
     for each in told:
         seen = _normal(grid - each.yaw_rad, each.std_rad)
@@ -183,15 +189,15 @@ def yaw_posterior(
     return YawTold(mean, math.sqrt(float(weights @ (grid - mean) ** 2)))
 
 
-def _grid(told: Sequence[YawTold], corrected_rad: float) -> Array:
+def _grid(told: Sequence[YawTold], corrected_rad: float, most_rad: float) -> Array:
     """Return angles, in order, that are close together where the probability may be."""
     reach = np.geomspace(_CLOSEST, 1.0, _POINTS // 2)
-    steps = np.concatenate([-reach[::-1], [0.0], reach]) * 2.0 * MOST_TURN_RAD
-    centres = [0.0, -corrected_rad, *(min(max(each.yaw_rad, -MOST_TURN_RAD), MOST_TURN_RAD) for each in told)]
+    steps = np.concatenate([-reach[::-1], [0.0], reach]) * 2.0 * most_rad
+    centres = [0.0, -corrected_rad, *(min(max(each.yaw_rad, -most_rad), most_rad) for each in told)]
     # A narrow likelihood needs points within it.
-    narrow = [each.yaw_rad + each.std_rad * np.linspace(-6.0, 6.0, _POINTS) for each in told]
+    narrow = [each.yaw_rad + each.std_rad * np.linspace(-_REACH, _REACH, _POINTS) for each in told]
     grid = np.unique(np.concatenate([*(centre + steps for centre in centres), *narrow]))
-    inside: Array = grid[np.abs(grid) <= MOST_TURN_RAD]
+    inside: Array = grid[np.abs(grid) <= most_rad]
     return inside
 
 

@@ -197,7 +197,7 @@ GATES: tuple[Gate, ...] = (
         "parallel_cameras",
         "cameras parallel",
         RejectReason.IMAGES_NOT_RECTIFIED,
-        "calibrate the pair again: the right camera has turned about the vertical",
+        "calibrate the pair again, or correct its CameraInfo: the right camera has turned about the vertical",
         rig_measurements.read_yaw,
     ),
     Gate(

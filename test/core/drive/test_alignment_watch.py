@@ -7,6 +7,7 @@ import pytest
 
 from stereo_selfcal.core.alignment_verdict import GOOD_LIMITS_RAD
 from stereo_selfcal.core.drive.alignment_watch import AlignmentState, AlignmentWatch
+from stereo_selfcal.core.evidence.told_alignment import UNTOLD_VARIANCES
 from stereo_selfcal.core.geometry.alignment import Alignment
 
 # Of single frames: pitch, roll, yaw.
@@ -125,3 +126,12 @@ def test_reference_that_does_not_know_an_angle_raises_no_alarm_for_it():
     findings = watched(np.tile([0.0, 0.0, math.radians(0.3)], (60, 1)), reference)
     assert findings[-1].state is AlignmentState.STEADY
     assert findings[-1].present.yaw_rad == pytest.approx(math.radians(0.3))
+
+
+def test_hours_of_frames_that_tell_nothing_are_no_drift():
+    turned = Alignment(*np.radians([0.1, 0.2, 0.1]), np.diag(np.square(np.radians([0.002, 0.005, 0.01]))))
+    watch = AlignmentWatch()
+    watch.start(turned)
+    for index in range(400):
+        finding = watch.add(Alignment(0.0, 0.0, 0.0, np.diag(UNTOLD_VARIANCES)), CORRELATION_S * index)
+        assert finding.state is AlignmentState.NOT_WATCHED and finding.present is None

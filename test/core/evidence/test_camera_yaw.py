@@ -237,3 +237,11 @@ def test_of_images_that_were_turned_back_the_rest_is_told():
     assert left.yaw_rad + 0.15 * DEG == pytest.approx(whole.yaw_rad, abs=1e-3 * DEG)
     assert left.std_rad == pytest.approx(whole.std_rad, rel=0.02)
     assert YawTold(3e-4, 4e-4).rms_rad == pytest.approx(5e-4)
+
+
+@pytest.mark.parametrize("yaw_deg", [-1.0, -0.6, 0.6, 1.5])
+def test_a_turn_beyond_the_range_of_far_things_is_not_sharply_known_at_its_end(yaw_deg):
+    told = YawTold(math.radians(yaw_deg), math.radians(0.1))
+    yaw = yaw_posterior([told], None, RIG, calibrated=False)
+    assert yaw.yaw_rad == pytest.approx(told.yaw_rad, rel=1e-3)
+    assert yaw.std_rad == pytest.approx(told.std_rad, rel=1e-2)
