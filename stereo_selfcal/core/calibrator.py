@@ -19,7 +19,7 @@ from .drive.rig_doubt import with_doubt_of_rig
 from .drive.right_delay import seen_ahead
 from .drive.travel import SeenLandmarks, TravelStep, step_between
 from .errors import shortened
-from .evidence.frame_evidence import FrameObservations
+from .evidence.frame_evidence import FoundBy, FrameObservations
 from .evidence.road_surface import SurfaceCells
 from .geometry.alignment import Alignment
 from .lanes import frame_checks
@@ -211,7 +211,12 @@ class Calibrator:
 
 def _alignment(frame: FrameObservations, chosen: Attempt | None, rig: StereoRig) -> Alignment:
     """Return how the right camera is turned: by the rows, and by all that tells its yaw."""
-    yaw = _as_told(frame, chosen).yaw_left(rig, calibrated=False)
+    told = _as_told(frame, chosen)
+    if chosen is not None and chosen.accepted and chosen.found_by is FoundBy.HOUGH:
+        # Lines that have passed all gates are paint on one road, and parallel as such.
+        certain = tuple(replace(each, certainty=1.0) for each in told.yaw_told)
+        told = replace(told, yaw_told=certain)
+    yaw = told.yaw_left(rig, calibrated=False)
     covariance = np.zeros((3, 3))
     # Where rows were not compared, calibrations may have left anything.
     covariance[:2, :2] = frame.turn.covariance if frame.turn.seen else np.eye(2) * TURNED_STD_RAD**2
