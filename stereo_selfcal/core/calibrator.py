@@ -156,7 +156,9 @@ class Calibrator:
         frame = observed()
         search, attempts = self._search(frame)
         turn = turn_under_pose(attempts, frame, self.rig, self.config)
-        if turn is not None:
+        if turn is not None and turn.is_usual:
+            frame = replace(frame, turn=turn)
+        elif turn is not None:
             frame = observed(turn)
             search, attempts = self._search(frame)
         if self.config.alignment.correct == CORRECT_ALL:

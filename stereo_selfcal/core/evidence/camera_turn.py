@@ -73,6 +73,11 @@ class CameraTurn:
         return np.array([self.pitch_rad, self.roll_rad])
 
     @property
+    def is_usual(self) -> bool:
+        """Whether it is one that calibrations leave, which the standard deviations of all estimates hold."""
+        return bool(np.all(np.abs(self.as_array()) <= CALIBRATED_TURN_STD_RAD[:2]))
+
+    @property
     def std_rad(self) -> Array:
         """(2,) standard deviations of both."""
         std: Array = np.sqrt(np.diag(self.covariance))

@@ -41,6 +41,8 @@ TURNED_ROWS_PART = 0.05
 # How often the two clearest lines on a road, as far apart as those of a lane, are paint that is parallel;
 # others meet anywhere.
 PARALLEL_PART = 0.75
+# The same of two lines whose grey values are those of painted stripes, and which lie on any one flat road.
+STRIPES_PARALLEL_PART = 0.95
 # How far a car moves sideways for each metre that it drives, as a camera in it sees it: it drifts in its lane
 # by 0.3 m/s at 50 km/h, and cameras are mounted straight to a degree (standard deviation).
 SIDEWAYS_PART = 0.02

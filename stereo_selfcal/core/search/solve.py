@@ -38,6 +38,7 @@ from ..numerics.genetic import GeneticResult, maximise_each
 from ..numerics.linear import is_covariance, rank_of
 from ..rejection import Bound, GateReading, NotFitted, Rejection, fitted
 from ..reservations import Reservation, ReservationKind
+from ..road.priors import STRIPES_PARALLEL_PART
 from .attempt import Attempt, Verdict
 from .lines_on_road import lane_line, yaw_of_line
 
@@ -157,6 +158,8 @@ def _solve_lines(
     if told is None:
         _, left_m, right_m = lane_in_road(pattern.boundaries, rig, estimate.pose)
         told = yaw_of_lines(pattern.left, pattern.right, abs(float(left_m - right_m)), rig)
+        if told is not None and refined is not None:
+            told = replace(told, certainty=STRIPES_PARALLEL_PART)
     frame = frame.with_yaw(told, rig)
     if hypothesis.texture is not None:
         wrong_rad = wrong_yaw_rad(rig, hypothesis.texture.extrinsics)

@@ -11,8 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from ..camera.rig import StereoRig
 from ..config import CORRECT_NOTHING, CalibratorConfig
 from ..evidence.camera_turn import CameraTurn, with_prior
@@ -23,7 +21,6 @@ from ..lanes.extra_lines import find_extra_lines
 from ..lanes.hypotheses import LaneHypotheses, NoPattern, cross, find_hypotheses, lines_below_plane
 from ..lanes.lane_pair import LanePattern
 from ..rejection import Rejection, RejectReason
-from ..road.priors import CALIBRATED_TURN_STD_RAD
 from .attempt import Attempt, Verdict
 from .lines_on_road import lines_on_road
 from .refusal import with_lines_missing, without_pair
@@ -169,8 +166,7 @@ def turn_under_pose(
         config: Settings.
 
     Returns:
-        The turn; None where it was corrected before, is not to be corrected, is not seen, or is one that
-        calibrations leave, which the standard deviations of all estimates hold.
+        The turn; None where it was corrected before, is not to be corrected, or is not seen.
     """
     chosen = choose(attempts)
     if chosen is None or frame.turn.corrected or config.alignment.correct == CORRECT_NOTHING:
@@ -182,6 +178,4 @@ def turn_under_pose(
     offset = remaining_offset(frame, rig, pose, yaw)
     if offset is None:
         return None
-    turn = replace(with_prior(CameraTurn.of_offset(offset, rig)), landmarks=frame.turn.landmarks)
-    usual = np.abs(turn.as_array()) <= CALIBRATED_TURN_STD_RAD[:2]
-    return None if np.all(usual) else turn
+    return replace(with_prior(CameraTurn.of_offset(offset, rig)), landmarks=frame.turn.landmarks)
