@@ -195,7 +195,7 @@ def test_unknowns_of_the_rig_are_estimated_with_the_pose():
     np.testing.assert_allclose(mean.pose.as_array(), solution[:3], rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(mean.covariance, covariance[:3, :3], rtol=1e-7, atol=1e-14)
     names = [term.name for term in mean.terms]
-    assert names == ["noise", "vergence", "rectification", "row_offset"]
+    assert names == ["noise", "vergence", "rectification", "row_offset", "ahead"]
 
 
 def test_what_only_the_surface_does_not_know_is_taken_from_the_lines():
