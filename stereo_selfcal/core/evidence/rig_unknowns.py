@@ -25,11 +25,11 @@ from ..types import Array
 # Term of the uncertainty of each unknown: the disparity is wrong by a constant, by a part that grows with the
 # column, by one that grows with the row; the right camera is turned in pitch, and in roll; it sits farther
 # ahead, or its images are late.
-_TERMS = ("vergence", "rectification", "rectification", "row_offset", "row_offset", "synchronisation")
+_TERMS = ("vergence", "rectification", "rectification", "row_offset", "row_offset", "ahead")
 # The names of these terms: their causes are the same in all frames of a rig, and do not average out.
 RIG_TERMS = frozenset(_TERMS)
 # The same where the rows of the frame were compared: what remains of pitch and roll is the noise of that.
-_TERMS_WITH_ROWS = ("vergence", "rectification", "rectification", "noise", "noise", "synchronisation")
+_TERMS_WITH_ROWS = ("vergence", "rectification", "rectification", "noise", "noise", "ahead")
 # Distance of the texture that tells the roll, over the height of the camera: right images that are 2 to 5 ms
 # late roll rendered roads by as much as at 5 to 6 heights.
 _TELLING_HEIGHTS = 5.0

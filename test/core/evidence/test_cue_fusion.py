@@ -129,7 +129,7 @@ def of_rig(changes):
     return RigResponse.of(changes, CALIBRATED)
 
 
-RIGHT_RIG = of_rig(np.zeros((3, 5)))  # a rig of which everything is known
+RIGHT_RIG = of_rig(np.zeros((3, 6)))  # a rig of which everything is known
 
 
 def test_mean_lies_nearer_to_the_surer_and_is_surer_than_both():
@@ -171,7 +171,7 @@ def test_terms_of_both_are_weighted_and_what_contradicts_is_one_more():
 
 
 def responses(rng):
-    return of_rig(np.diag([1e-2, 1e-3, 1e-2]) @ rng.standard_normal((3, 5)))
+    return of_rig(np.diag([1e-2, 1e-3, 1e-2]) @ rng.standard_normal((3, 6)))
 
 
 def test_unknowns_of_the_rig_are_estimated_with_the_pose():
@@ -189,19 +189,19 @@ def test_unknowns_of_the_rig_are_estimated_with_the_pose():
     both = np.block([[np.eye(3), of_lines.changes], [np.eye(3), of_surface.changes]])
     weights = np.zeros((6, 6))
     weights[:3, :3], weights[3:, 3:] = np.linalg.inv(line_noise), np.linalg.inv(surface_noise)
-    information = both.T @ weights @ both + np.diag([0.0] * 3 + [1.0] * 5)
+    information = both.T @ weights @ both + np.diag([0.0] * 3 + [1.0] * 6)
     covariance = np.linalg.inv(information)
     solution = covariance @ both.T @ weights @ np.concatenate([lines, surface])
     np.testing.assert_allclose(mean.pose.as_array(), solution[:3], rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(mean.covariance, covariance[:3, :3], rtol=1e-7, atol=1e-14)
     names = [term.name for term in mean.terms]
-    assert names == ["noise", "vergence", "rectification", "row_offset"]
+    assert names == ["noise", "vergence", "rectification", "row_offset", "ahead"]
 
 
 def test_what_only_the_surface_does_not_know_is_taken_from_the_lines():
     """A vergence that pitches the surface and not the lines: the mean has the pitch of the lines."""
     sure, apart = np.diag([1e-3, 1e-4, 1e-3]) ** 2, math.radians(0.1)
-    of_surface = of_rig(np.zeros((3, 5)))
+    of_surface = of_rig(np.zeros((3, 6)))
     of_surface.changes[1, 0] = 100.0 * apart
     lines = Estimate(POSE, known_to(sure), 0.0)
     surface = surface_of(moved(pitch_rad=apart), known_to(sure))
@@ -225,7 +225,7 @@ def test_difference_of_lines_and_surface_scatters_as_claimed():
         of_lines,
         of_surface,
     )
-    unknown = rng.standard_normal((20000, 5))
+    unknown = rng.standard_normal((20000, 6))
     lines = unknown @ of_lines.changes.T + rng.multivariate_normal(np.zeros(3), line_noise, len(unknown))
     surface = unknown @ of_surface.changes.T + rng.multivariate_normal(
         np.zeros(3), surface_noise, len(unknown)

@@ -175,9 +175,9 @@ def test_lines_know_the_horizon_where_the_surface_does_not():
 
 
 def test_terms_are_one_for_each_cause_and_none_averages_out():
-    changes = np.arange(15.0).reshape(3, 5) - 4.0
+    changes = np.arange(18.0).reshape(3, 6) - 4.0
     terms = rig_terms(RigResponse.of(changes, CALIBRATED))
-    names = ["vergence", "rectification", "rectification", "row_offset", "row_offset"]
+    names = ["vergence", "rectification", "rectification", "row_offset", "row_offset", "ahead"]
     assert [term.name for term in terms] == names
     np.testing.assert_allclose(total_covariance(terms), changes @ changes.T)
     for term in terms:
@@ -186,8 +186,9 @@ def test_terms_are_one_for_each_cause_and_none_averages_out():
 
 def test_what_the_rows_of_a_frame_leave_open_is_noise_of_that_frame():
     """Compared anew in every frame, it averages out."""
-    terms = rig_terms(RigResponse.of(np.ones((3, 5)), replace(CALIBRATED, rows_measured=True)))
-    assert [term.name for term in terms] == ["vergence", "rectification", "rectification", "noise", "noise"]
+    terms = rig_terms(RigResponse.of(np.ones((3, 6)), replace(CALIBRATED, rows_measured=True)))
+    names = ["vergence", "rectification", "rectification", "noise", "noise", "ahead"]
+    assert [term.name for term in terms] == names
 
 
 @pytest.mark.parametrize("pose", [POSE, Extrinsics(2.0, -0.03, -0.04)])
@@ -205,3 +206,14 @@ def test_rectification_leaves_a_tenth_of_a_pixel_at_the_borders_of_the_image(pos
     claimed = total_covariance(rig_terms(response_of_surface(RIG, pose)))
     # Of 3000 draws, a correlation is known to 0.02.
     np.testing.assert_allclose(claimed / np.outer(scale, scale), np.corrcoef(poses.T), atol=0.08)
+
+
+def test_a_right_camera_that_seems_to_sit_ahead_makes_the_roll_of_texture_uncertain():
+    """A late image at 10 m/s and 2 ms: 2 cm of a baseline of 15 cm."""
+    ahead = replace(CALIBRATED, ahead=0.02 / 0.15)
+    response = response_of_surface(RIG, POSE, ahead)
+    change = response.changes[:, response.terms.index("ahead")]
+    assert abs(change[2]) == pytest.approx(ahead.ahead / 5.0, rel=0.05)
+    assert abs(change[1]) < 0.1 * abs(change[2])
+    of_rig = response_of_surface(RIG, POSE).changes
+    np.testing.assert_allclose(of_rig[:, response.terms.index("ahead")], 0.0)
