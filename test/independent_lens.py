@@ -34,8 +34,10 @@ def raw_image(info, rectified):
     """Return the image the raw camera takes of what the rectified one sees, by inversion of raw_pixel."""
     rows, columns = np.mgrid[0 : info.height, 0 : info.width].astype(float)
     u, v = columns.copy(), rows.copy()
-    for _ in range(40):  # a fixed point: the mapping is near the identity
+    off_px, steps = np.inf, 0
+    while off_px > 1e-7 and steps < 40:  # a fixed point: the mapping is near the identity
         at_u, at_v = raw_pixel(info, u, v)
         u, v = u + columns - at_u, v + rows - at_v
-    assert max(np.abs(at_u - columns).max(), np.abs(at_v - rows).max()) < 1e-6
+        off_px, steps = max(np.abs(at_u - columns).max(), np.abs(at_v - rows).max()), steps + 1
+    assert off_px < 1e-6
     return cv2.remap(rectified, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)

@@ -1,6 +1,9 @@
 """Parameters of the node over DDS: what it takes, refuses, and what a result is among them."""
 
+import json
 import math
+import subprocess
+import sys
 import time
 
 import pytest
@@ -43,39 +46,82 @@ def test_result_file_among_the_nodes_own_parameters_is_no_result(graph, start, t
     assert graph.parameters(*RESULTS) == [None] * 6
 
 
-@pytest.mark.parametrize(
-    ("parameters", "words"),
-    [
-        ({"timeout_s": -1.0}, "timeout_s is -1.0: it must lie in 0.1 ... 3600.0 s"),
-        ({"timeout_s": "soon"}, "timeout_s is 'soon': a value of type float is needed"),
-        ({"frames": 0}, "frames is 0: it must lie in 1 ... 10000"),
-        ({"rig.cx": ".nan"}, "rig.cx is nan: it must lie in"),
-        ({"image_transport": "theora"}, "is 'theora': it must be one of raw, compressed; have others republ"),
-        ({"rectified": False, "rig.fx": 500.0}, "rig.fx is set, but rectified is false: rig.* describes"),
-        ({"road_frame": "''"}, "road_frame is empty"),
-        ({"publish_tf": True, "road_frame": "/road"}, "frames of /tf_static do not begin with a slash"),
-        ({"search.height_min_m": 6.0}, "the first must be the smaller"),
-    ],
-)
-def test_wrong_parameter_at_the_start_is_one_line(start, parameters, words):
+def arguments_of(parameters):
+    """Return the arguments of the node that set parameters."""
+    given = {"output_path": "''", **parameters}
+    return ["--ros-args", *(word for name, value in given.items() for word in ("-p", f"{name}:={value}"))]
+
+
+# How the node ends: started with these parameters, in this line.
+WRONG_PARAMETERS = [
+    ({"timeout_s": -1.0}, "timeout_s is -1.0: it must lie in 0.1 ... 3600.0 s"),
+    ({"timeout_s": "soon"}, "timeout_s is 'soon': a value of type float is needed"),
+    ({"frames": 0}, "frames is 0: it must lie in 1 ... 10000"),
+    ({"rig.cx": ".nan"}, "rig.cx is nan: it must lie in"),
+    ({"image_transport": "theora"}, "is 'theora': it must be one of raw, compressed; have others republ"),
+    ({"rectified": False, "rig.fx": 500.0}, "rig.fx is set, but rectified is false: rig.* describes"),
+    ({"road_frame": "''"}, "road_frame is empty"),
+    ({"publish_tf": True, "road_frame": "/road"}, "frames of /tf_static do not begin with a slash"),
+    ({"search.height_min_m": 6.0}, "the first must be the smaller"),
+]
+WRONG_ARGUMENTS = [
+    (["--params-file", "/nowhere.yaml"], "Couldn't parse params file: '--params-file /nowhere.yaml'"),
+    (["-r", "left"], "Couldn't parse remap rule: '-r left'"),
+    (["--no-such-flag"], "--no-such-flag"),
+]
+STARTS = [arguments_of(parameters) for parameters, _ in WRONG_PARAMETERS]
+STARTS += [["--ros-args", *arguments] for arguments, _ in WRONG_ARGUMENTS]
+
+# Starts the node with each of some lists of arguments, in a copy of a process that has imported it, and tells
+# how it ended.
+START_ALL = """
+import json, os, sys, tempfile
+from stereo_selfcal.ros import node
+
+ends = []
+for arguments in json.loads(sys.argv[1]):
+    with tempfile.TemporaryFile() as said:
+        child = os.fork()
+        if child == 0:
+            os.dup2(said.fileno(), 1)
+            os.dup2(said.fileno(), 2)
+            sys.exit(node.main(arguments))
+        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        said.seek(0)
+        ends.append((status, said.read().decode()))
+print(json.dumps(ends))
+"""
+
+
+@pytest.fixture(scope="module")
+def ends():
+    """Return how the node ends with each of STARTS: status and output."""
+    command = [sys.executable, "-c", START_ALL, json.dumps(STARTS)]
+    run = subprocess.run(command, cwd=ros_graph.ROOT, capture_output=True, text=True, check=True)
+    return json.loads(run.stdout)
+
+
+@pytest.mark.parametrize(("parameters", "words"), WRONG_PARAMETERS)
+def test_wrong_parameter_at_the_start_is_one_line(ends, parameters, words):
+    status, output = ends[STARTS.index(arguments_of(parameters))]
+    assert status == 2
+    (line,) = [line for line in output.splitlines() if line.startswith("stereo_selfcal: ")]
+    assert words in line
+
+
+def test_wrong_parameter_ends_a_process_of_its_own(start):
+    parameters, words = WRONG_PARAMETERS[0]
     process = start(parameters)
     assert process.wait() == 2
     (line,) = [line for line in process.output.splitlines() if line.startswith("stereo_selfcal: ")]
     assert words in line
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--params-file", "/nowhere.yaml"], "Couldn't parse params file: '--params-file /nowhere.yaml'"),
-        (["-r", "left"], "Couldn't parse remap rule: '-r left'"),
-        (["--no-such-flag"], "--no-such-flag"),
-    ],
-)
-def test_wrong_ros_arguments_are_one_line(start, arguments, words):
-    process = start(arguments=arguments)
-    assert process.wait() == 2
-    (line,) = [line for line in process.output.splitlines() if line.startswith("stereo_selfcal: ")]
+@pytest.mark.parametrize(("arguments", "words"), WRONG_ARGUMENTS)
+def test_wrong_ros_arguments_are_one_line(ends, arguments, words):
+    status, output = ends[STARTS.index(["--ros-args", *arguments])]
+    assert status == 2
+    (line,) = [line for line in output.splitlines() if line.startswith("stereo_selfcal: ")]
     assert "wrong ROS arguments: " in line and words in line
 
 
