@@ -13,7 +13,7 @@ from ..estimators.fitness import PatternFitness
 from ..estimators.line_covariance import LineFit, measure_bends, propagate
 from ..estimators.stripe_fit import StripeFit, refine
 from ..estimators.texture_fit import TextureFit
-from ..evidence.camera_yaw import wrong_yaw_rad, yaw_of_lines
+from ..evidence.camera_yaw import YawTold, wrong_yaw_rad, yaw_of_lines
 from ..evidence.cross_checks import JudgedEstimate, cross_check_surface, with_strip
 from ..evidence.estimate import Estimate, StagePoses
 from ..evidence.frame_evidence import Evidence, FrameObservations, Hypothesis
@@ -154,12 +154,7 @@ def _solve_lines(
     estimate = _estimate(pose, fit, refined, evidence, reservations).with_terms(
         UncertaintyTerm("paint_angle", paint_angle_covariance(pattern, rig, pose))
     )
-    told = hypothesis.yaw_told
-    if told is None:
-        _, left_m, right_m = lane_in_road(pattern.boundaries, rig, estimate.pose)
-        told = yaw_of_lines(pattern.left, pattern.right, abs(float(left_m - right_m)), rig)
-        if told is not None and refined is not None:
-            told = replace(told, certainty=STRIPES_PARALLEL_PART)
+    told = hypothesis.yaw_told or _yaw_of_pattern(pattern, rig, estimate.pose, fitted=refined is not None)
     frame = frame.with_yaw(told, rig)
     if hypothesis.texture is not None:
         wrong_rad = wrong_yaw_rad(rig, hypothesis.texture.extrinsics)
@@ -184,6 +179,15 @@ def _solve_lines(
         yaw_told=frame.yaw_told,
         lateness=late,
     )
+
+
+def _yaw_of_pattern(
+    pattern: LanePattern, rig: StereoRig, pose: Extrinsics, *, fitted: bool
+) -> YawTold | None:
+    """Return the yaw of the right camera that two lines tell; more surely where their stripes were fitted."""
+    _, left_m, right_m = lane_in_road(pattern.boundaries, rig, pose)
+    told = yaw_of_lines(pattern.left, pattern.right, abs(float(left_m - right_m)), rig)
+    return replace(told, certainty=STRIPES_PARALLEL_PART) if told is not None and fitted else told
 
 
 def coarse_pose(frame: FrameObservations) -> StagePoses:
