@@ -65,6 +65,7 @@ def test_json_is_one_object_with_all_digits(bag, calibrator, monkeypatch, capsys
         "changes",
         "uncertainty",
         "alignment",
+        "delay",
         "with_reservations",
         "reservations",
     ]
