@@ -28,6 +28,7 @@ from ..reservations import ReservationKind
 from ..road.cell_grid import CELL_WIDTH_M
 from ..road.priors import KERB_DOUBT_STD_M
 from ..tolerances import EXCLUDED_SIGMAS, MAX_LINE_HEIGHT_M, WRONG
+from .camera_turn import CameraTurn
 from .cue_fusion import combine, difference_covariance
 from .estimate import Estimate, StagePoses
 from .frame_evidence import Contradictor, Evidence, FrameObservations, Hypothesis
@@ -41,7 +42,7 @@ from .nuisances import (
     unseen_slope_covariance,
 )
 from .rig_unknowns import RigResponse, response_of_surface, rig_terms
-from .row_offset import VerticalOffset, vertical_offset
+from .row_offset import vertical_offset
 from .stripe_border import measure_borders
 
 # Beyond its lines, the road continues as a shoulder or another lane. The surface the lines are compared with
@@ -192,7 +193,7 @@ def _cross_check_on_surface(
     evidence = replace(
         evidence,
         surface_heights=heights_over_surface(pattern, rig, pose, fit),
-        vertical=remaining_offset(frame, rig, fit.extrinsics, yaw),
+        rows=remaining_turn(frame, rig, fit.extrinsics, yaw),
     )
     if searched is not None:
         evidence = with_strip(evidence, searched, frame, rig)
@@ -214,21 +215,25 @@ def _cross_check_on_surface(
     return replace(checked, estimate=combined, poses=poses, evidence=evidence).judged()
 
 
-def remaining_offset(
+def remaining_turn(
     frame: FrameObservations, rig: StereoRig, pose: Extrinsics, yaw_rad: float | None
-) -> VerticalOffset | None:
-    """Return the offset between the rows; None where rows were compared before the pose, or cannot be.
+) -> CameraTurn | None:
+    """Return pitch and roll of the right camera by the rows of the road, else of the horizon.
 
     Args:
         frame: Images, and what is known of them without a hypothesis.
         rig: Intrinsics and baseline.
         pose: Pose over the road.
         yaw_rad: Yaw of the camera against the lane, None without a line.
+
+    Returns:
+        The turn; None where rows were compared before the pose was known, or cannot be.
     """
     if frame.turn.corrected:
         return None
     on_road = fitted(vertical_offset(frame.images, rig, pose, yaw_rad or 0.0))
-    return on_road or fitted(horizon_offset(frame.images, rig, pose))
+    offset = on_road or fitted(horizon_offset(frame.images, rig, pose))
+    return None if offset is None else CameraTurn.of_offset(offset, rig)
 
 
 def with_strip(evidence: Evidence, texture: TextureFit, frame: FrameObservations, rig: StereoRig) -> Evidence:
@@ -291,7 +296,7 @@ def _cross_check_lines_only(
     evidence = replace(
         evidence,
         inner_line_height=between,
-        vertical=remaining_offset(frame, rig, estimate.pose, estimate.lane_yaw_rad),
+        rows=remaining_turn(frame, rig, estimate.pose, estimate.lane_yaw_rad),
     )
     return replace(lines, estimate=estimate, evidence=evidence).judged()
 

@@ -30,7 +30,6 @@ from .far_disparity import FarDisparity, far_disparity
 from .profile import Profile
 from .rig_unknowns import CALIBRATED, RigStd
 from .road_surface import RoadSurface, find_road_surface
-from .row_offset import VerticalOffset
 from .stripe_border import StripeBorder
 from .synchronisation import Lateness
 
@@ -227,7 +226,7 @@ class Evidence:
         texture: The alignment of the road surface, where it can check the lines.
         surface_heights: Heights of all lines over that surface.
         lane_heights: Heights of the two boundaries over the surface between them alone.
-        vertical: Vertical offset between the images.
+        rows: Pitch and roll of the right camera by the rows of both images; None where they were corrected.
         borders: Grey values between the boundaries and the lane; empty where the texture checks the lines.
         stripes_fitted: Whether the stripes' grey values could be fitted; None where the texture checks the
             lines.
@@ -261,7 +260,7 @@ class Evidence:
     texture: TextureFit | None = None
     surface_heights: tuple[HeightOverLane, ...] = ()
     lane_heights: tuple[HeightOverLane, ...] = ()
-    vertical: VerticalOffset | None = None
+    rows: CameraTurn | None = None
     borders: tuple[StripeBorder, ...] = ()
     stripes_fitted: bool | None = None
     inner_line_height: HeightOverLane | None = None

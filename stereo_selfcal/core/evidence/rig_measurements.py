@@ -8,30 +8,30 @@ from ..rejection import Bound
 from .frame_evidence import Evidence
 from .measurements import SHAPE_SIGMAS, Reading
 
-# A vertical offset changes the disparities of the left and of the right line in opposite directions: half a
-# pixel is 0.7 deg of roll with a rig of 720 px and 0.5 m, nearly what stripes and road surface have to agree
-# within.
-_MAX_VERTICAL_PX = 0.5
-# Half a pixel 300 px beside the middle of the image.
-_MAX_TURN_RAD = math.radians(0.1)
+# A right camera that is turned in pitch changes the disparities of the left and of the right line in opposite
+# directions: by this, the roll by 0.7 deg with a rig of half a metre, nearly what stripes and road surface
+# have to agree within.
+_MAX_PITCH_RAD = math.radians(0.04)
+# As much at half the way to the border of a usual image.
+_MAX_ROLL_RAD = math.radians(0.1)
 
 
 def read_row_offset(evidence: Evidence) -> Reading | None:
-    """Read the vertical offset between the images."""
-    if evidence.vertical is None:
+    """Read the pitch of the right camera against the left one, by the rows of both images."""
+    if evidence.rows is None:
         return None
-    value = abs(evidence.vertical.offset_px)
-    limit = max(_MAX_VERTICAL_PX, SHAPE_SIGMAS * evidence.vertical.std_px)
-    what = "the vertical offset between the images is {value}"
-    return Reading(what, value, Bound.MOST, limit, "px", value <= limit)
+    value = abs(evidence.rows.pitch_rad)
+    limit = max(_MAX_PITCH_RAD, SHAPE_SIGMAS * float(evidence.rows.std_rad[0]))
+    what = "the rows of the right image are off by {value}"
+    return Reading(what, math.degrees(value), Bound.MOST, math.degrees(limit), "deg", value <= limit)
 
 
 def read_camera_turn(evidence: Evidence) -> Reading | None:
     """Read the angle between the cameras about their optical axes."""
-    if evidence.vertical is None:
+    if evidence.rows is None:
         return None
-    value = abs(evidence.vertical.roll_rad)
-    limit = max(_MAX_TURN_RAD, SHAPE_SIGMAS * evidence.vertical.roll_std_rad)
+    value = abs(evidence.rows.roll_rad)
+    limit = max(_MAX_ROLL_RAD, SHAPE_SIGMAS * float(evidence.rows.std_rad[1]))
     what = "one camera is turned against the other about its optical axis, by {value}"
     return Reading(what, math.degrees(value), Bound.MOST, math.degrees(limit), "deg", value <= limit)
 

@@ -13,6 +13,7 @@ from ..estimators.fitness import PatternFitness
 from ..estimators.line_covariance import LineFit, measure_bends, propagate
 from ..estimators.stripe_fit import StripeFit, refine
 from ..estimators.texture_fit import TextureFit
+from ..evidence.camera_turn import CameraTurn
 from ..evidence.camera_yaw import YawTold, wrong_yaw_rad, yaw_of_lines
 from ..evidence.cross_checks import JudgedEstimate, cross_check_surface, with_strip
 from ..evidence.estimate import Estimate, StagePoses
@@ -269,7 +270,7 @@ def _solve_surface(
         message = f"the rows of both images are not compared; {vertical.reason}"
         given_up = Attempt(hypothesis, Verdict.NOT_FITTED, message, poses=poses, readings=readings)
         return replace(given_up, lateness=late)
-    evidence = replace(evidence, vertical=vertical)
+    evidence = replace(evidence, rows=CameraTurn.of_offset(vertical, rig))
     readings, refusal = evaluate_gates(evidence, already=readings)
     if refusal:
         return replace(_refused(hypothesis, refusal, readings, poses), lateness=late)

@@ -15,7 +15,7 @@ from ..camera.rig import StereoRig
 from ..config import CORRECT_NOTHING, CalibratorConfig
 from ..evidence.camera_turn import CameraTurn, with_prior
 from ..evidence.camera_yaw import yaw_of_matches
-from ..evidence.cross_checks import remaining_offset
+from ..evidence.cross_checks import remaining_turn
 from ..evidence.frame_evidence import FoundBy, FrameObservations, Hypothesis
 from ..lanes.extra_lines import find_extra_lines
 from ..lanes.hypotheses import LaneHypotheses, NoPattern, cross, find_hypotheses, lines_below_plane
@@ -175,7 +175,5 @@ def turn_under_pose(
     if pose is None:
         return None
     yaw = None if chosen.estimate is None else chosen.estimate.lane_yaw_rad
-    offset = remaining_offset(frame, rig, pose, yaw)
-    if offset is None:
-        return None
-    return replace(with_prior(CameraTurn.of_offset(offset, rig)), landmarks=frame.turn.landmarks)
+    turn = remaining_turn(frame, rig, pose, yaw)
+    return None if turn is None else replace(with_prior(turn), landmarks=frame.turn.landmarks)

@@ -14,12 +14,12 @@ from stereo_selfcal.core.estimators.lane_sweep import LaneSweep
 from stereo_selfcal.core.estimators.line_covariance import Bends, LineFit
 from stereo_selfcal.core.estimators.stripe_fit import StripeFit
 from stereo_selfcal.core.estimators.texture_fit import TextureFit, TextureQuality
+from stereo_selfcal.core.evidence.camera_turn import CameraTurn
 from stereo_selfcal.core.evidence.camera_yaw import YawTold
 from stereo_selfcal.core.evidence.frame_evidence import Contradictor, Evidence
 from stereo_selfcal.core.evidence.gates import GATES, evaluate_gates
 from stereo_selfcal.core.evidence.kerb_face import EdgeStep
 from stereo_selfcal.core.evidence.profile import Profile
-from stereo_selfcal.core.evidence.row_offset import VerticalOffset
 from stereo_selfcal.core.evidence.stripe_border import StripeBorder
 from stereo_selfcal.core.evidence.synchronisation import Lateness
 from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
@@ -62,6 +62,12 @@ def swept(*planes, elsewhere=0.0):
     return LaneSweep(heights_m, rolls_rad, sigmas)
 
 
+def rows_off(pitch_deg, std_deg=0.002, roll_deg=0.0, roll_std_deg=0.002):
+    """Return a right camera that is turned in pitch and roll, as rows tell it."""
+    stds = np.radians([std_deg, roll_std_deg])
+    return CameraTurn(math.radians(pitch_deg), math.radians(roll_deg), np.diag(stds**2))
+
+
 def over(*values_m, std_m=0.0):
     return tuple(HeightOverLane(value_m, std_m) for value_m in values_m)
 
@@ -82,7 +88,7 @@ GOOD = Evidence(
     texture=ASPHALT,
     surface_heights=over(0.0, 0.0),
     lane_heights=over(0.0, 0.0, std_m=0.005),
-    vertical=VerticalOffset(0.1, 0.02, 0.0, 0.0, 40),
+    rows=rows_off(0.01),
     borders=(
         StripeBorder(0.01, 0.002, edge_step=EdgeStep(0.002, 0.003)),
         StripeBorder(-0.02, 0.002, edge_step=EdgeStep(0.004, 0.02)),
@@ -157,8 +163,8 @@ BAD = {
     "sharp": {"refined": replace(REFINED, blur_px=np.array([2.95, 0.5]))},
     "exposed": {"clipped": 0.6},
     "texture_sufficient": {"texture_sufficiency": 0.5},
-    "rectified": {"vertical": VerticalOffset(0.7, 0.02, 0.0, 0.0, 40)},
-    "not_turned": {"vertical": VerticalOffset(0.0, 0.02, 0.01, 1e-4, 40)},
+    "rectified": {"rows": rows_off(0.06)},
+    "not_turned": {"rows": rows_off(0.0, roll_deg=0.6)},
     "coplanar": {"inner_line_height": HeightOverLane(0.1, 0.001)},
     "two_edges": {"stripes_fitted": False},
     "painted": {"borders": (StripeBorder(0.2, 0.001),)},
@@ -206,7 +212,7 @@ def test_gates_without_evidence_are_not_read_and_those_of_before_not_again():
     early = replace(
         GOOD, bends=None, lines=None, refined=None, clipped=None, texture=None, surface_heights=()
     )
-    early = replace(early, vertical=None, below=None, texture_sufficiency=None, lane_heights=())
+    early = replace(early, rows=None, below=None, texture_sufficiency=None, lane_heights=())
     first, _ = evaluate_gates(
         replace(
             early,
@@ -231,7 +237,7 @@ def test_gates_without_evidence_are_not_read_and_those_of_before_not_again():
 
 
 def test_asphalt_alone_is_plausible_rectified_and_not_turned():
-    alone = Evidence(CONFIG, texture=ASPHALT, vertical=GOOD.vertical)
+    alone = Evidence(CONFIG, texture=ASPHALT, rows=GOOD.rows)
     names = ["plausible", "rectified", "not_turned"]
     assert [reading.name for reading in evaluate_gates(alone)[0]] == names
     alone = replace(alone, own_strip=ASPHALT, kerb_heights=GOOD.kerb_heights, std=GOOD.std)
@@ -329,7 +335,7 @@ def test_cameras_that_contradict_each_other():
 )
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_refinement_stays_near_the_lines(axis, limit, scale, sign):
-    without = {"texture": None, "surface_heights": (), "vertical": None, "coarse": None, "sweeps": ()}
+    without = {"texture": None, "surface_heights": (), "rows": None, "coarse": None, "sweeps": ()}
     near, far = (replace(REFINED, extrinsics=moved(axis, sign * part * limit)) for part in (0.99, 1.01))
     assert refusal(refined=near, **without) is None
     rejection = refusal(refined=far, **without)
@@ -392,20 +398,19 @@ def test_an_uneven_road_is_no_witness_either():
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_rectification(sign):
-    def offset(offset_px, std_px=0.02):
-        return refusal(vertical=VerticalOffset(sign * offset_px, std_px, 0.0, 0.0, 40))
+    def off(degrees, std_deg=0.002):
+        return refusal(rows=rows_off(sign * degrees, std_deg))
 
-    assert offset(0.49) is None
-    words = "vertical offset", "the same row"
-    assert_refuses(offset(0.51), RejectReason.IMAGES_NOT_RECTIFIED, 0.51, 0.5, *words)
-    assert offset(0.8, std_px=0.3) is None  # may be chance
+    assert off(0.039) is None
+    words = "rows of the right image are off", "the same row"
+    assert_refuses(off(0.041), RejectReason.IMAGES_NOT_RECTIFIED, 0.041, 0.04, *words)
+    assert off(0.08, std_deg=0.03) is None  # may be chance
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_turned_camera(sign):
     def turned(degrees, std=0.01):
-        std_rad = math.radians(std)
-        return refusal(vertical=VerticalOffset(0.0, 0.02, sign * math.radians(degrees), std_rad, 40))
+        return refusal(rows=rows_off(0.0, roll_deg=sign * degrees, roll_std_deg=std))
 
     assert turned(0.099) is None
     assert_refuses(turned(0.101), RejectReason.IMAGES_NOT_RECTIFIED, 0.101, 0.1, "one camera is turned")
