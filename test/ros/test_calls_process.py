@@ -176,18 +176,6 @@ def test_second_call_is_busy_and_parameters_answer_meanwhile(graph, camera):
     assert answer.success, answer.message
 
 
-def test_bag_that_starts_over_keeps_pairing(graph):
-    """Stamps jump back with every pass; every pass must pair (message_filters gets stuck)."""
-    before = counted(graph, "resets")
-    # Minutes earlier each time: the node takes images only when it probes, and sees no jump back to stamps
-    # that the pass before had not come to yet.
-    for first in (-1000, -2000, -3000):
-        with Camera(graph, [rendered()], first=first):
-            graph.wait_for_diagnostics(lambda values, _: float(values["pair_rate_hz"]) > 2)
-            assert graph.calibrate().success
-    graph.wait_for_diagnostics(lambda values, _: int(values["resets"]) >= before + 2)
-
-
 def test_output_path_that_forges_lines_is_refused_while_it_runs(graph):
     outcome = graph.set_parameter("output_path", "/tmp/a\nFORGED\x1b[31m")
     assert not outcome.successful

@@ -135,6 +135,18 @@ def test_nobody_ever_sees_half_a_result(graph, start):
     assert seen <= known
 
 
+def test_bag_that_starts_over_keeps_pairing(graph, start):
+    """Stamps jump back with every pass; every pass must pair (message_filters gets stuck)."""
+    start()
+    # Minutes earlier each time: the node takes images only when it probes, and sees no jump back to stamps
+    # that the pass before had not come to yet.
+    for first in (2000, 1000, 0):
+        with Camera(graph, [rendered()], first=first):
+            graph.wait_for_diagnostics(lambda values, _: float(values["pair_rate_hz"]) > 2)
+            assert graph.calibrate().success
+    graph.wait_for_diagnostics(lambda values, _: int(values["resets"]) >= 2)
+
+
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("calling", [False, True])
 def test_signal_ends_it_cleanly(graph, start, how, calling):
