@@ -146,22 +146,6 @@ def test_good_frame_after_bad_ones_is_found(graph, camera):
     assert answer.success, answer.message
 
 
-def counted(graph, name):
-    """Return a count of the diagnostics."""
-    status = graph.wait_for_diagnostics(lambda values, _: name in values)
-    return int(next(pair.value for pair in status.values if pair.key == name))
-
-
-def test_images_from_before_the_call_are_not_used(graph, camera):
-    assert graph.set_parameter("timeout_s", 1.0).successful
-    before = counted(graph, "pairs")
-    with camera([rendered()]):
-        graph.wait_for_diagnostics(lambda values, _: int(values["pairs"]) > before + 3)
-    answer = graph.calibrate()
-    assert not answer.success
-    assert answer.message.startswith("no pair in 1.0 s: left 0.0 Hz, right 0.0 Hz")
-
-
 def test_second_call_is_busy_and_parameters_answer_meanwhile(graph, camera):
     assert graph.set_parameter("timeout_s", LONG_S).successful
     first = graph.start_calibrate()

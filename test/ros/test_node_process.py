@@ -135,6 +135,15 @@ def test_nobody_ever_sees_half_a_result(graph, start):
     assert seen <= known
 
 
+def test_images_from_before_the_call_are_not_used(graph, start):
+    start({"timeout_s": 1.0})
+    with Camera(graph, [rendered()]):
+        graph.wait_for_diagnostics(lambda values, _: int(values["pairs"]) > 3)
+    answer = graph.calibrate()
+    assert not answer.success
+    assert answer.message.startswith("no pair in 1.0 s: left 0.0 Hz, right 0.0 Hz")
+
+
 def test_bag_that_starts_over_keeps_pairing(graph, start):
     """Stamps jump back with every pass; every pass must pair (message_filters gets stuck)."""
     start()
