@@ -60,7 +60,7 @@ def find_road_shift(
     # A blur, as the peak lies between cells.
     correlation = np.asarray(cv2.GaussianBlur(shifted, (0, 0), _SMOOTH_CELLS), np.float64)
     middle = left.shape[0] // 2, left.shape[1] // 2
-    scatter = float(correlation.std())
+    scatter = max(float(correlation.std()), float(np.finfo(np.float64).tiny))  # of flat images it is zero
     # Along the road only: the lines have told how the images lie to each other across it.
     along = correlation[:, middle[1] - 1 : middle[1] + 2].max(axis=1)
     best = int(along[1:-1].argmax()) + 1
