@@ -77,12 +77,8 @@ class FarDisparity:
 
 def infinitely_far(far: FarDisparity) -> float:
     """Return how likely what is farthest away is infinitely far, 0 ... 1."""
-    return _INFINITE_PART * equally_far(far)
-
-
-def equally_far(far: FarDisparity) -> float:
-    """Return how likely what is farthest away has the same disparity in many directions, 0 ... 1."""
-    return min(max((far.n_equal - _FEW_EQUAL) / (_MANY_EQUAL - _FEW_EQUAL), 0.0), 1.0)
+    equally_far = min(max((far.n_equal - _FEW_EQUAL) / (_MANY_EQUAL - _FEW_EQUAL), 0.0), 1.0)
+    return _INFINITE_PART * equally_far
 
 
 def far_disparity(
