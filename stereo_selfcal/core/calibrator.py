@@ -29,7 +29,7 @@ from .lanes.matching import Matches
 from .numerics.linear import is_covariance
 from .rejection import fitted
 from .results import CalibrationResult, caught, rejected, result_of
-from .road.priors import TURNED_STD_RAD
+from .road.priors import STRIPES_PARALLEL_PART, TURNED_STD_RAD
 from .search.attempt import Attempt
 from .search.diagnosis import diagnose, lateness_of_refused, not_synchronised
 from .search.solve import coarse_pose, solve
@@ -215,8 +215,11 @@ def _alignment(frame: FrameObservations, chosen: Attempt | None, rig: StereoRig)
     """Return how the right camera is turned: by the rows, and by all that tells its yaw."""
     told = _as_told(frame, chosen)
     if chosen is not None and chosen.accepted and chosen.found_by is FoundBy.HOUGH:
-        # Lines that have passed all gates are paint on one road, and parallel as such.
-        certain = tuple(replace(each, certainty=1.0) for each in told.yaw_told)
+        # Stripes that have passed all gates are paint on one road, and parallel as such.
+        certain = tuple(
+            replace(each, certainty=1.0) if each.certainty == STRIPES_PARALLEL_PART else each
+            for each in told.yaw_told
+        )
         told = replace(told, yaw_told=certain)
     yaw = told.yaw_left(rig, calibrated=False)
     covariance = np.zeros((3, 3))

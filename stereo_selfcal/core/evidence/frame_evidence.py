@@ -23,6 +23,7 @@ from ..lanes.line_geometry import BelowPlane, HeightOverLane
 from ..lanes.matching import Matches
 from ..lanes.stripe_points import find_stripe_points
 from ..rejection import Bound, NotFitted, fitted
+from ..road.priors import ROWS_TELL_YAW_PART
 from ..types import Array, Image
 from .camera_turn import CameraTurn, measure_turn, turned_back
 from .camera_yaw import YawTold, yaw_posterior
@@ -105,7 +106,7 @@ class FrameObservations:
         told = None
         if turn.points is not None:
             by_rows_rad, std_rad = turn.points.yaw
-            told = YawTold(by_rows_rad - yaw_rad, std_rad)
+            told = YawTold(by_rows_rad - yaw_rad, std_rad, ROWS_TELL_YAW_PART)
         frame = cls(
             images,
             (left, right),

@@ -59,6 +59,8 @@ BASELINE_DIRECTION_STD_RAD = 0.005
 # rows of six cameras on roads tell 0.00 to 0.12 deg in the mean, which their disparities do not show, and
 # those of single frames scatter by 0.06 deg around that.
 ROW_YAW_STD_RAD = math.radians(0.12)
+# How often they tell it at all: those of a seventh camera, of the same make, tell 0.5 deg.
+ROWS_TELL_YAW_PART = 6 / 7
 # Standard deviation of the angle between painted lines. On the plane of the road surface, the lines of 12
 # recorded roads meet at an angle of 5 mrad (RMS). Such a lane is 5 cm wider after 10 m.
 PAINT_ANGLE_STD_RAD = 0.005
