@@ -22,9 +22,6 @@ MAX_DIFFERENCE = np.array([0.060, np.radians(0.5), np.radians(1.2)])
 WRONG = MAX_DIFFERENCE.copy()
 # An estimate excludes another one that differs by this many standard deviations of both, and is wrong then.
 EXCLUDED_SIGMAS = 5.0
-# A difference between two parts of a road that is greater than WRONG: one of them is not the own lane, unless
-# chance has made it.
-WRONG_SIGMAS = 3.0
 # The chi-squared of three numbers that normal errors exceed as rarely.
 EXCLUDED_CHI2_3 = 31.8
 # The surface of the lane excludes the height of a line or a plane that differs by this many of its standard

@@ -15,8 +15,6 @@ from ..tolerances import (
     KERB_SIGMAS,
     MAX_DIFFERENCE,
     MAX_LINE_HEIGHT_M,
-    WRONG,
-    WRONG_SIGMAS,
 )
 from .frame_evidence import Evidence
 from .measurements import Reading, pose_difference
@@ -81,6 +79,4 @@ def read_strip_difference(evidence: Evidence) -> Reading | None:
     difference = evidence.own_strip.extrinsics.as_array() - evidence.texture.extrinsics.as_array()
     std = np.sqrt(np.diag(evidence.own_strip.covariance))
     what = "the strip under the car and the whole road surface differ in {axis} by {value}"
-    # A difference that would make the result wrong counts from fewer standard deviations on.
-    surely = np.minimum(EXCLUDED_SIGMAS * std, np.maximum(WRONG, WRONG_SIGMAS * std))
-    return pose_difference(what, difference, np.maximum(AGREEMENT, surely))
+    return pose_difference(what, difference, np.maximum(AGREEMENT, EXCLUDED_SIGMAS * std))
