@@ -95,7 +95,7 @@ def test_json_is_one_object_with_all_digits(bag, calibrator, monkeypatch, capsys
 def test_json_has_the_reservations_of_the_estimate_and_of_each_frame(capsys):
     assert main([str(ROOT / "bags" / "straight_road"), "--max-frames", "2", "--json"]) == 0
     content = json.loads(capsys.readouterr().out)
-    said = "not checked against the texture of the road surface: too little texture"
+    said = "not checked against the texture of the road surface: too little texture between the lines"
     fused = {"kind": "not_checked_by_texture", "frames": 2, "message": f"{said} (2 of 2 frames)"}
     assert content["with_reservations"] is True
     assert content["reservations"] == content["segments"][0]["reservations"] == [fused]

@@ -15,7 +15,7 @@ from stereo_selfcal.core.reservations import (
 )
 from stereo_selfcal.synth.scenes import named_scene
 
-TEXTURE = Reservation(ReservationKind.NOT_CHECKED_BY_TEXTURE, "too little texture")
+TEXTURE = Reservation(ReservationKind.NOT_CHECKED_BY_TEXTURE, "too little texture between the lines")
 KERB = Reservation(ReservationKind.KERB_NOT_EXCLUDED)
 
 
@@ -23,7 +23,7 @@ def test_merged_reservations_count_frames_and_keep_the_detail_they_share():
     merged = merge_reservations([[TEXTURE], [TEXTURE, KERB], [TEXTURE], []])
     assert merged == (replace(TEXTURE, frames=3), KERB)
     assert merged[0].text(4) == (
-        "not checked against the texture of the road surface: too little texture (3 of 4 frames)"
+        "not checked against the texture of the road surface: too little texture between the lines (3 of 4 frames)"
     )
     assert merged[1].text(1) == "a kerb beside a line cannot be ruled out; the uncertainty allows for it"
 

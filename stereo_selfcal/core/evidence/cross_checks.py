@@ -129,7 +129,7 @@ def cross_check_surface(
         return _cross_check_on_surface(lines, pattern, fit, frame, rig, hypothesis.texture)
     if config.texture.required:
         evidence = replace(evidence, texture_sufficiency=sufficiency)
-    lacking = f"too little texture{' between the lines' if common else ''}"
+    lacking = "too little texture between the lines"
     estimate = estimate.with_reservation(ReservationKind.NOT_CHECKED_BY_TEXTURE, lacking)
     lines = replace(lines, estimate=estimate, evidence=evidence)
     return _cross_check_lines_only(lines, hypothesis, pattern, frame, rig)
