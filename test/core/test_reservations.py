@@ -23,7 +23,8 @@ def test_merged_reservations_count_frames_and_keep_the_detail_they_share():
     merged = merge_reservations([[TEXTURE], [TEXTURE, KERB], [TEXTURE], []])
     assert merged == (replace(TEXTURE, frames=3), KERB)
     assert merged[0].text(4) == (
-        "not checked against the texture of the road surface: too little texture between the lines (3 of 4 frames)"
+        "not checked against the texture of the road surface: too little texture between the lines "
+        "(3 of 4 frames)"
     )
     assert merged[1].text(1) == "a kerb beside a line cannot be ruled out; the uncertainty allows for it"
 
