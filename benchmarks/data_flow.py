@@ -219,7 +219,6 @@ NOT_ON_THE_WAY = {
     "drive/drive, drive/motion, drive/changes": "the whole of a drive",
     "estimators/landmarks, drive/landmark_matches, drive/motion_between_frames, drive/travel, "
     "geometry/travel": "how the car moves between frames",
-    "estimators/road_patch, drive/way_by_patches": "how far the car drives, by the road surface alone",
     "evidence/told_alignment, drive/rig_alignment, drive/rig_doubt, drive/travel_vergence, "
     "drive/right_delay, drive/mean_over_time": "what a drive tells of the rig",
     "camera/topic_names, camera/camera_difference, drive/camera_changes": "topics, changes of cameras",

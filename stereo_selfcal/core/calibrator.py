@@ -53,7 +53,7 @@ class Calibrator:
         self._seen: list[SeenAlignment] = []
         self._previous: SeenLandmarks | None = None
         self._last: CalibrationResult | None = None
-        self._lock = threading.Lock()  # of these two; frames are calibrated without it
+        self._lock = threading.Lock()  # of all these; frames are calibrated without it
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy is made from: everything but the lock."""

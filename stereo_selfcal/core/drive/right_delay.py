@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +23,7 @@ from ..rejection import Bound, NotFitted
 from ..results import CalibrationResult
 from ..road.priors import BASELINE_DIRECTION_STD_RAD
 from ..types import Array
+from .travel import TravelStep
 
 _REWEIGHTING = Reweighting(rounds=4, absolute_rounds=2)
 _LEAST_FRAMES = 3
@@ -84,7 +84,7 @@ def seen_ahead(result: CalibrationResult, rig: StereoRig) -> SeenAhead | None:
 
 
 def estimate_delay(
-    seen: Sequence[SeenAhead], steps: Sequence[Moving], rig: StereoRig
+    seen: Sequence[SeenAhead], steps: Sequence[TravelStep], rig: StereoRig
 ) -> RightDelay | NotFitted:
     """Estimate the delay of the right images of a drive, against what their stamps say.
 
@@ -155,19 +155,7 @@ def fit_delay(
     return RightDelay(float(delay_s), float(offset_m), covariance, int(np.count_nonzero(used)), speeds)
 
 
-class Moving(Protocol):
-    """What is used of a step: :class:`.TravelStep` and :class:`.PatchStep` have it."""
-
-    @property
-    def middle_s(self) -> float:
-        """Time of the middle of the step [s]."""
-
-    @property
-    def speed_mps(self) -> float:
-        """Mean speed [m/s]."""
-
-
-def speeds_at(stamps_s: Sequence[float], steps: Sequence[Moving]) -> Array:
+def speeds_at(stamps_s: Sequence[float], steps: Sequence[TravelStep]) -> Array:
     """Return the speed of the car (N,) at some times [m/s], by the steps around each.
 
     A car does not change its speed by much within a second. So the speed is that of a line through the steps
