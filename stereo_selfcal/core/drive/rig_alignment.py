@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..camera.rig import StereoRig
-from ..estimators.row_alignment import LEAST_SMOOTH_PX
+from ..estimators.row_alignment import LEAST_SMOOTH_PX, turn_by_smooth_rows
 from ..evidence.told_alignment import told_variances, with_untold
 from ..geometry.alignment import Alignment
 from ..geometry.travel import RightDelay, Travel
@@ -144,7 +144,7 @@ def _permanent_variances(variances: Array, rig: StereoRig) -> Array:
         variances: (N, 3) of what frames tell; infinite where they tell nothing.
         rig: Intrinsics.
     """
-    by_pixels_rad = LEAST_SMOOTH_PX / rig.fy * np.array([1.0, 2.0 * rig.fx / rig.width])
+    by_pixels_rad = turn_by_smooth_rows(LEAST_SMOOTH_PX, rig)
     most = (1.0 - _OWN_PART) * variances
     permanent = np.empty_like(variances)
     permanent[:, :2] = np.minimum(by_pixels_rad**2, most[:, :2])

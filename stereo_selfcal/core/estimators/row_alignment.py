@@ -141,12 +141,11 @@ def align_rows(points: MatchedPoints, rig: StereoRig) -> RowAlignment | NotFitte
     covariance = invert(found.solution[1], _DETERMINED)
     if isinstance(covariance, NotFitted):
         return covariance
-    # A smooth error of the rows is a pitch, one that grows with the column is a roll.
     values, used = found.solution[0], int(np.count_nonzero(found.weights))
     smooth_px = math.hypot(
         LEAST_SMOOTH_PX, _smooth_error(points, found.residuals, found.weights, scatter, rig)
     )
-    covariance[:2, :2] += np.diag(np.square(smooth_px / rig.fy * np.array([1.0, 2.0 * rig.fx / rig.width])))
+    covariance[:2, :2] += np.diag(turn_by_smooth_rows(smooth_px, rig) ** 2)
     # The product of column and row, over the image, by more than its standard deviation.
     product = max(0.0, float(values[2] ** 2 - covariance[2, 2])) * (rig.width * rig.height / 4.0) ** 2 / 9.0
     distortion_px = math.hypot(smooth_px, math.sqrt(product) / rig.fx)
@@ -155,6 +154,18 @@ def align_rows(points: MatchedPoints, rig: StereoRig) -> RowAlignment | NotFitte
         return NotFitted(_DETERMINED, 4, Bound.LEAST, 5)
     turn, up, ahead = values[:3], float(values[3]), float(values[4])
     return RowAlignment(turn, ahead, up, covariance, scatter, distortion_px, used)
+
+
+def turn_by_smooth_rows(smooth_px: float, rig: StereoRig) -> Array:
+    """Return the pitch and the roll (2,) [rad] that a smooth error of the rows is taken for.
+
+    A constant error is a pitch; one that grows with the column, to as much at the border, is a roll.
+
+    Args:
+        smooth_px: The error of the rows [px].
+        rig: Intrinsics.
+    """
+    return smooth_px / rig.fy * np.array([1.0, 2.0 * rig.fx / rig.width])
 
 
 def _smooth_error(

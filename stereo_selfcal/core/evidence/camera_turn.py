@@ -19,7 +19,7 @@ from ..camera.rig import StereoRig
 from ..estimators.dense_disparity import DenseDisparities
 from ..estimators.landmarks import Landmarks, describe_points
 from ..estimators.matched_points import match_points
-from ..estimators.row_alignment import LEAST_SMOOTH_PX, RowAlignment, align_rows
+from ..estimators.row_alignment import LEAST_SMOOTH_PX, RowAlignment, align_rows, turn_by_smooth_rows
 from ..geometry.alignment import optical_rotation
 from ..geometry.pose import Extrinsics
 from ..rejection import Bound, NotFitted, fitted
@@ -92,7 +92,7 @@ class CameraTurn:
     @classmethod
     def of_offset(cls, offset: VerticalOffset, rig: StereoRig) -> CameraTurn:
         """Return the turn that the rows of the road or of the horizon tell."""
-        smooth = LEAST_SMOOTH_PX / rig.fy * np.array([1.0, 2.0 * rig.fx / rig.width])
+        smooth = turn_by_smooth_rows(LEAST_SMOOTH_PX, rig)
         stds = np.hypot([offset.std_px / rig.fy, offset.roll_std_rad], smooth)
         return cls(-offset.offset_px / rig.fy, -offset.roll_rad, np.diag(stds**2))
 
