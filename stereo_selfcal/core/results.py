@@ -11,6 +11,7 @@ from .evidence.road_surface import SurfaceCells
 from .evidence.synchronisation import Lateness
 from .faults import Fault
 from .geometry.alignment import Alignment
+from .geometry.mount import MountEvidence
 from .geometry.pose import Extrinsics
 from .geometry.travel import RightDelay, Travel
 from .geometry.uncertainty import UncertaintyTerm
@@ -54,6 +55,9 @@ class CalibrationResult:
         stamp_difference_s: Stamp of the right image minus that of the left one [s].
         attempts: Every hypothesis that was solved for this frame, in order; empty when several are fused.
         confirmed_by_texture: Whether the texture of the road surface has confirmed the lines.
+        mount: How the estimate of the mount was reached, over several frames; None of a single frame.
+        known_start: Whether this frame started from the known camera, without a search.
+        stood: Whether the car stood since the frame before.
         fault: The fault of the program for which the frame is refused; None in any other case.
         reservations: What could not be checked, or is not quite as it should be, and is no reason to refuse
             the frame; of several frames, with the number of those it holds for.
@@ -84,6 +88,9 @@ class CalibrationResult:
     travel: Travel | None = None
     delay: RightDelay | None = None
     confirmed_by_texture: bool = False
+    mount: MountEvidence | None = None
+    known_start: bool = False
+    stood: bool = False
     fault: Fault | None = None
 
     @property

@@ -79,6 +79,8 @@ class FrameRow:
         attempts: Every hypothesis that was solved for the frame, in order, and what became of it.
         confirmed_by_texture: Whether the texture of the road surface has confirmed the lines.
         alignment: How the right camera is turned, of refused frames too; None where nothing tells.
+        known_start: Whether the frame started from the known camera, without a search.
+        stood: Whether the car stood since the frame before.
     """
 
     stamp_s: float
@@ -97,6 +99,8 @@ class FrameRow:
     attempts: tuple[AttemptSummary, ...] = ()
     confirmed_by_texture: bool = False
     alignment: Alignment | None = None
+    known_start: bool = False
+    stood: bool = False
 
     @classmethod
     def from_result(
@@ -121,6 +125,8 @@ class FrameRow:
             tuple(map(AttemptSummary.of, result.attempts)),
             result.confirmed_by_texture,
             result.alignment,
+            result.known_start,
+            result.stood,
         )
 
     @property

@@ -1,0 +1,31 @@
+"""How an estimate of the mount was reached, as values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..types import Array
+from .pose import Extrinsics
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MountEvidence:
+    """What a drive has shown of the mount: how the frames were spread over time, and how the car moved.
+
+    Attributes:
+        duration_s: Time from the first to the last accepted frame [s].
+        n_outliers: Accepted frames that were set aside as outliers.
+        n_known: Accepted frames that started from the known camera instead of from nothing.
+        stood: Whether the car stood all the time: the frames are one view of one road.
+        motion: Standard deviations by which the car moves its camera over the road, from moment to moment.
+        memory_s: (3,) how long a state of this motion of height, pitch and roll lasts [s].
+        looks: (3,) how many independent moments of height, pitch and roll the drive is worth.
+    """
+
+    duration_s: float
+    n_outliers: int
+    n_known: int
+    stood: bool
+    motion: Extrinsics
+    memory_s: Array
+    looks: Array
