@@ -17,6 +17,7 @@ from .drive.fusion import fuse_frames
 from .drive.rig_alignment import SeenAlignment, drive_of_rig
 from .drive.rig_doubt import with_doubt_of_rig
 from .drive.right_delay import seen_ahead
+from .drive.standing import PlaceOfCar
 from .drive.travel import SeenLandmarks, TravelStep, step_between
 from .errors import shortened
 from .evidence.frame_evidence import FoundBy, FrameObservations
@@ -52,6 +53,7 @@ class Calibrator:
         self._steps: list[TravelStep] = []
         self._seen: list[SeenAlignment] = []
         self._previous: SeenLandmarks | None = None
+        self._place = PlaceOfCar()
         self._last: CalibrationResult | None = None
         self._lock = threading.Lock()  # of all these; frames are calibrated without it
 
@@ -89,14 +91,16 @@ class Calibrator:
         stamp_s = _checked_time("stamp_s", stamp_s)
         apart_s = _checked_time("stamp_difference_s", stamp_difference_s)
         result = caught(lambda: self.calibrate_frame(left, right, stamp_s, apart_s), stamp_s)
-        self.remember(result)
-        return result
+        return replace(result, stood=self.remember(result).stood)
 
-    def remember(self, result: CalibrationResult) -> None:
+    def remember(self, result: CalibrationResult) -> CalibrationResult:
         """Add the result of a frame of this rig to the estimate, in whichever process it was calibrated.
 
         Args:
             result: Result of :meth:`calibrate_frame`, of this calibrator or of one with the same settings.
+
+        Returns:
+            What is kept of it: with whether the car stood, and without what only pictures need.
 
         Raises:
             ValueError: It is accepted, and its covariance is not finite and positive definite.
@@ -106,9 +110,12 @@ class Calibrator:
         if kept.accepted and (kept.covariance is None or not is_covariance(kept.covariance)):
             raise ValueError(f"the covariance {kept.covariance} of a result is not positive definite")
         with self._lock:
-            previous = self._previous
+            previous, place = self._previous, self._place
         step = None if previous is None else fitted(step_between(previous, result, self.rig))
+        place = place.followed_by(result.landmarks, self.rig)
+        kept = replace(kept, stood=not place.moved)
         with self._lock:
+            self._place = place.accepted() if kept.accepted else place
             if kept.accepted:
                 self._accepted.append(kept)
             if step is not None:
@@ -120,10 +127,15 @@ class Calibrator:
             if result.landmarks is not None:
                 self._previous = SeenLandmarks(result.stamp_s, result.landmarks)
             self._last = kept
+        return kept
 
     @property
     def estimate(self) -> CalibrationResult:
-        """The accepted frames so far, fused; the last rejection when none was accepted."""
+        """The mount by all accepted frames so far; the last rejection when none was accepted.
+
+        Its uncertainty holds what the motion of the car leaves of a mean over time. That of one frame of a
+        moving car is as large as the usual motion of cars.
+        """
         with self._lock:
             accepted, last = list(self._accepted), self._last
             steps, seen = list(self._steps), list(self._seen)
@@ -132,7 +144,7 @@ class Calibrator:
         told = drive_of_rig(accepted, seen, steps, self.rig)
         fused = fuse_frames(accepted, self.rig).copied() if accepted else last
         fused = replace(fused, alignment=told.alignment, travel=told.travel, delay=told.delay)
-        return with_doubt_of_rig(fused, self.rig, len(accepted) - fused.n_frames) if accepted else fused
+        return with_doubt_of_rig(fused, self.rig) if accepted else fused
 
     def calibrate_frame(
         self, left: Image, right: Image, stamp_s: float = 0.0, stamp_difference_s: float = 0.0

@@ -205,12 +205,11 @@ def caught(work: Callable[[], CalibrationResult], stamp_s: float) -> Calibration
         return refused_for(Fault.of(error), stamp_s)
 
 
-def announce(result: CalibrationResult, n_outliers: int = 0) -> str:
+def announce(result: CalibrationResult) -> str:
     """Return the sentence of an accepted result.
 
     Args:
-        result: The result.
-        n_outliers: Number of accepted frames that were left out as outliers.
+        result: The result of a frame, or an estimate of the mount.
 
     Raises:
         ValueError: The result is not an accepted one.
@@ -218,6 +217,13 @@ def announce(result: CalibrationResult, n_outliers: int = 0) -> str:
     if result.extrinsics is None or result.std is None:
         raise ValueError("only an accepted result can be announced")
     frames = "1 frame" if result.n_frames == 1 else f"{result.n_frames} frames"
-    aside = f" ({n_outliers} more set aside as outliers)" if n_outliers else ""
+    aside = ""
+    if result.mount is not None:
+        if result.n_frames > 1:
+            frames += f" in {result.mount.duration_s:.1f} s"
+        if result.mount.stood:
+            frames += " of a standing car"
+        if result.mount.n_outliers:
+            aside = f" ({result.mount.n_outliers} more set aside as outliers)"
     notes = "".join(f"; {note}" for note in result.notes)
     return f"calibrated from {frames}{aside}: {result.extrinsics.describe(result.std)}{notes}"

@@ -138,11 +138,11 @@ def assemble_replay(
                 if change is not None or head.cameras.rig != calibrator.rig:
                     calibrator = Calibrator(head.cameras.rig, calibrator.config)
                 since = since if change is None else len(rows)
-            calibrator.remember(result)
+            kept = replace(result, stood=calibrator.remember(result).stood)
             faults.note(result.fault, head.stamp_s)
             if result.reason is RejectReason.IMAGE_FROZEN:
                 frozen.setdefault(head.frozen, []).append(head.stamp_s)
-            rows.append(FrameRow.from_result(result, head.stamp_s, head.recorded_ns, head.name))
+            rows.append(FrameRow.from_result(kept, head.stamp_s, head.recorded_ns, head.name))
             on_row(rows[-1])
     except BagError as error:
         if not rows:

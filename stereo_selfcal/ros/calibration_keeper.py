@@ -177,7 +177,7 @@ class CalibrationKeeper:
         with self._lock:
             self._machine = self._machine.after(event)
             self._active, self._why = active, why
-            self._watch.start(active.result, settled)
+            self._watch.start(active.result)
             self._alignment_watch.start(active.result.alignment)
 
     def _happen(self, event: Event) -> None:

@@ -13,22 +13,21 @@ into steps.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
 from ..numerics.statistics import OUTLIER_SIGMAS, SIGMA_OVER_MAD
 from ..tolerances import LEAST_SHIFT
 from ..types import Array
-from .motion import (
+from .motion import FrameSeries, mark_outliers
+from .time_blocks import (
     BLOCK_S,
-    CarMotion,
+    BlockScatter,
     TimeBlocks,
     blocks_of,
-    measure_motion,
-    standard_error,
+    measure_scatter_of_blocks,
     without_excursions,
 )
 
@@ -62,8 +61,6 @@ class MountSegment:
         end_s: Stamp of the last estimate [s].
         mean: (3,) mean of height_m, pitch_rad, roll_rad without outliers.
         spread: (3,) standard deviation of the estimates over time: the car's motion and the noise of a frame.
-        standard_error: (3, 3) covariance of the mean that the motion causes; None where the segment is too
-            short to measure how long the motion lasts.
     """
 
     first: int
@@ -72,7 +69,6 @@ class MountSegment:
     end_s: float
     mean: Array
     spread: Array
-    standard_error: Array | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,38 +105,34 @@ class MountHistory:
     judged: bool
 
 
-def find_changes(stamps_s: npt.ArrayLike, poses: npt.ArrayLike, covariances: npt.ArrayLike) -> MountHistory:
+def find_changes(series: FrameSeries) -> MountHistory:
     """Find the moves of the mount, and its pose between them.
 
     Args:
-        stamps_s: (N,) stamps of the accepted frames, rising [s]; at least one.
-        poses: (N, 3) height_m, pitch_rad, roll_rad of each frame.
-        covariances: (N, 3, 3) of the poses: the noise of a frame, which is the least of the measured motion.
+        series: The accepted frames of a drive, at least one.
 
     Returns:
         One segment where the mount was not moved, or where the drive is too short to find a move.
 
     Raises:
-        ValueError: There is no estimate, or the arrays do not fit each other.
+        ValueError: There is no frame.
     """
-    stamps = np.asarray(stamps_s, dtype=np.float64)
-    values = np.asarray(poses, dtype=np.float64)
-    noise = np.sqrt(np.diagonal(np.asarray(covariances, dtype=np.float64), axis1=1, axis2=2))
-    if not len(stamps) or values.shape != (len(stamps), 3) or noise.shape != values.shape:
-        raise ValueError(f"{stamps.shape} stamps, {values.shape} poses and {noise.shape} covariances")
+    if not len(series):
+        raise ValueError("a drive of no frames has no mount")
+    stamps, values = series.times_s, series.values
     blocks = blocks_of(stamps, values)
     if len(blocks) < _FEWEST_BLOCKS:
         return MountHistory((_segment(stamps, values, 0, len(stamps)),), (), False)
     kept = without_excursions(blocks)
     if len(kept) < _FEWEST_BLOCKS:
         kept = blocks
-    motion = measure_motion(kept, noise, len(stamps) / len(blocks))
-    splits = _verify_splits(_refit_splits(_candidates(kept, motion), kept, motion), kept, motion)
-    cuts = [_locate(split, splits, kept, stamps, values, motion) for split in splits]
+    scatter = measure_scatter_of_blocks(replace(series, used=mark_outliers(series)), kept)
+    splits = _verify_splits(_refit_splits(_candidates(kept, scatter), kept, scatter), kept, scatter)
+    cuts = [_locate(split, splits, kept, stamps, values, scatter) for split in splits]
     bounds = [0, *cuts, len(stamps)]
     segments = tuple(_segment(stamps, values, a, b) for a, b in pairwise(bounds))
     changes = tuple(
-        _change(cut, split, splits, kept, stamps, motion) for cut, split in zip(cuts, splits, strict=True)
+        _change(cut, split, splits, kept, stamps, scatter) for cut, split in zip(cuts, splits, strict=True)
     )
     return MountHistory(segments, changes, True)
 
@@ -159,7 +151,7 @@ def _seeded(n: int) -> list[tuple[int, int]]:
         length *= _GROWTH
 
 
-def _candidates(blocks: TimeBlocks, motion: CarMotion) -> list[int]:
+def _candidates(blocks: TimeBlocks, scatter: BlockScatter) -> list[int]:
     """Return the splits at which the level shifts significantly, as indices of blocks, in order."""
     total = np.vstack([np.zeros(3), np.cumsum(blocks.values, axis=0)])
     found: list[tuple[float, int, int, int]] = []
@@ -167,7 +159,7 @@ def _candidates(blocks: TimeBlocks, motion: CarMotion) -> list[int]:
         split = np.arange(start + _STAYS_BLOCKS, end - _STAYS_BLOCKS + 1)
         before = (total[split] - total[start]) / (split - start)[:, None]
         after = (total[end] - total[split]) / (end - split)[:, None]
-        statistic = motion.statistic(after - before, split - start, end - split)
+        statistic = scatter.statistic(after - before, split - start, end - split)
         large = np.where(np.abs(after - before) >= LEAST_SHIFT, statistic, 0.0).max(axis=1)
         best = int(np.argmax(large))
         if large[best] > _THRESHOLD:
@@ -196,12 +188,12 @@ def _reach(split: int, splits: list[int], blocks: TimeBlocks) -> tuple[int, int]
     return min(low, split), max(high, split)
 
 
-def _refit_splits(splits: list[int], blocks: TimeBlocks, motion: CarMotion) -> list[int]:
+def _refit_splits(splits: list[int], blocks: TimeBlocks, scatter: BlockScatter) -> list[int]:
     """Move each split to its best position, judged by all blocks around it instead of its interval alone."""
     moved = []
     for split in splits:
         before, after = _around(split, splits, blocks)
-        values = blocks.values[before.start : after.stop] / motion.sigma
+        values = blocks.values[before.start : after.stop] / scatter.sigma
         low, high = _reach(split, splits, blocks)
         n = np.arange(low, high + 1) - before.start
         n = n[(n >= _STAYS_BLOCKS) & (n <= len(values) - _STAYS_BLOCKS)]
@@ -215,24 +207,24 @@ def _refit_splits(splits: list[int], blocks: TimeBlocks, motion: CarMotion) -> l
     return moved
 
 
-def _shift(split: int, splits: list[int], blocks: TimeBlocks, motion: CarMotion) -> tuple[Array, Array]:
+def _shift(split: int, splits: list[int], blocks: TimeBlocks, scatter: BlockScatter) -> tuple[Array, Array]:
     """Return the shift (3,) at a split and its statistic (3,), from the blocks around it."""
     before, after = (blocks.values[part] for part in _around(split, splits, blocks))
     shift = np.median(after, axis=0) - np.median(before, axis=0)
-    return shift, motion.statistic(shift, len(before), len(after))
+    return shift, scatter.statistic(shift, len(before), len(after))
 
 
-def _verify_splits(splits: list[int], blocks: TimeBlocks, motion: CarMotion) -> list[int]:
+def _verify_splits(splits: list[int], blocks: TimeBlocks, scatter: BlockScatter) -> list[int]:
     """Drop the splits that are not significant, the weakest first, and pairs of splits that return."""
     splits = list(splits)
     while splits:
         strength = []
         for split in splits:
-            shift, statistic = _shift(split, splits, blocks, motion)
+            shift, statistic = _shift(split, splits, blocks, scatter)
             strength.append(float(np.where(np.abs(shift) >= LEAST_SHIFT, statistic, 0.0).max()))
         weakest = int(np.argmin(strength))
         if strength[weakest] > _THRESHOLD:
-            returning = _first_return(splits, blocks, motion)
+            returning = _first_return(splits, blocks, scatter)
             if returning is None:
                 break
             del splits[returning : returning + 2]
@@ -241,7 +233,7 @@ def _verify_splits(splits: list[int], blocks: TimeBlocks, motion: CarMotion) -> 
     return splits
 
 
-def _first_return(splits: list[int], blocks: TimeBlocks, motion: CarMotion) -> int | None:
+def _first_return(splits: list[int], blocks: TimeBlocks, scatter: BlockScatter) -> int | None:
     """Return the index of the first two neighbouring splits between which the camera moved only briefly."""
     for i, (away, back) in enumerate(pairwise(splits)):
         if back - away > _STAYS_BLOCKS:
@@ -250,14 +242,14 @@ def _first_return(splits: list[int], blocks: TimeBlocks, motion: CarMotion) -> i
         before, _ = _around(away, others, blocks)
         _, after = _around(back, others, blocks)
         shift = np.median(blocks.values[after], axis=0) - np.median(blocks.values[before], axis=0)
-        statistic = motion.statistic(shift, before.stop - before.start, after.stop - after.start)
+        statistic = scatter.statistic(shift, before.stop - before.start, after.stop - after.start)
         if not np.any((np.abs(shift) >= LEAST_SHIFT) & (statistic > _THRESHOLD)):
             return i
     return None
 
 
 def _locate(
-    split: int, splits: list[int], blocks: TimeBlocks, stamps: Array, values: Array, motion: CarMotion
+    split: int, splits: list[int], blocks: TimeBlocks, stamps: Array, values: Array, scatter: BlockScatter
 ) -> int:
     """Return the index of the first frame after a shift, by least squares around it."""
     before, after = _around(split, splits, blocks)
@@ -266,20 +258,20 @@ def _locate(
     starts_s = stamps[0] + BLOCK_S * np.append(blocks.number, blocks.number[-1] + 1)
     first, end = (int(i) for i in np.searchsorted(stamps, starts_s[[low, high]]))
     first, end = max(first, 1), min(end, len(stamps) - 1)
-    costs = [np.sum(((values[first:end] - level) / motion.sigma) ** 2, axis=1) for level in levels]
+    costs = [np.sum(((values[first:end] - level) / scatter.sigma) ** 2, axis=1) for level in levels]
     # A frame that is off by more than the shift is an outlier. Its contribution is limited to that of the
     # shift.
-    most = float(np.sum(((levels[1] - levels[0]) / motion.sigma) ** 2))
+    most = float(np.sum(((levels[1] - levels[0]) / scatter.sigma) ** 2))
     gain = np.clip(costs[1] - costs[0], -most, most)  # > 0: nearer to the level before the shift
     return first + int(np.argmax(np.concatenate([[0.0], np.cumsum(gain)])))
 
 
 def _change(
-    cut: int, split: int, splits: list[int], blocks: TimeBlocks, stamps: Array, motion: CarMotion
+    cut: int, split: int, splits: list[int], blocks: TimeBlocks, stamps: Array, scatter: BlockScatter
 ) -> LevelShift:
-    shift, statistic = _shift(split, splits, blocks, motion)
+    shift, statistic = _shift(split, splits, blocks, scatter)
     gap_s = float(stamps[cut] - stamps[cut - 1])
-    strength = float(np.sum((shift / motion.sigma) ** 2))
+    strength = float(np.sum((shift / scatter.sigma) ** 2))
     within_s = gap_s / 2.0 + _BAI_95 * BLOCK_S / strength
     return LevelShift(cut, float(stamps[cut] + stamps[cut - 1]) / 2.0, within_s, shift, statistic)
 
@@ -298,5 +290,4 @@ def _segment(stamps: Array, values: Array, first: int, end: int) -> MountSegment
         float(stamps[end - 1]),
         part.mean(axis=0),
         spread,
-        standard_error(stamps[first:end], values[first:end]),
     )

@@ -8,36 +8,13 @@ statistic and its rate of false alarms.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..numerics.statistics import OUTLIER_SIGMAS, SIGMA_OVER_MAD
 from ..tolerances import WANDER_STD
-from ..types import Array, Indices, Mask
-
-# Prior of the scatter of frames: height [m], pitch [rad], roll [rad]. Braking and driving off pitch a car by
-# 0.1 to 0.3 deg, its springs move it by a centimetre, and cambers roll it by 0.3 deg.
-MOTION_STD: Array = np.array([0.01, math.radians(0.2), math.radians(0.3)])
-# Weight of that prior, as a number of frames.
-_MOTION_FRAMES = 10.0
-# Least scatter as a fraction of the prior: the camera moves a little even on a perfectly even road.
-_LEAST_MOTION = 0.05
-
-# Prior of the correlation time of the motion: a braking lasts for seconds.
-_MEMORY_S = 3.0
-_MEMORY_FRAMES = 30.0  # weight of that prior, as a number of frames
-# Frames farther apart than the horizon are taken as independent. The horizon is eight times the correlation
-# time, or a sixtieth of the observed time. The window of such an estimate must grow with the series (Newey
-# and West, Econometrica 55, 1987).
-_SHORTEST_HORIZON_S = 24.0
-_LONGEST_HORIZON_S = 60.0
-_HORIZON_OF_SPAN = 1.0 / 60.0
-
-# Number of frames on either side whose median a frame is compared with. A few deviating frames are outliers;
-# a majority of them is a change.
-_NEIGHBOURS = 5
+from ..types import Array, Indices
+from .motion import FrameSeries, measure_motion
 
 # Fewest frames and shortest time of a change that can be distinguished from a long braking.
 LEAST_FRAMES = 5
@@ -46,32 +23,10 @@ LEAST_SPAN_S = 20.0
 # Numbers of frames since a change that are tested. They grow in steps of 5 %, which delays the detection by
 # no more than that.
 _LENGTHS: Indices = np.unique(np.geomspace(1, 1e5, 237).astype(np.intp))
+# The road after a change is as rough as that before, as far as so many frames would show it.
+_ROUGHER_FRAMES = 10.0
 # Rounds of measuring the scatter: it is measured about the means before and after the change.
 _ROUNDS = 2
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FrameSeries:
-    """Frames in the order of time.
-
-    Attributes:
-        times_s: (N,) times [s], rising.
-        values: (N, 3) height_m, pitch_rad, roll_rad.
-        variances: (N, 3) variances of their noise.
-        used: (N,) False for outliers.
-    """
-
-    times_s: Array
-    values: Array
-    variances: Array
-    used: Mask
-
-    def __len__(self) -> int:
-        return len(self.times_s)
-
-    def part(self, which: slice) -> FrameSeries:
-        """Return some of the frames."""
-        return FrameSeries(self.times_s[which], self.values[which], self.variances[which], self.used[which])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,13 +35,14 @@ class Reference:
 
     Attributes:
         mean: (3,) height_m, pitch_rad, roll_rad.
-        variance: (3,) variances of the mean, without motion.
-        moments: 1 if the mean is that of one moment of a moving car, 0 if it is a mean over minutes.
+        variance: (3,) variances of the mean, without that part.
+        moments: (3,) part of the variance of the motion that is left in it: 1 for one moment of a moving car,
+            0 where the variance of the mean holds it already.
     """
 
     mean: Array
     variance: Array
-    moments: float = 1.0
+    moments: Array = field(default_factory=lambda: np.ones(3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,12 +52,12 @@ class Scatter:
     Attributes:
         motion: (3,) variance of the motion by suspension and road.
         inflation: (3,) variance of a mean over its variance for independent frames.
-        freedom: Degrees of freedom of that estimate.
+        freedom: (3,) degrees of freedom of that estimate.
     """
 
     motion: Array
     inflation: Array
-    freedom: float
+    freedom: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,40 +94,6 @@ class DriftChange:
         return float(np.abs(self.z).max())
 
 
-def prior_scatter() -> Scatter:
-    """Return the scatter that is assumed before the first frame."""
-    return Scatter(MOTION_STD**2, np.ones(3), _MOTION_FRAMES)
-
-
-def mark_outliers(series: FrameSeries, known: int) -> Mask:
-    """Return which frames are used, (N,); an outlier is far from the median of its neighbours on either side.
-
-    Args:
-        series: The frames; ``used`` is already decided for the first ones.
-        known: Number of these first frames; their neighbours have not changed.
-    """
-    n = len(series)
-    used: Mask = series.used.copy()
-    around = np.arange(known, n)[:, None] + np.arange(-_NEIGHBOURS, _NEIGHBOURS + 1)
-    inside = (around >= 0) & (around < n)
-    # Neighbours that do not exist are sorted behind those that do.
-    ranked = np.sort(np.where(inside[..., None], series.values[np.clip(around, 0, n - 1)], np.inf), axis=1)
-    row, count = np.arange(n - known), inside.sum(axis=1)
-    medians = (ranked[row, (count - 1) // 2] + ranked[row, count // 2]) / 2.0
-    recent = series.values[max(0, known - 2 * _NEIGHBOURS) :]
-    spread = SIGMA_OVER_MAD * np.median(np.abs(recent - np.median(recent, axis=0)), axis=0)
-    # A few frames may lie close together by chance. A least scatter keeps the ordinary motion on a road from
-    # being an outlier.
-    scale = np.sqrt(np.maximum(spread, MOTION_STD / 2.0) ** 2 + series.variances[known:])
-    used[known:] = np.all(np.abs(series.values[known:] - medians) <= OUTLIER_SIGMAS * scale, axis=1)
-    return used
-
-
-def settled_outliers(n: int) -> int:
-    """Return how many of ``n`` frames have all the neighbours that decide whether they are outliers."""
-    return max(0, n - _NEIGHBOURS)
-
-
 def find_change(
     series: FrameSeries, reference: Reference | None, scatter: Scatter | None = None
 ) -> DriftChange | None:
@@ -189,7 +111,7 @@ def find_change(
     if not len(candidates):
         return None
     if scatter is None:
-        scatter = prior_scatter()
+        scatter = measure_scatter(series)
         for _ in range(_ROUNDS):
             scatter = measure_scatter(series, _best(series, candidates, reference, scatter).split)
     return _best(series, candidates, reference, scatter)
@@ -202,38 +124,16 @@ def measure_scatter(series: FrameSeries, split: int = 0) -> Scatter:
         series: The frames.
         split: Index of the first frame after the change; 0 for no change.
     """
-    used = series.used
-    residuals = np.zeros_like(series.values)
-    for part in (slice(0, split), slice(split, None)):
-        inside = used[part]
-        if inside.any():
-            residuals[part][inside] = series.values[part][inside] - series.values[part][inside].mean(axis=0)
-    times, r = series.times_s[used], residuals[used]
-    n = len(times)
-    means = 1.0 + (split > 0)
-    excess = (r**2 - series.variances[used]).sum(axis=0)
-    motion = (_MOTION_FRAMES * MOTION_STD**2 + excess) / (_MOTION_FRAMES + max(n - means, 0.0))
-    motion = np.maximum(motion, (_LEAST_MOTION * MOTION_STD) ** 2)
-    if n < 2:
-        return Scatter(motion, np.ones(3), _MOTION_FRAMES)
-    step_s = max(float(np.median(np.diff(times))), 1e-3)
-    repeated = math.exp(-step_s / _MEMORY_S)
-    assumed = (1.0 + repeated) / (1.0 - repeated)
-    horizon_s = float(
-        np.clip(_HORIZON_OF_SPAN * (times[-1] - times[0]), _SHORTEST_HORIZON_S, _LONGEST_HORIZON_S)
-    )
-    lags = min(n - 1, int(horizon_s / step_s))
-    power = (r**2).sum(axis=0)
-    repeats = np.zeros(3)
-    for lag in range(1, lags + 1):
-        weight = np.maximum(0.0, 1.0 - (times[lag:] - times[:-lag]) / horizon_s)
-        repeats += (weight[:, None] * r[lag:] * r[:-lag]).sum(axis=0)
-    measured = 1.0 + 2.0 * repeats / np.maximum(power, np.finfo(float).tiny)
-    inflation = (_MEMORY_FRAMES * assumed + n * np.maximum(measured, 1.0)) / (_MEMORY_FRAMES + n)
-    # Degrees of freedom of a spectrum at frequency 0 by Bartlett's window: 3 n / 2 m (Priestley, Spectral
-    # Analysis, table 6.2).
-    freedom = _MOTION_FRAMES + 1.5 * n / max(lags, 1)
-    return Scatter(motion, inflation, freedom)
+    motion = measure_motion(*(series.part(part) for part in (slice(0, split), slice(split, None))))
+    used = series.good()
+    n = max(len(used), 1)
+    # In a mean of all frames, the motion lasts from one to the next, and the noise does not.
+    noise = used.variances.sum(axis=0) / n**2
+    of_mean, std = motion.of_mean(used, np.full((len(used), 3), 1.0 / n))
+    independent = motion.variance / n + noise
+    # As many degrees of freedom as a variance that is known as well as this one.
+    freedom = 2.0 * ((of_mean + noise) / np.maximum(std, np.finfo(float).tiny)) ** 2
+    return Scatter(motion.variance, np.maximum(1.0, (of_mean + noise) / independent), freedom)
 
 
 def mean_of(series: FrameSeries, scatter: Scatter) -> tuple[Array, Array]:
@@ -289,7 +189,7 @@ def _best(
     mean_before, mean_after = moment / precision, after[1] / after[0]
     # Where the scatter has increased since the change, because the road is rougher, the new scatter is used.
     chi2 = after[2] - after[0] * mean_after**2
-    rougher = np.maximum(1.0, (_MOTION_FRAMES + chi2) / (_MOTION_FRAMES + n_after - 1.0))
+    rougher = np.maximum(1.0, (_ROUGHER_FRAMES + chi2) / (_ROUGHER_FRAMES + n_after - 1.0))
     drift = mean_after - mean_before
     variance = rougher * scatter.inflation / after[0] + 1.0 / precision + WANDER_STD**2
     std = np.sqrt(variance)
@@ -306,7 +206,7 @@ def _best(
     )
 
 
-def _as_normal(t: Array, freedom: float) -> Array:
+def _as_normal(t: Array, freedom: Array) -> Array:
     """Return the normal variable with the tail of Student's t (Wallace, Ann. Math. Stat. 30, 1959)."""
     factor = (8.0 * freedom + 1.0) / (8.0 * freedom + 3.0)
     normal: Array = np.sign(t) * factor * np.sqrt(freedom * np.log1p(t**2 / freedom))

@@ -10,11 +10,10 @@ import numpy as np
 
 from ..camera.rig import StereoRig
 from ..geometry.pose import Extrinsics
-from ..geometry.uncertainty import UncertaintyTerm, merge_terms, total_covariance
-from ..results import CalibrationResult, announce
+from ..results import CalibrationResult
 from ..types import Array
 from .changes import find_changes
-from .fusion import AcceptedFrame, fuse_frames, own_covariance
+from .fusion import AcceptedFrame, frame_series, fuse_frames
 from .rig_doubt import with_doubt_of_rig
 
 # Stamps from 2001 on come from a clock. Smaller stamps count from the start of a simulation.
@@ -31,8 +30,7 @@ class DriveSegment:
         estimate: Fused estimate of its accepted frames.
         spread: Standard deviation of its frames over time, caused by the car's motion on its suspension and
             by the noise of the frames.
-        standard_error: Standard error of the mean that this spread causes; None where the segment is shorter
-            than half a minute, which is too short to measure how long the motion lasts.
+        standard_error: What the motion leaves of the mean; None where the car stood.
     """
 
     start_s: float
@@ -93,44 +91,30 @@ def estimate_drive(frames: Sequence[AcceptedFrame], rig: StereoRig, fused: Calib
         fused: :attr:`.Calibrator.estimate` of all frames of the drive.
 
     Returns:
-        The given estimate where the drive is too short to distinguish a move from motion. Otherwise every
-        segment is fused with weights that include the motion, and the covariance includes the error of the
-        mean that the motion causes.
+        The given estimate where the mount was not moved; else that of the frames since it was moved last.
     """
     if not frames or not fused.accepted:
         return Drive(fused)
     frames = sorted(frames, key=lambda frame: frame.stamp_s)
-    poses = np.array([frame.extrinsics.as_array() for frame in frames if frame.extrinsics is not None])
-    covariances = np.array([own_covariance(frame) for frame in frames])
-    stamps_s = np.array([frame.stamp_s for frame in frames])
-    history = find_changes(stamps_s, poses, covariances)
+    history = find_changes(frame_series(frames))
     segments = []
     for part in history.segments:
-        error = (
-            None
-            if part.standard_error is None
-            else Extrinsics.from_array(np.sqrt(np.diag(part.standard_error)))
-        )
         estimate = fused
-        if history.judged and part.standard_error is not None:
-            noise = np.median(np.diagonal(covariances[part.first : part.end], axis1=1, axis2=2), axis=0)
-            motion = np.diag(np.maximum(part.spread**2 - noise, 0.0))
-            estimate = fuse_frames(frames[part.first : part.end], rig, motion)
-            if estimate.covariance is not None:
-                terms = (*estimate.uncertainty, UncertaintyTerm("motion", part.standard_error))
-                uncertainty = merge_terms(terms)
-                estimate = replace(
-                    estimate, covariance=total_covariance(uncertainty), uncertainty=uncertainty
-                )
-            n_outliers = part.end - part.first - estimate.n_frames
+        if history.changes:
+            estimate = fuse_frames(frames[part.first : part.end], rig)
             # The alignment and the delay are those of the rig, whatever the mount does.
             estimate = replace(estimate, alignment=fused.alignment, delay=fused.delay)
-            if not history.changes:
-                estimate = replace(estimate, travel=fused.travel)
-            estimate = replace(estimate, message=announce(estimate, n_outliers))
-            estimate = with_doubt_of_rig(estimate, rig, n_outliers)
-        spread = Extrinsics.from_array(part.spread)
-        segments.append(DriveSegment(part.start_s, part.end_s, estimate, spread, error))
+            estimate = with_doubt_of_rig(estimate, rig)
+        error = [each.covariance for each in estimate.uncertainty if each.name == "motion"]
+        segments.append(
+            DriveSegment(
+                part.start_s,
+                part.end_s,
+                estimate,
+                Extrinsics.from_array(part.spread),
+                Extrinsics.from_array(np.sqrt(np.diag(error[0]))) if error else None,
+            )
+        )
     changes = []
     for change, before, after in zip(history.changes, segments, segments[1:], strict=False):
         old, new = before.estimate.extrinsics, after.estimate.extrinsics

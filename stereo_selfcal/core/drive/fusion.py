@@ -1,4 +1,4 @@
-"""Fusion of the frames a calibrator has accepted."""
+"""The mean of the frames that a calibrator has accepted: an estimate of the mount, not of a moment."""
 
 from __future__ import annotations
 
@@ -7,23 +7,32 @@ from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from ..camera.rig import StereoRig
 from ..evidence.rig_unknowns import RIG_TERMS, response_of_surface, rig_terms
+from ..geometry.mount import MountEvidence
 from ..geometry.pose import Extrinsics
-from ..geometry.uncertainty import UncertaintyTerm, merge_terms, propagate_terms, total_covariance
-from ..numerics.statistics import OUTLIER_SIGMAS, SIGMA_OVER_MAD
+from ..geometry.uncertainty import UncertaintyTerm, merge_terms, total_covariance
 from ..reservations import Reservation, merge_reservations
 from ..results import CalibrationResult, announce
-from ..types import Array
+from ..types import Array, Mask
+from .mean_over_time import MeanOverTime
+from .motion import CarMotion, FrameSeries, weights_of_mean, without_outliers
 
-# Fraction of a frame's variance that all frames of a drive share: their paint has the same ragged edges, and
-# the edge template the same imperfections. On the rendered straight_road, the texture of the road surface is
-# most of the noise. Without this term, ten fused frames there are 4 of their own standard deviations off in
-# pitch. Real roads share more; the spread between frames does not show it.
-_SHARED_VARIANCE = 0.1
-_MIN_FOR_OUTLIERS = 4  # with three frames, one of them determines the median absolute deviation
+# Terms that are new in every frame, because its pixels are.
+_OF_PIXELS = frozenset({"noise"})
+# Terms that are new with every piece of road, and the same in all frames of one stop.
+_OF_TEXTURE = frozenset({"misfit", "mismatch"})
+# Terms whose cause is the same in all frames of a drive. The right images are late by one time.
+_OF_CAMERAS = RIG_TERMS | {"synchronisation"}
+# All others are by the shape of the road. The cross-section of a road and the lines on it stay the same for
+# minutes, its profile changes within seconds: half of the variance lasts for the drive, the rest as long as
+# some hundred metres take.
+_LASTING_PART = 0.5
+_ROAD_MEMORY_S = 10.0
+# A frame that starts from the frame before looks at the same lines and cells again: half of the variance of
+# its own is that of the frame before.
+_SAME_LOOK_PART = 0.5
 
 
 class AcceptedFrame(Protocol):
@@ -68,45 +77,19 @@ class AcceptedFrame(Protocol):
     def confirmed_by_texture(self) -> bool:
         """Whether the texture of the road surface has confirmed the lines."""
 
+    @property
+    def known_start(self) -> bool:
+        """Whether the frame started from the known camera."""
 
-def fuse(estimates: Array, covariances: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
-    """Combine estimates of one pose, weighted by their information.
-
-    The covariance of the mean is enlarged by Birge's ratio (R. T. Birge, "The calculation of errors by
-    the method of least squares", Phys. Rev. 40, 1932) where the estimates scatter more than
-    their covariances predict.
-
-    Args:
-        estimates: (N, 3) height_m, pitch_rad, roll_rad.
-        covariances: (N, 3, 3).
-
-    Returns:
-        The mean (3,), its covariance (3, 3), and which frames were used (N,).
-    """
-    n = len(estimates)
-    used = np.ones(n, dtype=bool)
-    if n >= _MIN_FOR_OUTLIERS:
-        deviation = np.abs(estimates - np.median(estimates, axis=0))
-        formal = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
-        scale = np.maximum(SIGMA_OVER_MAD * np.median(deviation, axis=0), np.median(formal, axis=0))
-        used = np.all(deviation <= OUTLIER_SIGMAS * scale, axis=1)
-        if not used.any():  # each frame deviates in a different value, so that no outlier can be identified
-            used[:] = True
-    information = np.linalg.inv(covariances[used])
-    covariance = np.linalg.inv(information.sum(axis=0))
-    mean = covariance @ np.einsum("nij,nj->i", information, estimates[used])
-    residual = estimates[used] - mean
-    freedom = 3 * (np.count_nonzero(used) - 1)
-    if freedom > 0:
-        chi2 = float(np.einsum("ni,nij,nj->", residual, information, residual))
-        covariance = covariance * max(1.0, chi2 / freedom)
-    return mean, (covariance + covariance.T) / 2.0, used
+    @property
+    def stood(self) -> bool:
+        """Whether the car stood since the frame before."""
 
 
 def own_covariance(frame: AcceptedFrame) -> Array:
-    """Return the covariance (3, 3) of a frame without the terms by the unknowns of the rig.
+    """Return the covariance (3, 3) of a frame, or of a mean, without the terms by the cameras.
 
-    These unknowns are the same in all frames. They do not make frames scatter, and do not average out.
+    Their causes are the same in all frames. They do not make frames scatter, and do not average out.
 
     Args:
         frame: An accepted frame. Where its terms are not known, its covariance is taken as it is.
@@ -114,76 +97,67 @@ def own_covariance(frame: AcceptedFrame) -> Array:
     Raises:
         ValueError: The frame has no covariance.
     """
-    return total_covariance(_own_terms(frame))
+    return total_covariance(each for each in _terms(frame) if each.name not in _OF_CAMERAS)
 
 
-def _own_terms(frame: AcceptedFrame) -> tuple[UncertaintyTerm, ...]:
-    if frame.uncertainty:
-        return tuple(term for term in frame.uncertainty if term.name not in RIG_TERMS)
-    if frame.covariance is None:
-        raise ValueError("only accepted frames have a covariance")
-    return (UncertaintyTerm("noise", frame.covariance),)  # a frame from a file without terms
-
-
-def _rig_terms(frame: AcceptedFrame, rig: StereoRig) -> tuple[UncertaintyTerm, ...]:
-    """Return the terms of a frame by the unknowns of the rig."""
-    if frame.uncertainty:
-        return tuple(term for term in frame.uncertainty if term.name in RIG_TERMS)
-    if frame.extrinsics is None or not frame.confirmed_by_texture:
-        return ()
-    # A frame from a file without terms: such files hold no unknowns of the rig.
-    return rig_terms(response_of_surface(rig, frame.extrinsics))
-
-
-def shared(covariances: Array) -> Array:
-    """Return the covariance (3, 3) of the errors that all frames of a drive share, whatever their number."""
-    common: Array = _SHARED_VARIANCE * covariances.mean(axis=0)
-    return common
-
-
-def fuse_frames(
-    frames: Sequence[AcceptedFrame],
-    rig: StereoRig,
-    motion: Array | None = None,
-    inflation: float = 1.0,
-) -> CalibrationResult:
-    """Fuse accepted frames of one pose of the mount.
-
-    Frames are weighted, and their scatter is judged, without the unknowns of the rig, which they share.
+def scatter_variances(frame: AcceptedFrame) -> Array:
+    """Return the variances (3,) by which a frame scatters about its neighbours, without the car's motion.
 
     Args:
-        frames: At least one frame, in the order of time.
-        rig: The rig that the frames come from.
-        motion: (3, 3) covariance of the car's motion, None where it is not known. With it, frames of little
-            noise do not outweigh the others.
-        inflation: Variance of the mean over its variance for independent frames.
+        frame: An accepted frame.
     """
-    if len(frames) == 1 and motion is None and isinstance(frames[0], CalibrationResult):
-        return frames[0]
-    poses = np.array([frame.extrinsics.as_array() for frame in frames if frame.extrinsics is not None])
-    covariances = np.array([own_covariance(frame) for frame in frames])
-    single = covariances if motion is None else covariances + motion
-    mean, covariance, used = fuse(poses, single)
-    good = [frame for frame, use in zip(frames, used, strict=True) if use]
+    whole, fast = np.zeros(3), np.zeros(3)
+    for term in _terms(frame):
+        whole += 0.0 if term.name in _OF_CAMERAS else term.covariance.diagonal()
+        fast += term.covariance.diagonal() if term.name in _OF_PIXELS | _OF_TEXTURE else 0.0
+    return np.asarray(fast + (1.0 - _LASTING_PART) * (whole - fast))
+
+
+def frame_series(frames: Sequence[AcceptedFrame]) -> FrameSeries:
+    """Return accepted frames, in the order of time, as a series."""
+    return FrameSeries.of(
+        np.array([frame.stamp_s for frame in frames], dtype=np.float64),
+        np.array([frame.extrinsics.as_array() for frame in frames if frame.extrinsics is not None]),
+        np.array([scatter_variances(frame) for frame in frames]),
+        np.array([frame.stood for frame in frames], dtype=bool),
+    )
+
+
+def fuse_frames(frames: Sequence[AcceptedFrame], rig: StereoRig) -> CalibrationResult:
+    """Return the mount by accepted frames: their mean over time, with what the car's motion leaves of it.
+
+    Args:
+        frames: At least one accepted frame, in any order.
+        rig: The rig that the frames come from.
+
+    Returns:
+        The estimate. One frame has the uncertainty of the usual motion of a car.
+    """
+    frames = sorted(frames, key=lambda frame: frame.stamp_s)
+    terms = [_terms(frame, rig) for frame in frames]
+    whole = np.array([np.diag(total_covariance(each)) for each in terms])
+    series, motion = without_outliers(frame_series(frames), whole)
+    good = [frame for frame, use in zip(frames, series.used, strict=True) if use]
+    terms = [each for each, use in zip(terms, series.used, strict=True) if use]
+    series, whole = series.good(), whole[series.used]
+    weights = _weights(series, whole, motion)
+    mean = (weights * series.values).sum(axis=0)
+    of_motion, _ = motion.of_mean(series, weights)
+    uncertainty = merge_terms(
+        (
+            *_terms_of_mean(good, terms, series, weights),
+            UncertaintyTerm("standing" if series.all_stood else "motion", np.diag(of_motion)),
+        )
+    )
     yaws = [frame.lane_yaw_rad for frame in good if frame.lane_yaw_rad is not None]
     bends = [frame.lane_curvature_per_m for frame in good if frame.lane_curvature_per_m is not None]
-    pose = Extrinsics.from_array(mean)
-    weights = _weights(single[used])
-    terms = _terms_of_mean(good, weights, single[used], motion, covariance)
-    terms.append(UncertaintyTerm("motion", (inflation - 1.0) * covariance))
-    terms.append(UncertaintyTerm("shared", shared(covariances[used])))
-    # The unknowns of the rig are the same in all frames: their terms are those of a mean frame.
-    for frame, part in zip(good, np.trace(weights, axis1=1, axis2=2) / 3.0, strict=True):
-        terms += [UncertaintyTerm(term.name, part * term.covariance) for term in _rig_terms(frame, rig)]
-    confirmed = any(frame.confirmed_by_texture for frame in good)
-    uncertainty = merge_terms(terms)
     fused = CalibrationResult(
         message="",
-        extrinsics=pose,
+        extrinsics=Extrinsics.from_array(mean),
         covariance=total_covariance(uncertainty),
         uncertainty=uncertainty,
         reservations=merge_reservations(frame.reservations for frame in good),
-        confirmed_by_texture=confirmed,
+        confirmed_by_texture=any(frame.confirmed_by_texture for frame in good),
         lane_yaw_rad=float(np.mean(yaws)) if yaws else None,
         lane_curvature_per_m=float(np.mean(bends)) if bends else None,
         stages={
@@ -193,43 +167,128 @@ def fuse_frames(
         },
         stamp_s=frames[-1].stamp_s,
         n_frames=len(good),
+        mount=_evidence(good, len(frames) - len(good), series, motion, of_motion),
     )
-    return replace(fused, message=announce(fused, len(frames) - len(good)))
+    return replace(fused, message=announce(fused))
 
 
-def _weights(covariances: Array) -> Array:
-    """Return the matrices (N, 3, 3) by which frames are weighted; their sum is the unit matrix.
+def _weights(series: FrameSeries, whole: Array, motion: CarMotion) -> Array:
+    """Return the weights (N, 3) of frames in their mean: less for frames whose error does not average out.
+
+    The best linear mean averages motion and noise, to a variance k with weights w. What cameras and road do
+    to frame i lasts, with a variance S_i. The weights v that minimise k sum v^2 / w + sum v S are w times
+    (a - S_i) / 2 k, or 0 where that is negative. So a frame that is much worse than the others does no harm.
 
     Args:
-        covariances: (N, 3, 3) covariances of the frames.
+        series: The frames, all of which count.
+        whole: (N, 3) their variances.
+        motion: The motion of the car.
     """
-    information = np.linalg.inv(covariances)
-    weights: Array = np.linalg.inv(information.sum(axis=0)) @ information
-    return weights
+    alike, _ = weights_of_mean(series, series.variances, motion)
+    alike = np.maximum(alike, 0.0)
+    alike /= alike.sum(axis=0)
+    of_motion, _ = motion.of_mean(series, alike)
+    scale = 2.0 * (of_motion + (alike**2 * series.variances).sum(axis=0))
+    lasting = np.maximum(whole - series.variances, 0.0)
+    weights = np.empty_like(alike)
+    for column, (part, variance) in enumerate(zip(alike.T, lasting.T, strict=True)):
+        order = np.argsort(variance, kind="stable")
+        parts, of_parts = np.cumsum(part[order]), np.cumsum((part * variance)[order])
+        # The level a, if the frames up to each one count; the last of them that it makes count is the one.
+        level = (scale[column] + of_parts) / np.maximum(parts, np.finfo(float).tiny)
+        counted = np.flatnonzero(level > variance[order])[-1]
+        weights[:, column] = part * np.maximum(level[counted] - variance, 0.0) / scale[column]
+    return np.asarray(weights / weights.sum(axis=0))
+
+
+def _evidence(
+    good: Sequence[AcceptedFrame], n_outliers: int, series: FrameSeries, motion: CarMotion, of_motion: Array
+) -> MountEvidence:
+    """Return how the mean was reached.
+
+    Args:
+        good: Frames in the mean.
+        n_outliers: Number of others.
+        series: The frames in the mean.
+        motion: The motion of the car.
+        of_motion: (3,) variance that it leaves in the mean.
+    """
+    return MountEvidence(
+        duration_s=float(series.times_s[-1] - series.times_s[0]),
+        n_outliers=n_outliers,
+        n_known=sum(frame.known_start for frame in good),
+        stood=series.all_stood,
+        motion=Extrinsics.from_array(np.sqrt(motion.variance)),
+        memory_s=motion.memory_s,
+        looks=np.ones(3) if series.all_stood else np.maximum(1.0, motion.variance / of_motion),
+    )
+
+
+def _terms(frame: AcceptedFrame, rig: StereoRig | None = None) -> tuple[UncertaintyTerm, ...]:
+    """Return the terms of a frame; where they are not known, its covariance is noise."""
+    if frame.uncertainty:
+        return frame.uncertainty
+    if frame.covariance is None:
+        raise ValueError("only accepted frames have a covariance")
+    noise = UncertaintyTerm("noise", frame.covariance)
+    if rig is None or frame.extrinsics is None or not frame.confirmed_by_texture:
+        return (noise,)
+    # A frame from a file without terms: such files hold no unknowns of the rig.
+    return (noise, *rig_terms(response_of_surface(rig, frame.extrinsics)))
 
 
 def _terms_of_mean(
     frames: Sequence[AcceptedFrame],
+    terms: Sequence[tuple[UncertaintyTerm, ...]],
+    series: FrameSeries,
     weights: Array,
-    covariances: Array,
-    motion: Array | None,
-    covariance: Array,
 ) -> list[UncertaintyTerm]:
-    """Return the terms of the mean of frames, without those by the unknowns of the rig.
+    """Return what the terms of the frames leave in their mean.
 
     Args:
         frames: The frames.
-        weights: (N, 3, 3) their weights.
-        covariances: (N, 3, 3) covariances that the weights are made from.
-        motion: (3, 3) part of each of these covariances that the car's motion causes.
-        covariance: (3, 3) covariance of the mean.
+        terms: Their terms.
+        series: The same frames.
+        weights: (N, 3) their weights.
     """
-    expected = np.linalg.inv(np.linalg.inv(covariances).sum(axis=0))
-    terms: list[UncertaintyTerm] = []
-    for frame, weight in zip(frames, weights, strict=True):
-        terms += propagate_terms(_own_terms(frame), weight)
-        if motion is not None:
-            terms += propagate_terms((UncertaintyTerm("motion", motion),), weight)
-    # The scatter of the frames beyond their covariances enlarges the covariance of the mean.
-    terms.append(UncertaintyTerm("scatter", covariance - (expected + expected.T) / 2.0))
-    return terms
+    of_road = MeanOverTime(float(series.gaps_s[1:].sum()), _ROAD_MEMORY_S).of_mean
+    lasting = _LASTING_PART + (1.0 - _LASTING_PART) * of_road
+    cold = np.array([not frame.known_start for frame in frames])
+    found = []
+    for name, covariances in _by_name(terms).items():
+        if name in _OF_PIXELS | _OF_TEXTURE:
+            new = ~series.stood if name in _OF_TEXTURE else np.ones(len(frames), dtype=bool)
+            of_mean = (1.0 - _SAME_LOOK_PART) * _by_groups(covariances, weights, new)
+            of_mean += _SAME_LOOK_PART * _by_groups(covariances, weights, new & cold)
+        else:
+            # One error in all frames, as large as in a mean frame.
+            part = np.sqrt(weights)
+            of_mean = np.einsum("ni,nij,nj->ij", part, covariances, part)
+            of_mean *= 1.0 if name in _OF_CAMERAS else lasting
+        found.append(UncertaintyTerm(name, of_mean))
+    return found
+
+
+def _by_name(terms: Sequence[tuple[UncertaintyTerm, ...]]) -> dict[str, Array]:
+    """Return the covariances (N, 3, 3) of each term of N frames, zeros where a frame does not have it."""
+    covariances: dict[str, Array] = {}
+    for index, each in enumerate(terms):
+        for term in each:
+            of_name = covariances.setdefault(term.name, np.zeros((len(terms), 3, 3)))
+            of_name[index] += term.covariance
+    return covariances
+
+
+def _by_groups(covariances: Array, weights: Array, new: Mask) -> Array:
+    """Return the covariance (3, 3) of a mean whose frames have one error for each group.
+
+    Args:
+        covariances: (N, 3, 3) of the frames.
+        weights: (N, 3) their weights.
+        new: (N,) whether a frame begins a group; the first one does.
+    """
+    starts = np.flatnonzero(np.concatenate([[True], new[1:]]))
+    total = np.add.reduceat(weights, starts)
+    counts = np.diff(starts, append=len(weights))
+    mean = np.add.reduceat(covariances, starts) / counts[:, None, None]
+    return np.asarray(np.einsum("gi,gij,gj->ij", total, mean, total))

@@ -1,133 +1,329 @@
-"""The motion of a car on its suspension, measured in a drive: means over ten seconds, and their scatter."""
+"""The motion of a car over its road: one model, for the mean of a drive, its changes and the watch.
+
+A frame shows the pose of the mount, what springs, brakes and the shape of the road add at that moment, and
+noise of known variance. The motion is a Gauss-Markov process of unknown size and memory, for height, pitch
+and roll each. Both have a prior, which decides where a drive is short, and are weighed by how well they
+explain the frames (Bayes, on a grid). While the car stands, its springs rest, and no time passes for the
+motion: all frames of a stop are one moment.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
+from ..numerics.gauss_markov import likelihood, linear_mean, variance_of_mean
 from ..numerics.statistics import OUTLIER_SIGMAS, SIGMA_OVER_MAD
-from ..types import Array, Indices
+from ..types import Array, Mask
 
-# Length of a block. Suspensions ring for a second or two, and brakes are applied for some seconds. So means
-# over ten seconds are hardly correlated, and the correlation that remains is measured.
-BLOCK_S = 10.0
-# Fewest block means for the standard error of the mean over all blocks.
-_FEWEST_FOR_ERROR = 3
-# Neighbours on either side of a block that outliers are compared with; a frame is compared with its block.
-_NEIGHBOURS = 2
-# Scale of normal deviations by their upper quartile: three quarters are within so many standard deviations.
-# Up to a quarter of wrong values do not move it, and it is more efficient than the median.
-_QUARTILE = 0.75
-_SIGMA_OF_QUARTILE = 1.1503
-# Most correlation of neighbouring blocks; above it, a shift cannot be distinguished from motion.
-_MAX_CORRELATION = 0.8
-# Least scatter, for estimates that are all equal: smaller than any measured value [m], [rad].
-_NO_SCATTER = 1e-12
+# Size of the usual motion: height [m], pitch [rad], roll [rad]. Springs move a car by millimetres, braking
+# and driving off pitch it by tenths of a degree, cambers roll it. Calm rides have half of it, rough ones
+# twice as much: so the logarithm of the size is normal.
+USUAL_STD: Array = np.array([0.005, math.radians(0.15), math.radians(0.2)])
+_SIZE_LOG_STD = 0.6
+# Bodies of cars ring at 1 to 2 Hz and are damped within one or two periods; brakes are applied for seconds,
+# and cambers last as long.
+_USUAL_MEMORY_S = 1.5
+_MEMORY_LOG_STD = 0.8
+# Candidates: 1/32 to 8 times the usual size, in steps of the root of two, and 1/4 to 32 s, in octaves.
+_SIZES: Array = 2.0 ** np.arange(-5.0, 3.1, 0.5)
+_MEMORIES_S: Array = 2.0 ** np.arange(-2.0, 5.1)
+# What the place of a standing car does, whose springs rest: unevenness of 3 mm under wheels that are 2.7 m
+# and 1.6 m apart (0.06, 0.1 deg), and a vertical curve of 10 km radius up to the road ahead (0.07 deg).
+STANDING_STD: Array = np.array([0.003, math.radians(0.1), math.radians(0.1)])
+
+# Longer series are averaged over neighbours before their motion is measured.
+_MOST_VALUES = 1500
+# Neighbours on either side whose median a frame is compared with. A few deviating frames are outliers; a
+# majority of them is a change.
+_NEIGHBOURS = 5
+_FEWEST_FOR_OUTLIERS = 4  # with three frames, one of them decides the median deviation
+_OUTLIER_ROUNDS = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TimeBlocks:
-    """Means over blocks of ten seconds that contain estimates.
+class FrameSeries:
+    """Frames in the order of time.
 
     Attributes:
-        number: (B,) number of each block since the first estimate.
-        values: (B, 3) mean of height_m, pitch_rad, roll_rad in each block.
+        times_s: (N,) times [s], rising.
+        values: (N, 3) height_m, pitch_rad, roll_rad.
+        variances: (N, 3) variances of their noise.
+        used: (N,) False for outliers.
+        stood: (N,) whether the car stood since the frame before.
     """
 
-    number: Indices
+    times_s: Array
     values: Array
+    variances: Array
+    used: Mask
+    stood: Mask
+
+    @classmethod
+    def of(cls, times_s: Array, values: Array, variances: Array, stood: Mask | None = None) -> FrameSeries:
+        """Return a series without outliers; a car that is not known to stand moves."""
+        n = len(times_s)
+        none = np.zeros(n, dtype=bool)
+        return cls(times_s, values, variances, np.ones(n, dtype=bool), none if stood is None else stood)
 
     def __len__(self) -> int:
-        return len(self.number)
+        return len(self.times_s)
+
+    def part(self, which: slice | Mask) -> FrameSeries:
+        """Return some of the frames."""
+        return FrameSeries(
+            self.times_s[which],
+            self.values[which],
+            self.variances[which],
+            self.used[which],
+            self.stood[which],
+        )
+
+    def joined(self, other: FrameSeries) -> FrameSeries:
+        """Return these frames and later ones."""
+        return FrameSeries(
+            np.concatenate([self.times_s, other.times_s]),
+            np.concatenate([self.values, other.values]),
+            np.concatenate([self.variances, other.variances]),
+            np.concatenate([self.used, other.used]),
+            np.concatenate([self.stood, other.stood]),
+        )
+
+    def good(self) -> FrameSeries:
+        """Return the frames that are used; a stop goes on over an outlier."""
+        kept = np.flatnonzero(self.used)
+        moved = np.concatenate([[0], np.cumsum(~self.stood)])
+        stood = self.stood[kept].copy()
+        if len(kept):
+            stood[1:] = moved[kept[1:] + 1] == moved[kept[:-1] + 1]
+        return replace(self.part(self.used), stood=stood)
+
+    @property
+    def gaps_s(self) -> Array:
+        """(N,) time of motion since the frame before [s]: none while the car stood."""
+        gaps_s: Array = np.where(self.stood, 0.0, np.maximum(np.diff(self.times_s, prepend=0.0), 0.0))
+        return gaps_s
+
+    @property
+    def at_rest(self) -> Mask:
+        """(N,) whether the car stood at a frame: before it or after it."""
+        rest: Mask = self.stood.copy()
+        rest[:-1] |= self.stood[1:]
+        return rest
+
+    @property
+    def all_stood(self) -> bool:
+        """Whether all frames are of one stop."""
+        return len(self) > 1 and bool(np.all(self.stood[1:]))
+
+
+@cache
+def _candidates() -> tuple[Array, Array, Array]:
+    """Return sizes (G, 3), memories (G, 3) [s] and the logarithms of their prior (G, 1)."""
+    size, memory_s = (each.ravel() for each in np.meshgrid(_SIZES, _MEMORIES_S))
+    prior = -0.5 * (
+        (np.log(size) / _SIZE_LOG_STD) ** 2 + (np.log(memory_s / _USUAL_MEMORY_S) / _MEMORY_LOG_STD) ** 2
+    )
+    return size[:, None] * USUAL_STD, np.repeat(memory_s[:, None], 3, axis=1), prior[:, None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CarMotion:
-    """Scatter of the block means, caused by the motion of the car.
+    """What is known of the motion of a car over its road.
 
     Attributes:
-        sigma: (3,) long-run standard deviation of a block mean, which includes the correlation of the blocks.
-            The standard deviation of the mean of n blocks is this over the root of n.
+        probability: (G, 3) of the candidates of size and memory, for height, pitch and roll; each column adds
+            up to 1.
     """
 
-    sigma: Array
+    probability: Array
 
-    def statistic(self, shift: Array, n_before: npt.ArrayLike, n_after: npt.ArrayLike) -> Array:
-        """Return a shift (..., 3) over its standard error."""
-        error = np.sqrt(1.0 / np.asarray(n_before) + 1.0 / np.asarray(n_after))
-        statistic: Array = np.abs(shift) / (self.sigma * error[..., None])
-        return statistic
+    @property
+    def variance(self) -> Array:
+        """(3,) variance of the motion."""
+        expected: Array = (self.probability * _candidates()[0] ** 2).sum(axis=0)
+        return expected
+
+    @property
+    def memory_s(self) -> Array:
+        """(3,) memory that gives means over a long time the variance they have [s]."""
+        size, memory_s, _ = _candidates()
+        expected: Array = (self.probability * size**2 * memory_s).sum(axis=0) / self.variance
+        return expected
+
+    def of_mean(self, series: FrameSeries, weights: Array) -> tuple[Array, Array]:
+        """Return the variance (3,) that the motion leaves in a weighted mean, and its standard deviation.
+
+        Args:
+            series: The frames.
+            weights: (N, 3) their weights.
+        """
+        size, _, _ = _candidates()
+        rest = series.at_rest[:, None]
+        gaps_s = series.gaps_s
+        memory_s = np.repeat(_MEMORIES_S[:, None], 3, axis=1)
+        if not rest.any():
+            each = np.repeat(variance_of_mean(gaps_s, weights, memory_s), len(_SIZES), axis=0) * size**2
+        else:
+            each = np.concatenate(
+                [_with_rest(gaps_s, weights, rest, memory_s[i : i + 1]) for i in range(len(_MEMORIES_S))]
+            )
+        expected = (self.probability * each).sum(axis=0)
+        spread = (self.probability * (each - expected) ** 2).sum(axis=0)
+        return expected, np.sqrt(spread)
+
+    def of_block(self, seconds: float) -> Array:
+        """Return the variance (3,) of means over blocks of time, in the mean of many blocks."""
+        size, memory_s, _ = _candidates()
+        # In the mean over n blocks, a process of memory tau has the variance 2 tau / (n seconds) of its own.
+        each = size**2 * np.minimum(1.0, 2.0 * memory_s / seconds)
+        expected: Array = (self.probability * each).sum(axis=0)
+        return expected
 
 
-def blocks_of(stamps: Array, values: Array) -> TimeBlocks:
-    """Average over blocks of time; a frame far from the median of its block is left out."""
-    number = np.floor((stamps - stamps[0]) / BLOCK_S).astype(np.intp)
-    bounds = np.flatnonzero(np.diff(number)) + 1
-    parts = np.split(values, bounds)
-    scale = SIGMA_OVER_MAD * np.median(
-        np.concatenate([np.abs(part - np.median(part, axis=0)) for part in parts]), axis=0
+def _with_rest(gaps_s: Array, weights: Array, rest: Mask, memory_s: Array) -> Array:
+    """Return the variances (S, 3) for all sizes and one memory, for a car that stood at some frames.
+
+    The state is one; moving and standing frames respond to it with another size. So the variance is a
+    quadratic in the size, and three values of it tell all.
+    """
+    zero, one, minus = (
+        variance_of_mean(gaps_s, weights * np.where(rest, STANDING_STD, sign * USUAL_STD), memory_s)
+        for sign in (0.0, 1.0, -1.0)
     )
-    means = []
-    for part in parts:
-        good = np.all(np.abs(part - np.median(part, axis=0)) <= OUTLIER_SIGMAS * scale, axis=1)
-        means.append(part[good].mean(axis=0) if good.any() else np.median(part, axis=0))
-    return TimeBlocks(number[np.concatenate([[0], bounds])], np.array(means))
+    size = _SIZES[:, None]
+    variances: Array = zero + size * (one - minus) / 2.0 + size**2 * ((one + minus) / 2.0 - zero)
+    return variances
 
 
-def without_excursions(blocks: TimeBlocks) -> TimeBlocks:
-    """Leave out blocks that are far from the median of their neighbours.
-
-    The blocks at a shift stay, because they agree with their neighbours on one side.
-    """
-    values = blocks.values
-    if len(values) <= 2 * _NEIGHBOURS:
-        return blocks
-    padded = np.pad(values, ((_NEIGHBOURS, _NEIGHBOURS), (0, 0)), mode="reflect")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * _NEIGHBOURS + 1, axis=0)
-    deviation = np.abs(values - np.median(windows, axis=2))
-    scale = SIGMA_OVER_MAD * np.median(deviation, axis=0)
-    alike = np.all(deviation <= OUTLIER_SIGMAS * np.maximum(scale, _NO_SCATTER), axis=1)
-    return TimeBlocks(blocks.number[alike], values[alike])
+def usual_motion() -> CarMotion:
+    """Return what is known of the motion before the first frame: the prior."""
+    return _weighed(np.zeros((len(_candidates()[2]), 3)))
 
 
-def measure_motion(blocks: TimeBlocks, noise: Array, per_block: float) -> CarMotion:
-    """Measure the motion by the differences of blocks; a shift changes only one of them.
+def _weighed(log_likelihood: Array) -> CarMotion:
+    log = log_likelihood + _candidates()[2]
+    probability = np.exp(log - log.max(axis=0))
+    return CarMotion(probability / probability.sum(axis=0))
 
-    Let the block means be an autoregression of first order. Then differences over two blocks have
-    (1 + correlation) times the variance of those over one.
+
+def measure_motion(*parts: FrameSeries) -> CarMotion:
+    """Return what frames tell of the motion.
 
     Args:
-        blocks: The block means.
-        noise: (N, 3) standard deviations of the frames.
-        per_block: Mean number of frames in a block.
+        *parts: Frames of drives between which the mount, or the road, has changed: each has its own mean.
     """
-    differences = (np.abs(blocks.values[lag:] - blocks.values[:-lag]) for lag in (1, 2))
-    one, two = (np.quantile(each, _QUARTILE, axis=0) / _SIGMA_OF_QUARTILE for each in differences)
-    ratio = float(np.mean(two**2 / np.maximum(one**2, _NO_SCATTER**2)))
-    correlation = float(np.clip(ratio - 1.0, 0.0, _MAX_CORRELATION))
-    # The variance of a difference is 2 (1 - correlation) times that of a mean.
-    single = one**2 / (2.0 * (1.0 - correlation))
-    floor = np.median(noise, axis=0) ** 2 / per_block
-    return CarMotion(np.sqrt(np.maximum(single, floor) * (1.0 + correlation) / (1.0 - correlation)))
+    size, memory_s, _ = _candidates()
+    total = np.zeros(size.shape)
+    for part in parts:
+        series = _shortened(part.good())
+        if len(series) < 2:
+            continue
+        sizes = np.where(series.at_rest[:, None, None], STANDING_STD, size)
+        total += likelihood(series.gaps_s, series.values, _positive(series.variances), sizes, memory_s).log
+    return _weighed(total)
 
 
-def standard_error(stamps: Array, values: Array) -> Array | None:
-    """Return the covariance (3, 3) of a mean over time, from its block means and their correlation.
+def _positive(variances: Array) -> Array:
+    """Return variances that are not zero: noise far below the least motion makes no difference."""
+    positive: Array = np.maximum(variances, (1e-3 * _SIZES[0] * USUAL_STD) ** 2)
+    return positive
+
+
+def _shortened(series: FrameSeries) -> FrameSeries:
+    """Return a series of means over neighbours, where there are more than are needed."""
+    n = len(series)
+    if n <= _MOST_VALUES:
+        return series
+    starts = np.unique(np.linspace(0, n, _MOST_VALUES, endpoint=False).astype(np.intp))
+    information = 1.0 / _positive(series.variances)
+    total = np.add.reduceat(information, starts)
+    counts = np.diff(starts, append=n)
+    return FrameSeries(
+        np.add.reduceat(series.times_s, starts) / counts,
+        np.add.reduceat(information * series.values, starts) / total,
+        1.0 / total,
+        np.ones(len(starts), dtype=bool),
+        np.logical_and.reduceat(series.stood, starts),
+    )
+
+
+def weights_of_mean(series: FrameSeries, variances: Array, motion: CarMotion) -> tuple[Array, Array]:
+    """Return the weights (N, 3) of the best linear mean, and how far each frame (N, 3) is off.
+
+    Args:
+        series: The frames, all of which count.
+        variances: (N, 3) of each frame, by all that does not wander with the motion.
+        motion: What is known of the motion.
 
     Returns:
-        None where there are too few blocks.
+        The weights, whose sum is 1; and each frame less what all others predict for it, over its standard
+        deviation.
     """
-    means = without_excursions(blocks_of(stamps, values)).values
-    n = len(means)
-    if n < _FEWEST_FOR_ERROR:
-        return None
-    residual = means - means.mean(axis=0)
-    variance = (residual**2).mean(axis=0)
-    lagged = (residual[1:] * residual[:-1]).mean(axis=0)
-    # Residuals of a mean are correlated by -1 / n even where the values are not.
-    correlation = float(np.mean(lagged / np.maximum(variance, _NO_SCATTER**2))) + 1.0 / n
-    correlation = float(np.clip(correlation, 0.0, _MAX_CORRELATION))
-    covariance: Array = (residual.T @ residual) / (n - 1) / n * (1 + correlation) / (1 - correlation)
-    return covariance
+    sizes = np.where(series.at_rest[:, None], STANDING_STD, np.sqrt(motion.variance))
+    found = linear_mean(series.gaps_s, series.values, _positive(variances), sizes, motion.memory_s)
+    return found.weights, found.residuals
+
+
+def mark_outliers(series: FrameSeries, known: int = 0) -> Mask:
+    """Return which frames are used, (N,); an outlier is far from the median of its neighbours on either side.
+
+    Args:
+        series: The frames; ``used`` is already decided for the first ones.
+        known: Number of these first frames; their neighbours have not changed.
+    """
+    n = len(series)
+    used: Mask = series.used.copy()
+    around = np.arange(known, n)[:, None] + np.arange(-_NEIGHBOURS, _NEIGHBOURS + 1)
+    inside = (around >= 0) & (around < n)
+    # Neighbours that do not exist are sorted behind those that do.
+    ranked = np.sort(np.where(inside[..., None], series.values[np.clip(around, 0, n - 1)], np.inf), axis=1)
+    row, count = np.arange(n - known), inside.sum(axis=1)
+    medians = (ranked[row, (count - 1) // 2] + ranked[row, count // 2]) / 2.0
+    recent = series.values[max(0, known - 2 * _NEIGHBOURS) :]
+    spread = SIGMA_OVER_MAD * np.median(np.abs(recent - np.median(recent, axis=0)), axis=0)
+    # A few frames may lie close together by chance: the usual motion on a road is no outlier.
+    scale = np.sqrt(np.maximum(spread, USUAL_STD / 2.0) ** 2 + series.variances[known:])
+    used[known:] = np.all(np.abs(series.values[known:] - medians) <= OUTLIER_SIGMAS * scale, axis=1)
+    return used
+
+
+def settled_outliers(n: int) -> int:
+    """Return how many of ``n`` frames have all the neighbours that decide whether they are outliers."""
+    return max(0, n - _NEIGHBOURS)
+
+
+def without_outliers(series: FrameSeries, variances: Array) -> tuple[FrameSeries, CarMotion]:
+    """Return a series in which outliers are not used, and its motion.
+
+    First, frames far from their neighbours are left out; then those that the others, moving as they do, do
+    not explain.
+
+    Args:
+        series: The frames.
+        variances: (N, 3) of each frame, by all that does not wander with the motion.
+    """
+    if len(series) < _FEWEST_FOR_OUTLIERS:
+        return series, measure_motion(series)
+    series = _with_used(series, mark_outliers(series))
+    motion = measure_motion(series)
+    for _ in range(_OUTLIER_ROUNDS):
+        if np.count_nonzero(series.used) < _FEWEST_FOR_OUTLIERS:
+            break
+        _, off = weights_of_mean(series.good(), variances[series.used], motion)
+        far = np.any(np.abs(off) > OUTLIER_SIGMAS, axis=1)
+        if not far.any():
+            break
+        used = series.used.copy()
+        used[used] = ~far
+        series = _with_used(series, used)
+        motion = measure_motion(series)
+    return series, motion
+
+
+def _with_used(series: FrameSeries, used: Mask) -> FrameSeries:
+    """Return the series with these frames used; all of them, where each is far from the others."""
+    return replace(series, used=used if used.any() else np.ones(len(used), dtype=bool))

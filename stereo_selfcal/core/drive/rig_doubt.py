@@ -25,7 +25,7 @@ _REMEDY = (
 _TERM = "vergence"
 
 
-def with_doubt_of_rig(fused: CalibrationResult, rig: StereoRig, n_outliers: int = 0) -> CalibrationResult:
+def with_doubt_of_rig(fused: CalibrationResult, rig: StereoRig) -> CalibrationResult:
     """Return a fused estimate with what the drive tells of the yaw of the right camera.
 
     The part of the covariance by that yaw becomes what the drive leaves of it, where that is more than the
@@ -34,7 +34,6 @@ def with_doubt_of_rig(fused: CalibrationResult, rig: StereoRig, n_outliers: int 
     Args:
         fused: The fused estimate of a drive, with its alignment.
         rig: Intrinsics and baseline.
-        n_outliers: Number of accepted frames that were left out as outliers.
 
     Returns:
         The estimate; a refusal where the yaw makes the pose wrong.
@@ -67,4 +66,4 @@ def with_doubt_of_rig(fused: CalibrationResult, rig: StereoRig, n_outliers: int 
     others = [each for each in fused.uncertainty if each.name != _TERM]
     terms = merge_terms((*others, UncertaintyTerm(_TERM, np.outer(change, change))))
     wider = replace(fused, covariance=total_covariance(terms), uncertainty=terms)
-    return replace(wider, message=announce(wider, n_outliers))
+    return replace(wider, message=announce(wider))

@@ -28,7 +28,7 @@ from .motion_between_frames import FrameMotion, estimate_motion
 
 MOST_STEP_S = 1.5  # between two frames of a step: beyond, few landmarks are left even at walking pace
 _MOST_STEP_M = 20.0
-_LEAST_STEP_M = 0.05  # a step of less has no direction: landmarks tell a motion to about 5 mm
+LEAST_STEP_M = 0.05  # a step of less has no direction: landmarks tell a motion to about 5 mm
 _LEAST_STEPS = 3
 # Memory of the car's motion on its suspension: it rings for a second or two.
 MEMORY_S = 1.5
@@ -164,7 +164,7 @@ def steps_of(frames: Iterable[FrameWithLandmarks], rig: StereoRig) -> list[Trave
 
 def ahead_only(steps: Iterable[TravelStep]) -> list[TravelStep]:
     """Return the steps in which the car drives ahead."""
-    return [step for step in steps if step.way_m >= _LEAST_STEP_M]
+    return [step for step in steps if step.way_m >= LEAST_STEP_M]
 
 
 def estimate_travel(steps: Sequence[TravelStep]) -> Travel | NotFitted:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..camera.rig import StereoRig
 from ..geometry.pose import POSE_COMPONENTS
+from ..geometry.uncertainty import total_covariance
 from ..results import CalibrationResult
 from ..tolerances import AGREEMENT
 from ..types import Array
@@ -19,17 +20,14 @@ from .drift import (
     LEAST_FRAMES,
     LEAST_SPAN_S,
     DriftChange,
-    FrameSeries,
     Reference,
     find_change,
-    mark_outliers,
     mean_of,
     measure_scatter,
-    prior_scatter,
     reference_variance,
-    settled_outliers,
 )
-from .fusion import fuse_frames, own_covariance
+from .fusion import frame_series, fuse_frames, own_covariance
+from .motion import FrameSeries, mark_outliers, settled_outliers
 from .states import WatchVerdict
 
 # Least |z| that raises an alarm: one false alarm in some hundred hours of good road.
@@ -88,24 +86,22 @@ class Watch:
     def __init__(self) -> None:
         self.start(None)
 
-    def start(self, result: CalibrationResult | None, settled: bool = False) -> None:
+    def start(self, result: CalibrationResult | None) -> None:
         """Start to watch a calibration.
 
         Args:
-            result: The active calibration; None if there is none, in which case a mean is collected.
-            settled: Whether the calibration is a mean over minutes of road, so that its covariance includes
-                the motion of the car. A single frame of a moving car, or ten within a second, show one moment
-                only.
+            result: The active calibration; None if there is none, in which case a mean is collected. Where it
+                is no estimate of the mount, as from a file of an earlier version, its covariance does not
+                hold the motion of the car: it is taken for that of one moment.
         """
         self._reference: Reference | None = None
         if result is not None and result.extrinsics is not None and result.covariance is not None:
-            variance = np.diagonal(own_covariance(result)).copy()
-            self._reference = Reference(result.extrinsics.as_array(), variance, 0.0 if settled else 1.0)
+            self._reference = _reference(result, result.extrinsics.as_array())
         self._forget()
 
     def _forget(self) -> None:
         self._results: list[CalibrationResult] = []
-        self._series = FrameSeries(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=bool))
+        self._series = FrameSeries.of(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
         self._last_stamp_s: float | None = None
         self._time_s = 0.0
         self._change: DriftChange | None = None
@@ -188,9 +184,7 @@ class Watch:
             return None
         if series.times_s[-1] - series.times_s[0] < PROPOSAL_SPAN_S:
             return None
-        used = [r for r, use in zip(self._results[start:], series.used, strict=True) if use]
-        scatter = measure_scatter(series)
-        return fuse_frames(used, rig, np.diag(scatter.motion), float(scatter.inflation.max()))
+        return fuse_frames([r for r, use in zip(self._results[start:], series.used, strict=True) if use], rig)
 
     def _append(self, result: CalibrationResult) -> None:
         assert result.extrinsics is not None and result.covariance is not None
@@ -201,12 +195,7 @@ class Watch:
         self._last_stamp_s = result.stamp_s
         self._results.append(replace(result.without_pictures(), genetic=None, gates=()))
         old = self._series
-        series = FrameSeries(
-            np.append(old.times_s, self._time_s),
-            np.vstack([old.values, result.extrinsics.as_array()]),
-            np.vstack([old.variances, np.diagonal(own_covariance(result))]),
-            np.append(old.used, True),
-        )
+        series = old.joined(replace(frame_series([result]), times_s=np.array([self._time_s])))
         self._series = replace(series, used=mark_outliers(series, settled_outliers(len(old))))
         if len(self._series) > _MOST_FRAMES:
             self._shorten()
@@ -217,11 +206,13 @@ class Watch:
         if self._alarm is not None:
             self._alarm = replace(self._alarm, n_before=max(0, self._alarm.n_before - _DROPPED))
         elif self._reference is not None:
-            scatter = self._change.scatter if self._change else prior_scatter()
+            scatter = self._change.scatter if self._change else measure_scatter(oldest)
             mean, variance = mean_of(oldest, scatter)
             known, new = 1.0 / reference_variance(self._reference, scatter), 1.0 / variance
             total = known + new
-            self._reference = Reference((known * self._reference.mean + new * mean) / total, 1.0 / total, 0.0)
+            self._reference = Reference(
+                (known * self._reference.mean + new * mean) / total, 1.0 / total, np.zeros(3)
+            )
         self._series, self._results = self._series.part(kept), self._results[kept]
         self._next_scatter = 0
 
@@ -273,7 +264,7 @@ class Watch:
         """Continue with the reference before the change, because the frames show the old pose again."""
         change = alarm.change
         self._forget()
-        self._reference = Reference(change.before, change.before_variance, 0.0)
+        self._reference = Reference(change.before, change.before_variance, np.zeros(3))
 
     def _measure_drift(self, alarm: _Alarm, proven: bool) -> None:
         """Update the verdict with the size of the drift, measured from all frames since the change."""
@@ -293,3 +284,21 @@ class Watch:
             message=f"{component.label} over the road has changed by {unit.text(drift[axis], '+')} "
             f"(std {unit.text(std[axis])}), at most {unit.text(AGREEMENT[axis])} allowed",
         )
+
+
+def _reference(result: CalibrationResult, mean: Array) -> Reference:
+    """Return what an active calibration tells of the mean before the first frame.
+
+    Of one moment, the motion is known by the prior alone: the frames of the watch tell more of it. The more
+    moments a mean is worth, the more its own covariance counts.
+
+    Args:
+        result: The calibration.
+        mean: (3,) its height, pitch and roll.
+    """
+    variance = np.diagonal(own_covariance(result)).copy()
+    if result.mount is None:
+        return Reference(mean, variance)
+    of_motion = total_covariance(each for each in result.uncertainty if each.name == "motion").diagonal()
+    moments = 1.0 / result.mount.looks
+    return Reference(mean, variance - moments * of_motion, moments * (of_motion > 0.0))

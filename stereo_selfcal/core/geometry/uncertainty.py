@@ -34,9 +34,8 @@ TERMS = {
     "ahead": "right camera that seems to sit farther ahead, as that of late images does",
     "synchronisation": "way of the car between the two images",
     "combination_disagreement": "difference between lines and texture beyond their uncertainties",
-    "scatter": "scatter of the frames beyond their uncertainties",
-    "shared": "errors that all frames of a drive share",
-    "motion": "motion of the car on its suspension",
+    "standing": "unevenness and slope of the place where the car stood",
+    "motion": "motion of the car over its road",
 }
 
 
