@@ -28,9 +28,12 @@ _SIZE_LOG_STD = 0.6
 # and cambers last as long.
 _USUAL_MEMORY_S = 1.5
 _MEMORY_LOG_STD = 0.8
-# Candidates: 1/32 to 8 times the usual size, in steps of the root of two, and 1/4 to 32 s, in octaves.
+# Candidates: 1/32 to 8 times the usual size, and 1/4 to 32 s. Their likelihood is computed in steps of the
+# root of two and in octaves, and interpolated to steps that are a quarter of these: a long drive tells both
+# better than the steps are apart.
 _SIZES: Array = 2.0 ** np.arange(-5.0, 3.1, 0.5)
 _MEMORIES_S: Array = 2.0 ** np.arange(-2.0, 5.1)
+_FINER = 4
 # What the place of a standing car does, whose springs rest: unevenness of 3 mm under wheels that are 2.7 m
 # and 1.6 m apart (0.06, 0.1 deg), and a vertical curve of 10 km radius up to the road ahead (0.07 deg).
 STANDING_STD: Array = np.array([0.003, math.radians(0.1), math.radians(0.1)])
@@ -120,14 +123,66 @@ class FrameSeries:
         return len(self) > 1 and bool(np.all(self.stood[1:]))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Candidates:
+    """Candidates of size and memory: all sizes for each memory, in their order.
+
+    Attributes:
+        sizes: (S,) sizes over the usual ones.
+        memories_s: (M,) memories [s].
+        size: (M S, 3) standard deviations of height, pitch and roll.
+        memory_s: (M S, 3) memories [s].
+        log_prior: (M S, 1) logarithm of the prior.
+    """
+
+    sizes: Array
+    memories_s: Array
+    size: Array
+    memory_s: Array
+    log_prior: Array
+
+    @classmethod
+    def of(cls, sizes: Array, memories_s: Array) -> _Candidates:
+        """Return the candidates of these sizes and memories."""
+        size, memory_s = (each.ravel() for each in np.meshgrid(sizes, memories_s))
+        prior = -0.5 * (
+            (np.log(size) / _SIZE_LOG_STD) ** 2 + (np.log(memory_s / _USUAL_MEMORY_S) / _MEMORY_LOG_STD) ** 2
+        )
+        return cls(
+            sizes,
+            memories_s,
+            size[:, None] * USUAL_STD,
+            np.repeat(memory_s[:, None], 3, axis=1),
+            prior[:, None],
+        )
+
+
 @cache
-def _candidates() -> tuple[Array, Array, Array]:
-    """Return sizes (G, 3), memories (G, 3) [s] and the logarithms of their prior (G, 1)."""
-    size, memory_s = (each.ravel() for each in np.meshgrid(_SIZES, _MEMORIES_S))
-    prior = -0.5 * (
-        (np.log(size) / _SIZE_LOG_STD) ** 2 + (np.log(memory_s / _USUAL_MEMORY_S) / _MEMORY_LOG_STD) ** 2
-    )
-    return size[:, None] * USUAL_STD, np.repeat(memory_s[:, None], 3, axis=1), prior[:, None]
+def _computed() -> _Candidates:
+    """Return the candidates whose likelihood is computed."""
+    return _Candidates.of(_SIZES, _MEMORIES_S)
+
+
+@cache
+def _candidates() -> _Candidates:
+    """Return the candidates to which it is interpolated."""
+    finer = (np.exp2(_finer(len(each)) @ np.log2(each)) for each in (_SIZES, _MEMORIES_S))
+    return _Candidates.of(*finer)
+
+
+@cache
+def _finer(n: int) -> Array:
+    """Return the matrix (M, n) that interpolates n values in finer steps: cubic polynomials through four."""
+    places = np.arange((n - 1) * _FINER + 1) / _FINER
+    first = np.clip(np.floor(places).astype(np.intp) - 1, 0, n - 4)
+    matrix = np.zeros((len(places), n))
+    for k in range(4):
+        others = [first + j for j in range(4) if j != k]
+        node = first + k
+        matrix[np.arange(len(places)), node] = np.prod(
+            [(places - other) / (node - other) for other in others], axis=0
+        )
+    return matrix
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,14 +199,14 @@ class CarMotion:
     @property
     def variance(self) -> Array:
         """(3,) variance of the motion."""
-        expected: Array = (self.probability * _candidates()[0] ** 2).sum(axis=0)
+        expected: Array = (self.probability * _candidates().size ** 2).sum(axis=0)
         return expected
 
     @property
     def memory_s(self) -> Array:
         """(3,) memory that gives means over a long time the variance they have [s]."""
-        size, memory_s, _ = _candidates()
-        expected: Array = (self.probability * size**2 * memory_s).sum(axis=0) / self.variance
+        long = _candidates().size ** 2 * _candidates().memory_s
+        expected: Array = (self.probability * long).sum(axis=0) / self.variance
         return expected
 
     def of_mean(self, series: FrameSeries, weights: Array) -> tuple[Array, Array]:
@@ -161,51 +216,40 @@ class CarMotion:
             series: The frames.
             weights: (N, 3) their weights.
         """
-        size, _, _ = _candidates()
+        # The state is one; moving and standing frames respond to it with another size. So the variance is a
+        # quadratic in the size, and three values of it tell all.
         rest = series.at_rest[:, None]
-        gaps_s = series.gaps_s
-        memory_s = np.repeat(_MEMORIES_S[:, None], 3, axis=1)
-        if not rest.any():
-            each = np.repeat(variance_of_mean(gaps_s, weights, memory_s), len(_SIZES), axis=0) * size**2
-        else:
-            each = np.concatenate(
-                [_with_rest(gaps_s, weights, rest, memory_s[i : i + 1]) for i in range(len(_MEMORIES_S))]
-            )
+        memory_s = np.repeat(_candidates().memories_s[:, None], 3, axis=1)
+        zero, one, minus = (
+            variance_of_mean(
+                series.gaps_s, weights * np.where(rest, STANDING_STD, sign * USUAL_STD), memory_s
+            )[:, None]
+            for sign in (0.0, 1.0, -1.0)
+        )
+        size = _candidates().sizes[:, None]
+        each = zero + size * (one - minus) / 2.0 + size**2 * ((one + minus) / 2.0 - zero)
+        each = each.reshape(-1, 3)
         expected = (self.probability * each).sum(axis=0)
         spread = (self.probability * (each - expected) ** 2).sum(axis=0)
         return expected, np.sqrt(spread)
 
     def of_block(self, seconds: float) -> Array:
         """Return the variance (3,) of means over blocks of time, in the mean of many blocks."""
-        size, memory_s, _ = _candidates()
         # In the mean over n blocks, a process of memory tau has the variance 2 tau / (n seconds) of its own.
-        each = size**2 * np.minimum(1.0, 2.0 * memory_s / seconds)
+        each = _candidates().size ** 2 * np.minimum(1.0, 2.0 * _candidates().memory_s / seconds)
         expected: Array = (self.probability * each).sum(axis=0)
         return expected
 
 
-def _with_rest(gaps_s: Array, weights: Array, rest: Mask, memory_s: Array) -> Array:
-    """Return the variances (S, 3) for all sizes and one memory, for a car that stood at some frames.
-
-    The state is one; moving and standing frames respond to it with another size. So the variance is a
-    quadratic in the size, and three values of it tell all.
-    """
-    zero, one, minus = (
-        variance_of_mean(gaps_s, weights * np.where(rest, STANDING_STD, sign * USUAL_STD), memory_s)
-        for sign in (0.0, 1.0, -1.0)
-    )
-    size = _SIZES[:, None]
-    variances: Array = zero + size * (one - minus) / 2.0 + size**2 * ((one + minus) / 2.0 - zero)
-    return variances
-
-
 def usual_motion() -> CarMotion:
     """Return what is known of the motion before the first frame: the prior."""
-    return _weighed(np.zeros((len(_candidates()[2]), 3)))
+    return _weighed(np.zeros_like(_computed().size))
 
 
 def _weighed(log_likelihood: Array) -> CarMotion:
-    log = log_likelihood + _candidates()[2]
+    coarse = log_likelihood.reshape(len(_MEMORIES_S), len(_SIZES), 3)
+    finer = np.einsum("ms,nt,stk->mnk", _finer(len(_MEMORIES_S)), _finer(len(_SIZES)), coarse, optimize=True)
+    log = finer.reshape(-1, 3) + _candidates().log_prior
     probability = np.exp(log - log.max(axis=0))
     return CarMotion(probability / probability.sum(axis=0))
 
@@ -216,7 +260,7 @@ def measure_motion(*parts: FrameSeries) -> CarMotion:
     Args:
         *parts: Frames of drives between which the mount, or the road, has changed: each has its own mean.
     """
-    size, memory_s, _ = _candidates()
+    size, memory_s = _computed().size, _computed().memory_s
     total = np.zeros(size.shape)
     for part in parts:
         series = _shortened(part.good())
@@ -291,6 +335,14 @@ def mark_outliers(series: FrameSeries, known: int = 0) -> Mask:
     return used
 
 
+def _near_the_median(series: FrameSeries) -> Mask:
+    """Return which frames (N,) are as near to the median of all as usual motion brings them."""
+    off = np.abs(series.values - np.median(series.values, axis=0))
+    spread = np.maximum(SIGMA_OVER_MAD * np.median(off, axis=0), USUAL_STD)
+    near: Mask = np.all(off <= OUTLIER_SIGMAS * np.sqrt(spread**2 + series.variances), axis=1)
+    return near
+
+
 def settled_outliers(n: int) -> int:
     """Return how many of ``n`` frames have all the neighbours that decide whether they are outliers."""
     return max(0, n - _NEIGHBOURS)
@@ -299,8 +351,8 @@ def settled_outliers(n: int) -> int:
 def without_outliers(series: FrameSeries, variances: Array) -> tuple[FrameSeries, CarMotion]:
     """Return a series in which outliers are not used, and its motion.
 
-    First, frames far from their neighbours are left out; then those that the others, moving as they do, do
-    not explain.
+    First, frames far from their neighbours, or far from most others, are left out: who brakes hard shows the
+    mount no better than a wrong frame. Then those go that the others, moving as they do, do not explain.
 
     Args:
         series: The frames.
@@ -308,7 +360,7 @@ def without_outliers(series: FrameSeries, variances: Array) -> tuple[FrameSeries
     """
     if len(series) < _FEWEST_FOR_OUTLIERS:
         return series, measure_motion(series)
-    series = _with_used(series, mark_outliers(series))
+    series = _with_used(series, mark_outliers(series) & _near_the_median(series))
     motion = measure_motion(series)
     for _ in range(_OUTLIER_ROUNDS):
         if np.count_nonzero(series.used) < _FEWEST_FOR_OUTLIERS:
