@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stereo_selfcal import CalibrationResult, Calibrator, Extrinsics
+from stereo_selfcal.core.drive.fusion import fuse_frames
 from stereo_selfcal.core.drive.watch import ALARM_SIGMAS, Watch
 from stereo_selfcal.core.geometry.pose import POSE_COMPONENTS
 from stereo_selfcal.core.types import Array
@@ -165,7 +166,7 @@ def run(ride: Ride, seed: int, bump: Array | None = None) -> Run:
     at_s = rng.uniform(*_BUMP_S) if bump is not None else math.inf
     times, poses = drive(ride, _HOUR_S if bump is None else at_s + _PATIENCE_S, rng)
     watch, outcome, bumped_s, road_s = Watch(), Run(), 0.0, 0.0
-    watch.start(frame(poses[0], 0.0))
+    watch.start(fuse_frames([frame(poses[0], 0.0)], PAPER_RIG))
     for i in range(1, len(times)):
         bumped = times[i] >= at_s
         road_s += min(times[i] - times[i - 1], _PAUSE_COUNTS_S)
@@ -273,7 +274,7 @@ def _rendered(ride: Ride, bump: Array) -> list[str]:
         result = Calibrator(scene.rig).add(*render(scene, rng), time_s)
         accepted += result.accepted
         if i == 0:
-            watch.start(result)
+            watch.start(fuse_frames([result], scene.rig))
             continue
         verdict = watch.add(result)
         after = f"{time_s - times[_RENDERED_BEFORE]:.0f} s"
