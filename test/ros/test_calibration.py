@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from call_making import ANY_STD
 
 from stereo_selfcal import CalibrationResult, CalibratorConfig, Extrinsics
 from stereo_selfcal.core.camera.frozen import FrozenImage
@@ -27,7 +28,7 @@ TOPICS = Topics("/left/image_rect", "/right/image_rect", "/left/camera_info", "/
 
 def config(**changes):
     values = {name: setting.default for name, setting in SETTINGS.items()}
-    values.update({"timeout_s": 0.2, **{f"rig.{name}": value for name, value in RIG.items()}})
+    values.update({"timeout_s": 0.2, **ANY_STD, **{f"rig.{name}": value for name, value in RIG.items()}})
     values.update({name.replace("__", "."): value for name, value in changes.items()})
     return NodeConfig.from_values(values)
 
@@ -506,7 +507,7 @@ def test_images_of_12_bits_are_scaled_alike_and_the_answer_says_so(monkeypatch):
 
     def calibrate(calibrator, left, right, stamp_ns, stamp_difference_s):
         seen.append((int(left.max()), int(right.max())))
-        return SimpleNamespace(result=SimpleNamespace(accepted=False, message="no lines"))
+        return SimpleNamespace(result=SimpleNamespace(accepted=False, message="no lines", reason="none"))
 
     monkeypatch.setattr(calibration, "calibrate_timed", calibrate)
     pairs = [pair(1, image_of_12_bits(4000), image_of_12_bits(2000)), pair(2, image_of_12_bits(160), image())]

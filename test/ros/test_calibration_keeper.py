@@ -113,7 +113,7 @@ def test_the_watch_proposes_a_better_one(calibrated):
     drive(calibrated, 60, shift=(0.1, 0.0, 0.0), start_s=200.0)
     better = ActiveCalibration(calibrated.proposal(RIG), RIG, 0.0)
     assert better.result.extrinsics.height_m == pytest.approx(EXTRINSICS.height_m + 0.1, abs=5e-3)
-    calibrated.accept(better, settled=True)
+    calibrated.accept(better, by_watch=True)
     assert (calibrated.state, calibrated.active) == (State.CALIBRATED, better)
     assert calibrated.reason == "proven better by the watch"
     assert drive(calibrated, 200, shift=(0.1, 0.0, 0.0), start_s=400.0) == []

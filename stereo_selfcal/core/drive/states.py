@@ -110,6 +110,11 @@ class StateMachine:
     state: State = State.UNCALIBRATED
     resumed: State = State.UNCALIBRATED
 
+    @property
+    def before_call(self) -> State:
+        """The state without the calibration in progress."""
+        return self.resumed if self.state is State.CALIBRATING else self.state
+
     def after(self, event: Event) -> StateMachine:
         """Return the machine after an event; the same one where the state has no transition for the event."""
         transition = _BY_CAUSE.get((self.state, event))
