@@ -56,6 +56,14 @@ def camera(graph):
     return lambda frames: Camera(graph, frames, first=STAMPS_APART * next(numbers))
 
 
+@pytest.fixture(autouse=True)
+def uncalibrated(graph, node, path):
+    """Take back what the test before has left."""
+    assert reset(graph).success
+    path.with_name(f"{path.name}.rejected").unlink(missing_ok=True)
+    set_parameters(graph, frames=1)
+
+
 def set_parameters(graph, **values):
     for name, value in values.items():
         assert graph.set_parameter(name, value).successful
@@ -65,11 +73,7 @@ def reset(graph):
     return wait_for(graph.start(Trigger, "reset", Trigger.Request()))
 
 
-def state_of(graph, state):
-    return graph.wait_for_diagnostics(lambda values, _: values["state"] == state)
-
-
-def test_a_call_ends_when_it_is_good(graph, camera, path):
+def test_a_call_ends_when_it_is_good_and_a_reset_takes_it_back(graph, camera, path):
     set_parameters(graph, timeout_s=LONG_S, frames=2, **WIDE)
     with camera([rendered(index=i) for i in range(4)]):
         answer = graph.calibrate()
@@ -79,22 +83,20 @@ def test_a_call_ends_when_it_is_good(graph, camera, path):
     assert_near_truth(Extrinsics(*graph.parameters(*RESULTS[:3])))
     stds = graph.parameters(*RESULTS[3:])
     assert all(std <= asked for std, asked in zip(stds, WIDE.values(), strict=True))
-
-
-def test_a_reset_takes_it_back(graph, path):
     saved = load_result(path).extrinsics
+
     answer = reset(graph)
     assert answer.success
     assert answer.message == f"the calibration is taken back; its file is kept as {path}.rejected"
     assert graph.parameters(*RESULTS) == [None] * 6
     assert {p.name for p in graph.latest(ParameterEvent, "extrinsics").deleted_parameters} >= set(RESULTS)
     assert load_result(f"{path}.rejected").extrinsics == saved
-    state_of(graph, "uncalibrated")
+    graph.wait_for_diagnostics(lambda values, _: values["state"] == "uncalibrated")
     assert reset(graph).message == "there was no calibration in force"
 
 
 def test_a_call_that_misses_its_targets_is_in_force_where_none_was_and_the_next_one_is_not(graph, camera):
-    set_parameters(graph, timeout_s=4.0, **NARROW)
+    set_parameters(graph, timeout_s=4.0, **WIDE | NARROW)
     with camera([rendered()]):
         first = graph.calibrate()
         assert first.success, first.message
@@ -110,19 +112,19 @@ def test_a_call_that_misses_its_targets_is_in_force_where_none_was_and_the_next_
 
 
 def test_a_call_that_runs_tells_how_far_it_is_and_ends_by_a_reset(graph, camera, node):
-    set_parameters(graph, timeout_s=3000.0, **NARROW)
+    set_parameters(graph, timeout_s=3000.0, **WIDE | NARROW)
     with camera([rendered()]):
         call = graph.start_calibrate()
         status = graph.wait_for_diagnostics(lambda values, _: int(values["call_frames_accepted"]) >= 2)
         values = {pair.key: pair.value for pair in status.values}
-        assert status.message.startswith(f"calibrating: {values['call']}; in force meanwhile: height 1.4")
+        assert status.message == f"calibrating: {values['call']}"
         assert values["call"].endswith("; asked 0.01 mm, 0.5, 1.2 deg")
         assert float(values["call_target_height_std_m"]) == 1e-5 < float(values["call_height_std_m"])
         answer = reset(graph)
         ended = wait_for(call)
     assert (ended.success, answer.success) == (False, True)
     assert ended.message.startswith("ended by ~/reset")
-    assert answer.message.startswith("the running call is ended; the calibration is taken back; its file is")
+    assert answer.message == "the running call is ended; there was no calibration in force"
     assert graph.parameters(*RESULTS) == [None] * 6
     assert " frames in 2 s; std " in node.output or " frames in 1 s; std " in node.output
 
@@ -142,12 +144,11 @@ def test_a_car_that_stands_may_be_good_enough(graph, camera):
 
 
 def test_a_call_with_nothing_to_see_says_so(graph, camera):
-    before = graph.parameters(*RESULTS)
     set_parameters(graph, timeout_s=2.0)
     with camera([blank()]):
         answer = graph.calibrate()
     assert not answer.success
     assert answer.message.startswith("no frame accepted, ") and "; last refusal: " in answer.message
-    assert graph.parameters(*RESULTS) == before
+    assert graph.parameters(*RESULTS) == [None] * 6
     answer = graph.calibrate()
     assert not answer.success and answer.message.startswith("no pair in 2.0 s: left 0.0 Hz, right 0.0 Hz")

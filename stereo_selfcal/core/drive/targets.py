@@ -121,7 +121,7 @@ class _Cause(Enum):
     MOTION = "drive longer"
     STANDING = "frames of one place do not average it out: drive"
     ROAD = "the same road does not average it out: drive on, where the road is even and flat"
-    RIG = "it does not average out: calibrate the cameras anew, or raise {parameter}"
+    RIG = "it does not average out"
 
     @property
     def label(self) -> str:
@@ -147,6 +147,11 @@ _CAUSES = {
     **dict.fromkeys(("slope_seen", "slope_unseen", "part_of_road", "shared"), _Cause.ROAD),
     **dict.fromkeys(("vergence", "rectification", "row_offset"), _Cause.RIG),
     **dict.fromkeys(("ahead", "synchronisation"), _Cause.RIG),
+}
+# What helps against a part of the rig, besides asking for less.
+_AGAINST_RIG = {
+    "row_offset": "drive where the road has texture",
+    "synchronisation": "trigger both cameras together",
 }
 
 
@@ -193,7 +198,10 @@ def _explain_component(estimate: CalibrationResult, asked: Array, axis: int) -> 
         detail = _moments(estimate.mount, axis)
     elif cause is _Cause.FEW_FRAMES:
         detail = f"{estimate.n_frames} accepted; {detail}"
-    remedy = cause.value.format(parameter=f"target_{component.std_name}")
+    remedy = cause.value
+    if cause is _Cause.RIG:
+        less = f"raise target_{component.std_name}"
+        remedy += ": " + ", or ".join(filter(None, (_AGAINST_RIG.get(greatest.name), less)))
     return f"{text}: {variances[cause] / total:.0%} of its variance is {cause.label} ({detail}): {remedy}"
 
 
