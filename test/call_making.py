@@ -7,12 +7,13 @@ from types import SimpleNamespace
 from stereo_selfcal.core.camera.pairing import PairCounts, StampedPair
 from stereo_selfcal.core.camera.stamp_pattern import NoPairCause, StampPattern
 from stereo_selfcal.core.drive.targets import Targets
+from stereo_selfcal.files.node_settings import TARGET_NAMES
 from stereo_selfcal.ros.call_progress import CallProgress
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
 from stereo_selfcal.ros.pair_source import InputState, Topics
 
 # With these, a call ends with its first `frames` accepted frames.
-ANY_STD = {"target_height_std_m": 0.0, "target_pitch_std_rad": 0.0, "target_roll_std_rad": 0.0}
+ANY_STD = dict.fromkeys(TARGET_NAMES, 0.0)
 
 RIG = {"width": 4, "height": 3, "fx": 5.0, "fy": 5.0, "cx": 1.5, "cy": 1.0, "baseline_m": 0.2}
 ARRIVED = PairCounts(10, 10)
