@@ -155,7 +155,7 @@ class CalibrationKeeper:
             by_watch: Whether the watch has found it, as a mean over minutes of road.
         """
         why = "proven better by the watch" if by_watch else "accepted when ~/calibrate was called"
-        self._activate(active, Event.ACCEPTED, why, by_watch)
+        self._activate(active, Event.ACCEPTED, why)
 
     def saved(self, where: str, failed: bool) -> None:
         """Note where the active calibration was saved, or why it was not."""
@@ -212,9 +212,7 @@ class CalibrationKeeper:
             present = self._alignment_watch.finding.present
             return None if better is None else replace(better, alignment=present)
 
-    def _activate(self, active: ActiveCalibration, event: Event, why: str, by_watch: bool = False) -> None:
-        # The mean of a drive has the motion of the car in its covariance, whoever has found it.
-        settled = by_watch or active.result.mount is not None
+    def _activate(self, active: ActiveCalibration, event: Event, why: str) -> None:
         with self._lock:
             self._machine = self._machine.after(event)
             self._active, self._why = active, why

@@ -56,7 +56,7 @@ def test_it_ends_with_the_frame_that_reaches_the_targets():
     outcome = CalibrationCall(source, asking(reached_by(5))).run()
     assert outcome.reached and outcome.result.n_frames == 5
     assert outcome.stamp_ns == 6 * NS
-    assert outcome.message.startswith("calibrated from 5 frames: height 1.4000 m (std ")
+    assert outcome.message.startswith("calibrated from 5 frames in 6.0 s: height 1.4000 m (std ")
     assert "; targets reached with 5 of 7 frames in 0 s (asked 20 mm, 0.096, 1.1 deg)" in outcome.message
     assert source.taken <= 8
 

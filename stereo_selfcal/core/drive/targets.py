@@ -23,9 +23,14 @@ DEFAULT_HEIGHT_STD_M = 0.015
 DEFAULT_PITCH_STD_RAD = 0.0026
 DEFAULT_ROLL_STD_RAD = 0.0061
 
-# Growth of the number of frames after which an estimate is made anew. An estimate takes time in proportion to
-# its frames: 0.2 s for 3000 of them. In this way, all those of 3000 frames take 11 s together.
+# Growth of the number of frames after which an estimate is made anew. An estimate takes the longer
+# the more frames there are: 0.8 s for 3000 of them. All those of 3000 frames take half a minute together,
+# and the frames 20 minutes.
 _ESTIMATE_STEP = 50
+
+# A calibration is less certain than another one from a hundredth on: less is no better for anybody, and
+# depends on the last digits of a machine.
+_NOTABLE = 1.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +116,7 @@ def is_less_certain(old: CalibrationResult, new: CalibrationResult, targets: Tar
     asked, usual = targets.std.as_array(), USUAL_TARGETS.std.as_array()
     asked = usual if targets.any_std else np.where(asked == 0.0, np.inf, asked)
     before, after = (_std_of(result) / asked for result in (old, new))
-    return bool(before.max() > after.max())
+    return bool(before.max() > _NOTABLE * after.max())
 
 
 class _Cause(Enum):
@@ -139,12 +144,12 @@ _LABELS = {
 # The cause of each term of a covariance (`core.geometry.uncertainty.TERMS`). What the frames of one road
 # share counts as road.
 _CAUSES = {
-    **dict.fromkeys(("noise", "misfit", "mismatch", "scatter"), _Cause.FEW_FRAMES),
+    **dict.fromkeys(("noise", "misfit", "mismatch"), _Cause.FEW_FRAMES),
     **dict.fromkeys(("stage_disagreement", "combination_disagreement"), _Cause.FEW_FRAMES),
     "motion": _Cause.MOTION,
     "standing": _Cause.STANDING,
     **dict.fromkeys(("roughness", "camber", "paint_angle", "crown", "kerb"), _Cause.ROAD),
-    **dict.fromkeys(("slope_seen", "slope_unseen", "part_of_road", "shared"), _Cause.ROAD),
+    **dict.fromkeys(("slope_seen", "slope_unseen", "part_of_road"), _Cause.ROAD),
     **dict.fromkeys(("vergence", "rectification", "row_offset"), _Cause.RIG),
     **dict.fromkeys(("ahead", "synchronisation"), _Cause.RIG),
 }
