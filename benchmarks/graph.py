@@ -25,6 +25,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
 from stereo_selfcal import StereoRig
+from stereo_selfcal.files.node_settings import TARGET_NAMES
 from stereo_selfcal.ros import node
 from stereo_selfcal.ros.subscription_schedule import SubscriptionSchedule
 from stereo_selfcal.ros.subscriptions import CameraSubscriptions, Stream
@@ -153,7 +154,8 @@ def variant(kind: str) -> None:
             )
 
         CameraSubscriptions._subscribe = as_bytes
-    sys.exit(node.main(["--ros-args", "-p", "output_path:=''"]))
+    first_frame = [word for name in TARGET_NAMES for word in ("-p", f"{name}:=0.0")]
+    sys.exit(node.main(["--ros-args", "-p", "output_path:=''", *first_frame]))
 
 
 def main(arguments: list[str]) -> None:

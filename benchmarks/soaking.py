@@ -31,6 +31,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
 from stereo_selfcal import Extrinsics
+from stereo_selfcal.files.node_settings import TARGET_NAMES
 from stereo_selfcal.synth.renderer import Frame, render
 from stereo_selfcal.synth.scenes import LEFT_PHOTOMETRY, RIGHT_PHOTOMETRY
 from stereo_selfcal.synth.world import Scene
@@ -231,6 +232,8 @@ def _serialized(message: Any) -> bytearray:
 def _start_node(folder: Path, log: Path) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "stereo_selfcal", "node", "--ros-args"]
     command += ["-p", f"output_path:={folder / 'result.yaml'}", "-p", f"timeout_s:={TIMEOUT_S}"]
+    for name in TARGET_NAMES:  # a call is to end with its first frame
+        command += ["-p", f"{name}:=0.0"]
     with log.open("wb") as output:
         return subprocess.Popen(command, stdout=output, stderr=output)
 

@@ -7,6 +7,7 @@ import time
 from collections import deque
 
 import rclpy
+from call_making import ANY_STD
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl import rcutils_logger
 from rclpy.parameter import Parameter
@@ -32,7 +33,8 @@ class NodeInProcess:
     def __init__(self, options=None, **parameters):
         self._options = options or {}
         self.sent, self.logged, self._failures = deque(maxlen=1000), deque(maxlen=1000), []
-        self._parameters = {"output_path": "", "timeout_s": 0.1, "monitor_period_s": 0.0, **parameters}
+        quick = {"output_path": "", "timeout_s": 0.1, "monitor_period_s": 0.0, **ANY_STD}
+        self._parameters = {**quick, **parameters}
         self._write_log = rcutils_logger._rclpy.rclpy_logging_rcutils_log
 
     def __enter__(self):

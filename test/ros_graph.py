@@ -21,6 +21,7 @@ os.environ["ROS_DOMAIN_ID"] = str(own_domain())
 import cv2
 import numpy as np
 import rclpy
+from call_making import ANY_STD
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
@@ -55,7 +56,8 @@ class NodeProcess:
 
     def __init__(self, tmp_path, parameters=None, arguments=()):
         command = [sys.executable, "-m", "stereo_selfcal", "node", "--ros-args", *arguments]
-        for name, value in {"output_path": "''", "timeout_s": PATIENCE_S, **(parameters or {})}.items():
+        quick = {"output_path": "''", "timeout_s": PATIENCE_S, **ANY_STD}
+        for name, value in {**quick, **(parameters or {})}.items():
             command += ["-p", f"{name}:={value}"]
         self.log = Path(tmp_path, "node.log")
         with self.log.open("wb") as log:

@@ -1,7 +1,11 @@
-"""One call of ``~/calibrate``: waits for new pairs, calibrates, and says what is missing. Needs no ROS."""
+"""One call of ``~/calibrate``: calibrates new pairs until the mount is known well enough. Needs no ROS.
+
+It says what it has reached, and what is missing.
+"""
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -17,20 +21,25 @@ from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
 from ..core.delay_report import describe_delay, is_late
 from ..core.drive.camera_changes import CameraFollower
+from ..core.drive.targets import explain_shortfall, next_estimate
 from ..core.errors import ImageError, RigError
 from ..core.faults import Fault
 from ..core.results import CalibrationResult
+from .call_progress import CallProgress
 from .config import NodeConfig
 from .pair_source import PairSource, known_rectifier, no_pair_reason, publishers_text
 from .record import FrameReport, calibrate_timed, failed_frame, refused_frame
 
 INTERRUPTED = "interrupted: the node shuts down"
+RESET = "ended by ~/reset: nothing was put in force; call again to calibrate anew"
 
 _CLOCK_STEP_S = 1e-3  # a call that ends at once must not divide by zero
 # After this time without a pair, the camera is said to have stopped. It may send one image per second.
 _SILENCE_S = 1.5
 # The first pair waits so long for the second one, and goes on without it where the camera is slower.
 _SECOND_S = 1.0
+# Time between two reports of the progress. There is none while no frame comes: the log is not to fill.
+_PROGRESS_S = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +52,8 @@ class CallOutcome:
         rig: The rig it holds for.
         stamp_ns: Stamp of the last frame in it [ns].
         cameras: The cameras of its frames, None where they are not known.
+        reached: Whether the result has reached the targets; one that has not may be no better than what is in
+            force.
     """
 
     message: str
@@ -50,18 +61,20 @@ class CallOutcome:
     rig: StereoRig | None = None
     stamp_ns: int = 0
     cameras: StereoRectifier | None = None
+    reached: bool = True
 
 
 class CalibrationCall:
-    """Calibrates from the frames that arrive within the timeout.
+    """Calibrates from the frames that arrive, until the targets are reached or the timeout is over.
 
-    A frame that is refused does not end the call: the next one may be better. The call ends with the
-    configured number of accepted frames, or at the timeout with the reason of the last refusal.
+    A frame that is refused does not end the call: the next one may be better. Where any standard deviation is
+    good enough, the call ends with the configured number of accepted frames.
 
     Args:
         source: Where the frames come from.
         config: Parameters at the start of the call.
         report: Told of every frame that was calibrated, in the thread of the call. It must return at once.
+        tell: Told of the progress once a second, while frames come; as ``report``.
     """
 
     def __init__(
@@ -69,11 +82,19 @@ class CalibrationCall:
         source: PairSource,
         config: NodeConfig,
         report: Callable[[FrameReport], None] | None = None,
+        tell: Callable[[CallProgress], None] | None = None,
     ) -> None:
         self._source = source
         self._report = report
+        self._tell = tell
         self._config = config
+        self._targets = config.targets
+        self._cancelled = threading.Event()
+        self._start_s = self._told_s = time.monotonic()
         self._calibrator: Calibrator | None = None
+        self._estimate: CalibrationResult | None = None
+        self._next_estimate = 1
+        self._stamp_ns = 0
         self._follower = CameraFollower()
         self._depth = BitDepth()
         self._rig_problem: str | None = None
@@ -82,32 +103,108 @@ class CalibrationCall:
         self._pairs = 0
         self._accepted = 0
         self._last_rejection = ""
+        self._last_reason = ""
         self._last_pair: tuple[float, PairCounts] | None = None
+
+    @property
+    def progress(self) -> CallProgress:
+        """What it has so far; any thread may ask."""
+        estimate = self._estimate
+        return CallProgress(
+            self._accepted,
+            self._pairs,
+            time.monotonic() - self._start_s,
+            self._config.timeout_s,
+            self._targets,
+            None if estimate is None else estimate.std,
+            self._last_reason,
+        )
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether :meth:`cancel` was called."""
+        return self._cancelled.is_set()
+
+    def cancel(self) -> None:
+        """End the call without a result, after the present frame; any thread may do so."""
+        self._cancelled.set()
+        self._source.interrupt()
 
     def run(self) -> CallOutcome:
         """Return the result, or the reason why there is none after the timeout."""
-        start_s = time.monotonic()
+        self._start_s = self._told_s = time.monotonic()
         before = self._source.state.counts
-        while True:
-            remaining_s = max(0.0, self._config.timeout_s - (time.monotonic() - start_s))
+        while not self.cancelled:
+            remaining_s = max(0.0, self._config.timeout_s - (time.monotonic() - self._start_s))
             pair = self._next_pair(remaining_s)
             if pair is not None:
                 self._last_pair = time.monotonic(), self._source.state.counts
                 self._take_or_refuse(pair)
-                if self._calibrator is not None and self._accepted == self._config.frames:
-                    estimate, rig = self._calibrator.estimate, self._calibrator.rig
-                    message = estimate.message + _misalignment(estimate, rig) + _lateness(estimate)
-                    message += self._changes() + self._doubts(before)
-                    if estimate.accepted:
-                        rig, cameras = self._calibrator.rig, self._follower.current
-                        return CallOutcome(message, estimate, rig, pair.stamp_ns, cameras)
-                    return CallOutcome(message)
+                if self._is_good and not self.cancelled:
+                    return self._answer(before)
+                self._tell_progress()
             if pair is None or remaining_s == 0.0:
                 break
         if self._source.stopped:
             return CallOutcome(INTERRUPTED)
-        elapsed_s = max(time.monotonic() - start_s, _CLOCK_STEP_S)
-        return CallOutcome(self._failure(before, elapsed_s) + self._doubts(before))
+        if self.cancelled:
+            return CallOutcome(RESET)
+        return self._answer_at_timeout(before)
+
+    @property
+    def _is_good(self) -> bool:
+        """Whether the estimate is good enough. It is looked at as often as it is worth its time."""
+        estimate = self._estimate
+        if estimate is None or self._rig_problem is not None:
+            return False
+        if self._targets.any_std and self._accepted >= self._targets.frames:
+            return True  # whether it is accepted or not
+        return self._targets.reached(estimate)
+
+    def _answer(self, before: PairCounts) -> CallOutcome:
+        """Return the answer where the estimate is good enough."""
+        estimate = self._estimate
+        assert estimate is not None
+        told = "" if self._targets.any_std else f"; targets reached {self._effort()}"
+        return self._outcome(estimate, told, before, reached=True)
+
+    def _answer_at_timeout(self, before: PairCounts) -> CallOutcome:
+        """Return the answer after the timeout: what was reached, and what keeps it from the targets."""
+        elapsed_s = max(time.monotonic() - self._start_s, _CLOCK_STEP_S)
+        calibrator = self._calibrator
+        if calibrator is None or self._rig_problem is not None or self._accepted < self._targets.frames:
+            return CallOutcome(self._failure(before, elapsed_s) + self._doubts(before))
+        self._estimate = estimate = calibrator.estimate
+        if self._is_good:  # the last frames were not looked at yet
+            return self._answer(before)
+        told = f"; targets not reached {self._effort()}"
+        if estimate.accepted:
+            told += f": {explain_shortfall(estimate, self._targets)}"
+        if 2 * self._accepted < self._pairs and self._last_rejection:
+            told += f"; last refusal: {self._last_rejection}"
+        return self._outcome(estimate, told + self._silence(), before, reached=False)
+
+    def _effort(self) -> str:
+        """Return what was asked, and what has been done for it."""
+        return f"with {self.progress.frames_text} (asked {self._targets.describe()})"
+
+    def _outcome(
+        self, estimate: CalibrationResult, told: str, before: PairCounts, *, reached: bool
+    ) -> CallOutcome:
+        assert self._calibrator is not None
+        rig, cameras = self._calibrator.rig, self._follower.current
+        message = estimate.message + told + _misalignment(estimate, rig) + _lateness(estimate)
+        message += self._changes() + self._doubts(before)
+        if not estimate.accepted:
+            return CallOutcome(message)
+        return CallOutcome(message, estimate, rig, self._stamp_ns, cameras, reached)
+
+    def _tell_progress(self) -> None:
+        """Tell the progress, once a second at most."""
+        now_s = time.monotonic()
+        if self._tell is not None and now_s >= self._told_s + _PROGRESS_S:
+            self._told_s = now_s
+            self._tell(self.progress)
 
     def _next_pair(self, timeout_s: float) -> StampedPair[Any] | None:
         """Return the next pair; of the first one, an image that the second one repeats may be old already."""
@@ -130,7 +227,7 @@ class CalibrationCall:
             self._take(pair)
         except Exception as error:  # noqa: BLE001  (whatever it is, the next pairs are taken)
             frame = failed_frame(Fault.of(error), pair.stamp_ns)
-            self._last_rejection = frame.result.message
+            self._refuse(frame.result)
             if self._report is not None:
                 self._report(frame)
 
@@ -149,7 +246,7 @@ class CalibrationCall:
             right = _grey(pair.right, topics.right, size)
         except ImageError as error:
             self._rig_problem = None
-            self._last_rejection = str(error)
+            self._last_rejection, self._last_reason = str(error), "an image that cannot be read"
             return
         left, right = self._depth.to_8_bits(left, right)
         refusal = refuse_frozen(pair.frozen, left, right, since=True)
@@ -164,11 +261,26 @@ class CalibrationCall:
             frame = calibrate_timed(calibrator, left, right, pair.stamp_ns, pair.difference_s)
         if self._report is not None:
             self._report(frame)
-        result = frame.result
-        if result.accepted:
-            self._accepted += 1
+        if frame.result.accepted:
+            self._accept(calibrator, pair.stamp_ns)
         else:
-            self._last_rejection = result.message
+            self._refuse(frame.result)
+
+    def _accept(self, calibrator: Calibrator, stamp_ns: int) -> None:
+        """Count an accepted frame, and look at the estimate where that is worth its time."""
+        self._accepted += 1
+        self._stamp_ns = stamp_ns
+        if self._accepted >= self._next_estimate or self._accepted == self._targets.frames:
+            self._estimate = calibrator.estimate
+            self._next_estimate = next_estimate(self._accepted)
+
+    def _refuse(self, result: CalibrationResult) -> None:
+        self._last_rejection, self._last_reason = result.message, str(result.reason)
+
+    def _begin_anew(self, calibrator: Calibrator | None) -> None:
+        """Forget the frames so far: they are of another rig."""
+        self._calibrator, self._accepted = calibrator, 0
+        self._estimate, self._next_estimate = None, 1
 
     def _calibrator_of(self, rectifier: StereoRectifier, stamp_ns: int) -> Calibrator | None:
         """Return the calibrator of a frame's rig; frames of two rigs must not be fused.
@@ -185,10 +297,10 @@ class CalibrationCall:
             self._rig_problem = None
         except RigError as error:
             self._rig_problem = str(error)
-            self._calibrator, self._accepted = None, 0
+            self._begin_anew(None)
             return None
         if changed or self._calibrator is None:
-            self._calibrator, self._accepted = Calibrator(rectifier.rig, self._config.calibrator), 0
+            self._begin_anew(Calibrator(rectifier.rig, self._config.calibrator))
         return self._calibrator
 
     def _find_rectifier(self, pair: StampedPair[Any]) -> StereoRectifier:

@@ -9,12 +9,14 @@ from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
 from ..core.drive.alignment_watch import AlignmentFinding, AlignmentWatch
 from ..core.drive.states import Event, State, StateMachine, event_of
+from ..core.drive.targets import Targets, describe_std, is_less_certain
 from ..core.drive.watch import Watch
 from ..core.geometry.camera_info_repair import RepairedPair, repaired_pairs
 from ..core.results import CalibrationResult
 
 _NEVER = "call ~/calibrate on a straight road with painted lines"
 _AGREES = "the road shows the pose of before the drift again"
+_TAKEN_BACK = f"taken back by ~/reset; {_NEVER}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,6 +60,7 @@ class CalibrationKeeper:
         self._active: ActiveCalibration | None = None
         self._watched_rig: StereoRig | None = None
         self._why = _NEVER
+        self._resets = 0
 
     @property
     def active(self) -> ActiveCalibration | None:
@@ -85,6 +88,11 @@ class CalibrationKeeper:
                 return self._watch.verdict.message
             return self._why
 
+    @property
+    def resets(self) -> int:
+        """How often a calibration was taken back by a reset: what was found before one is not activated."""
+        return self._resets
+
     def explain(self) -> str:
         """Return what the watch has found, one sentence."""
         with self._lock:
@@ -102,28 +110,52 @@ class CalibrationKeeper:
 
     def load(self, active: ActiveCalibration) -> None:
         """Activate a calibration of an earlier run."""
-        self._activate(active, Event.LOADED, active.saved, settled=False)
+        self._activate(active, Event.LOADED, active.saved)
 
     def begin(self) -> None:
         """Note that a call of ``~/calibrate`` has begun."""
         self._happen(Event.STARTED)
 
     def fail(self) -> None:
-        """Note that the call has found nothing: the active calibration stays.
+        """Note that the call has found nothing better: the active calibration stays.
 
         After :meth:`accept` this does nothing.
         """
         self._happen(Event.FAILED)
 
-    def accept(self, active: ActiveCalibration, settled: bool = False) -> None:
+    def compare(self, result: CalibrationResult, targets: Targets, *, same_cameras: bool) -> tuple[bool, str]:
+        """Return whether a calibration short of its targets is better than the active one, and why.
+
+        The active one stays where the state before the call was not invalid, and it is no less certain than
+        the other one (:func:`.is_less_certain`).
+
+        Args:
+            result: An accepted calibration.
+            targets: What was asked.
+            same_cameras: Whether it is of the cameras of the active one.
+        """
+        with self._lock:
+            active, state = self._active, self._machine.before_call
+        if active is None or active.result.std is None:
+            return True, "there was none"
+        if not same_cameras:
+            return True, "the one before is of other cameras"
+        if state is State.INVALID:
+            return True, "the one before is invalid"
+        std = describe_std(active.result.std)
+        if is_less_certain(active.result, result, targets):
+            return True, f"the one before is less certain (std {std})"
+        return False, f"the one in force is no less certain (std {std})"
+
+    def accept(self, active: ActiveCalibration, by_watch: bool = False) -> None:
         """Activate a new calibration.
 
         Args:
             active: The calibration.
-            settled: Whether the watch has found it, as a mean over minutes of road.
+            by_watch: Whether the watch has found it, as a mean over minutes of road.
         """
-        why = "proven better by the watch" if settled else "accepted when ~/calibrate was called"
-        self._activate(active, Event.ACCEPTED, why, settled)
+        why = "proven better by the watch" if by_watch else "accepted when ~/calibrate was called"
+        self._activate(active, Event.ACCEPTED, why)
 
     def saved(self, where: str, failed: bool) -> None:
         """Note where the active calibration was saved, or why it was not."""
@@ -134,10 +166,17 @@ class CalibrationKeeper:
     def withdraw(self, reason: str) -> None:
         """Deactivate the calibration: it is of other cameras."""
         with self._lock:
-            self._machine = self._machine.after(Event.WITHDRAWN)
-            self._active, self._why = None, reason
-            self._watch.start(None)
-            self._alignment_watch.start(None)
+            self._deactivate(Event.WITHDRAWN, reason)
+
+    def reset(self) -> ActiveCalibration | None:
+        """Deactivate the calibration, as its user wants; return what was active, None where nothing was.
+
+        A call that is running has to be ended by who runs it: it would activate what it finds.
+        """
+        with self._lock:
+            active, self._resets = self._active, self._resets + 1
+            self._deactivate(Event.RESET, _TAKEN_BACK)
+            return active
 
     def watched(self, result: CalibrationResult, rig: StereoRig) -> Event | None:
         """Give a frame to the watch.
@@ -173,12 +212,19 @@ class CalibrationKeeper:
             present = self._alignment_watch.finding.present
             return None if better is None else replace(better, alignment=present)
 
-    def _activate(self, active: ActiveCalibration, event: Event, why: str, settled: bool) -> None:
+    def _activate(self, active: ActiveCalibration, event: Event, why: str) -> None:
         with self._lock:
             self._machine = self._machine.after(event)
             self._active, self._why = active, why
             self._watch.start(active.result)
             self._alignment_watch.start(active.result.alignment)
+
+    def _deactivate(self, event: Event, why: str) -> None:
+        """Leave nothing active; callers lock."""
+        self._machine = self._machine.after(event)
+        self._active, self._why = None, why
+        self._watch.start(None)
+        self._alignment_watch.start(None)
 
     def _happen(self, event: Event) -> None:
         with self._lock:

@@ -9,6 +9,7 @@ from typing import Any
 
 from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
+from ..core.drive.targets import Targets
 from ..core.errors import ConfigError, RigError
 from ..files.exports import parse_exports
 from ..files.node_settings import RIG_PREFIX, all_settings, check_text, is_calibrator_setting
@@ -29,8 +30,11 @@ class NodeConfig:
         image_transport: "raw" or "compressed".
         rectified: Whether the images are rectified. If not, the node undistorts and rectifies them.
         output_path: The result file, None for none.
-        timeout_s: How long a call waits for usable frames [s].
-        frames: Accepted frames fused per call.
+        timeout_s: How long a call collects frames [s], if the targets are not reached before.
+        frames: Least number of accepted frames of a call.
+        target_height_std_m: Standard deviation of the height that is good enough [m]; 0: any is.
+        target_pitch_std_rad: The same of the pitch [rad].
+        target_roll_std_rad: The same of the roll [rad].
         monitor_period_s: Time between two frames of the watch [s], 0 for none.
         on_drift: "warn" or "recalibrate".
         road_frame: Frame of the road.
@@ -50,6 +54,9 @@ class NodeConfig:
     output_path: Path | None
     timeout_s: float
     frames: int
+    target_height_std_m: float
+    target_pitch_std_rad: float
+    target_roll_std_rad: float
     monitor_period_s: float
     on_drift: str
     road_frame: str
@@ -98,6 +105,12 @@ class NodeConfig:
             rig=rig if any(rig.values()) else {},
             calibrator=CalibratorConfig.from_mapping(settings),
         )
+
+    @property
+    def targets(self) -> Targets:
+        """What is good enough for a call."""
+        stds = (self.target_height_std_m, self.target_pitch_std_rad, self.target_roll_std_rad)
+        return Targets(*stds, self.frames)
 
     def rig_from_parameters(self) -> StereoRig | None:
         """Return the rig of ``rig.*``, None when it is to come from CameraInfo.

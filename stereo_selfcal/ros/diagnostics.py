@@ -28,6 +28,7 @@ from ..core.geometry.alignment import Alignment
 from ..core.geometry.pose import POSE_COMPONENTS
 from ..core.rejection import Rejection
 from .calibration_keeper import ActiveCalibration
+from .call_progress import CallProgress
 from .pair_source import Topics
 from .record import FrameStatistics
 
@@ -53,6 +54,7 @@ class CalibrationReport:
         frames: Frames so far.
         watch: Finding of the watch, one sentence.
         alignment: Finding of the watch over the right camera's alignment.
+        progress: How far the running call has come, None while none is running.
     """
 
     state: str
@@ -64,6 +66,7 @@ class CalibrationReport:
     frames: FrameStatistics = field(default_factory=FrameStatistics)
     watch: str = "off"
     alignment: AlignmentFinding = field(default_factory=AlignmentFinding)
+    progress: CallProgress | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +193,8 @@ def _calibration(snapshot: Snapshot) -> _Part:
     values = {"state": report.state}
     if report.reason:
         values["state_reason"] = report.reason
+    if report.progress is not None:
+        values |= report.progress.values()
     values |= _estimate(report)
     values |= _alignment(report)
     values["watch"] = report.watch
@@ -203,14 +208,14 @@ def _verdict(report: CalibrationReport) -> tuple[bytes, str]:
     """Return level and sentence of the calibration."""
     level = _STATE_LEVELS.get(report.state, WARN)
     refused = report.last_success is False
+    if report.state == "calibrating":
+        return level, _calibrating(report)
     if report.active is None:
-        if report.state == "calibrating":
-            return level, "calibrating"
         return level, f"{report.state}: {report.last_answer if refused else report.reason}"
     text = f"{report.state}: {_described(report.active)}, {age_text(report.age_s)} old"
     if level != OK:
         text = f"{report.state}: {report.reason}; {_described(report.active)}"
-    if level == OK and report.state != "calibrating":
+    if level == OK:
         if refused:
             return (
                 WARN,
@@ -222,6 +227,12 @@ def _verdict(report: CalibrationReport) -> tuple[bytes, str]:
         if any(wrong):
             return WARN, "; ".join([text, *filter(None, wrong)])
     return level, text
+
+
+def _calibrating(report: CalibrationReport) -> str:
+    """Return the sentence while a call is running."""
+    text = "calibrating" if report.progress is None else f"calibrating: {report.progress.text}"
+    return text if report.active is None else f"{text}; in force meanwhile: {_described(report.active)}"
 
 
 def _misalignment(active: ActiveCalibration) -> str:

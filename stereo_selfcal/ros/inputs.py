@@ -214,12 +214,16 @@ class StereoInput:
             self._heap.tick(subscribed=subscribe)
 
     def next_pair(self, timeout_s: float) -> StampedPair[Any] | None:
-        """Wait for the next pair and return it, None when none came in time or the node shuts down.
+        """Wait for the next pair and return it, None when none came in time or nobody is to wait any more.
 
         Args:
             timeout_s: How long to wait [s]; 0 returns at once.
         """
         return self._intake.next_pair(timeout_s)
+
+    def interrupt(self) -> None:
+        """Wake whoever waits for a pair; there is none until :meth:`begin`."""
+        self._intake.interrupt()
 
     def stop(self) -> None:
         """Wake whoever waits for a pair: the node shuts down."""

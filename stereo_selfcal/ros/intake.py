@@ -74,7 +74,7 @@ class PairQueue:
     def __init__(self) -> None:
         self._changed = threading.Condition()
         self._pairs: deque[StampedPair[Any]] = deque()
-        self._closed = False
+        self._closed = self._interrupted = False
 
     @property
     def closed(self) -> bool:
@@ -93,19 +93,26 @@ class PairQueue:
             self._changed.notify_all()
 
     def get(self, timeout_s: float) -> StampedPair[Any] | None:
-        """Wait for the oldest pair; None when none came in time, or the queue is closed.
+        """Wait for the oldest pair; None when none came in time, or nobody is to wait any more.
 
         Args:
             timeout_s: How long to wait [s]; 0 returns at once.
         """
         with self._changed:
-            self._changed.wait_for(lambda: self._pairs or self._closed, timeout_s)
-            return self._pairs.popleft() if self._pairs and not self._closed else None
+            self._changed.wait_for(lambda: self._pairs or self._closed or self._interrupted, timeout_s)
+            return self._pairs.popleft() if self._pairs and not (self._closed or self._interrupted) else None
 
     def clear(self) -> None:
-        """Drop all pairs."""
+        """Drop all pairs, and hand over those to come, though it was interrupted."""
         with self._changed:
             self._pairs.clear()
+            self._interrupted = False
+
+    def interrupt(self) -> None:
+        """Wake whoever waits; no pair is handed over until :meth:`clear`."""
+        with self._changed:
+            self._interrupted = True
+            self._changed.notify_all()
 
     def close(self) -> None:
         """Wake whoever waits; no pair is handed over any more."""
@@ -222,7 +229,7 @@ class ImageIntake:
                 self._queue.put(pairs)
 
     def next_pair(self, timeout_s: float) -> StampedPair[Any] | None:
-        """Wait for the next pair; None when none came in time, or the node shuts down.
+        """Wait for the next pair; None when none came in time, or nobody is to wait any more.
 
         Args:
             timeout_s: How long to wait [s]; 0 returns at once.
@@ -234,6 +241,10 @@ class ImageIntake:
         with self._lock:
             self._queue.put(self._pairer.flush())
         return self._queue.get(0.0)
+
+    def interrupt(self) -> None:
+        """Wake whoever waits for a pair; there is none until :meth:`begin`."""
+        self._queue.interrupt()
 
     def stop(self) -> None:
         """Wake whoever waits for a pair: the node shuts down."""

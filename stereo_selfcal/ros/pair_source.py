@@ -75,7 +75,10 @@ class PairSource(Protocol):
         """Return how many publishers a topic has."""
 
     def next_pair(self, timeout_s: float) -> StampedPair[Any] | None:
-        """Wait for the next pair and return it, None when none came in time."""
+        """Wait for the next pair and return it, None when none came in time, or it was interrupted."""
+
+    def interrupt(self) -> None:
+        """Wake whoever waits for a pair; there is none until the next call."""
 
 
 def known_rectifier(

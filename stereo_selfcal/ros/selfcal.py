@@ -8,7 +8,7 @@ import traceback
 from contextlib import ExitStack
 from typing import Any
 
-from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.qos import qos_profile_parameters
@@ -18,16 +18,16 @@ from std_srvs.srv import Trigger
 from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
 from ..core.drive.states import Event, State
-from ..core.errors import ConfigError, RigError, printable
+from ..core.errors import ConfigError, RigError
 from ..core.faults import FaultLog
 from ..core.lanes.lane_pair import LanePattern
 from ..core.results import CalibrationResult
 from ..core.types import Array
 from ..files.node_settings import NODE_NAME
-from ..files.result_file import restore, restore_old_default
-from ..files.saved_result import check_fits, topics_source
-from .calibration import INTERRUPTED, CalibrationCall
-from .calibration_keeper import ActiveCalibration, CalibrationKeeper
+from .activation import Activation, FoundCalibration, other_cameras
+from .calibration import INTERRUPTED, RESET, CalibrationCall
+from .calibration_keeper import CalibrationKeeper
+from .call_progress import CallProgress
 from .config import NodeConfig
 from .diagnostics import CalibrationReport
 from .inputs import StereoInput
@@ -35,13 +35,12 @@ from .live import LiveFrames, known_rig
 from .markers import lanes_on_road
 from .memory import trim_heap
 from .monitor import Monitor
-from .outputs import Outputs, Publication
+from .outputs import Outputs
 from .overrides import unused_start_values
 from .pair_source import known_rectifier
 from .parameters import NodeParameters
 from .record import FrameRecord, FrameReport
 from .reporter import DiagnosticsReporter
-from .store import restored_calibration, save
 from .views import Views
 
 _RECALIBRATE = "recalibrate"
@@ -77,7 +76,10 @@ class SelfcalNode:
             self._faults = FaultLog(self.node.get_logger().error)
             self._last_lines: tuple[LanePattern, StereoRig] | None = None
             self._keeper = CalibrationKeeper()
-            self._publishing = threading.Lock()  # a call and the watch may publish at the same time
+            self._activation = Activation(
+                self.node, self._parameters, self._outputs, self._keeper, self._input.topics
+            )
+            self._call: CalibrationCall | None = None
             self._last_answer = "not called yet"
             self._last_success: bool | None = None
             self._views = Views(
@@ -95,6 +97,10 @@ class SelfcalNode:
                 qos_profile=qos_profile_parameters,
                 callback_group=ReentrantCallbackGroup(),
             )
+            # A group of its own: resets come one after the other, and none of them takes a thread to wait.
+            self.node.create_service(
+                Trigger, "~/reset", self._on_reset, callback_group=MutuallyExclusiveCallbackGroup()
+            )
             self._monitor = Monitor(
                 self._live.one,
                 lambda: self._parameters.config,
@@ -105,7 +111,7 @@ class SelfcalNode:
             )
             for text in unused_start_values(self.node):
                 self.node.get_logger().warning(text)
-            self._restore(self._parameters.config)
+            self._activation.restore()
             topics = self._input.topics
             self.node.get_logger().info(f"listening to {topics.left} and {topics.right}; call ~/calibrate")
             failed.pop_all()
@@ -123,46 +129,20 @@ class SelfcalNode:
     def _on_parameters(self, config: NodeConfig) -> None:
         self._input.configure(config)
 
-    def _restore(self, config: NodeConfig) -> None:
-        """Activate the calibration of the last run; to be called before the node is spun."""
-        if config.output_path is None:
-            return
-        topics = self._input.topics.left, self._input.topics.right
-        restored = restore(config.output_path, topics)
-        if restored.path is None and self._parameters.output_is_default:
-            restored = restore_old_default(topics)
-        if restored.of_others:
-            self.node.get_logger().warning(restored.problem)
-        elif restored.problem:
-            self.node.get_logger().error(restored.problem)
-        if restored.problem:
-            self._keeper.reject(restored.problem)
-        if restored.saved is None or restored.path is None:
-            return
-        now_s = self.node.get_clock().now().nanoseconds / 1e9
-        active = restored_calibration(restored.saved, restored.path, now_s)
-        problem = _other_cameras(active.rig, _rig_of(config))
-        if problem:
-            self.node.get_logger().warning(f"{printable(str(restored.path))} is not used: {problem}")
-            self._keeper.reject(problem)
-            return
-        self._outputs.publish_now(Publication(active.result, config, restored.saved.stamp_ns))
-        self._keeper.load(active)
-        self.node.get_logger().info(f"{active.saved}: {active.result.message}")
-
     def _on_calibrate(self, _request: Any, response: Any) -> Any:
         if not self._calibrating.acquire(blocking=False):
             response.success, response.message = False, _BUSY
             return response
         try:
+            config = self._parameters.config
+            call = CalibrationCall(self._input, config, self._on_frame, self._on_progress)
+            self._call = call  # a reset ends it from here on
             self._keeper.begin()
-            response.success, response.message = self._calibrate(self._parameters.config)
+            response.success, response.message = self._calibrate(call, config)
         except Exception as error:  # noqa: BLE001 - the caller gets an answer and the node goes on
-            response.success, response.message = False, INTERRUPTED
-            if self.node.context.ok():  # after a shutdown everything fails
-                self.node.get_logger().error(traceback.format_exc())
-                response.message = f"internal error, see the node's log: {type(error).__name__}: {error}"
+            response.success, response.message = False, self._explain_failure(error)
         finally:
+            self._call = None
             self._keeper.fail()  # does nothing after a success
             self._last_success, self._last_answer = response.success, response.message
             self._calibrating.release()
@@ -173,43 +153,50 @@ class SelfcalNode:
             self.node.get_logger().warning(response.message)
         return response
 
-    def _calibrate(self, config: NodeConfig) -> tuple[bool, str]:
+    def _calibrate(self, call: CalibrationCall, config: NodeConfig) -> tuple[bool, str]:
         """Return success and message of one call."""
         self._last_lines = None
-        with self._live.all() as frames:
-            outcome = CalibrationCall(frames, config, self._on_frame).run()
+        with self._live.all():
+            outcome = call.run()
         trim_heap()
-        result, rig = outcome.result, outcome.rig
+        result, rig, message = outcome.result, outcome.rig, outcome.message
         if result is None or rig is None:
-            return False, outcome.message
-        saved = self._activate(result, rig, outcome.stamp_ns, config, outcome.cameras)
-        return True, f"{outcome.message}; {saved}"
+            return False, message
+        if not outcome.reached:
+            active = self._keeper.active
+            same = active is not None and not other_cameras(active.rig, rig)
+            better, why = self._keeper.compare(result, config.targets, same_cameras=same)
+            if not better:
+                return False, f"not put in force, as {why}: {message}"
+            message += f"; in force all the same, as {why}"
+        found = FoundCalibration(result, rig, outcome.stamp_ns, outcome.cameras, self._lanes(result))
+        saved = self._activation.activate(found, config, lambda: not call.cancelled)
+        return (False, RESET) if saved is None else (True, f"{message}; {saved}")
 
-    def _activate(
-        self,
-        result: CalibrationResult,
-        rig: StereoRig,
-        stamp_ns: int,
-        config: NodeConfig,
-        cameras: StereoRectifier | None,
-        settled: bool = False,
-    ) -> str:
-        """Publish, activate and save a result; return where it was saved, or why it was not."""
-        with self._publishing:
-            active = ActiveCalibration(result, rig, time.monotonic(), saved="not yet", cameras=cameras)
-            pair = next(iter(active.repaired_pairs), None) if config.publish_camera_info else None
-            self._outputs.publish(Publication(result, config, stamp_ns, self._lanes(result), pair))
-            # It is active from here on, even if it cannot be saved.
-            self._keeper.accept(active, settled)
-            topics = self._input.topics
-            try:
-                saved, failed = save(active, config, topics_source(topics.left, topics.right))
-            except Exception as error:  # noqa: BLE001 - it is in effect, so the answer is no failure
-                self.node.get_logger().error(traceback.format_exc())
-                saved = f"in effect, but not saved: {type(error).__name__}: {error}, see the node's log"
-                failed = True
-            self._keeper.saved(saved, failed)
-            return saved
+    def _on_progress(self, progress: CallProgress) -> None:
+        """Log the progress of a call; called by its thread, once a second while frames come."""
+        if self.node.context.ok():  # after a shutdown everything fails
+            self.node.get_logger().info(progress.text)
+
+    def _on_reset(self, _request: Any, response: Any) -> Any:
+        try:
+            call = self._call
+            if call is not None:
+                call.cancel()
+            told, response.success = self._activation.reset()
+            self._last_success = None
+            response.message = told if call is None else f"the running call is ended; {told}"
+            self.node.get_logger().info(f"~/reset: {response.message}")
+        except Exception as error:  # noqa: BLE001 - the caller gets an answer and the node goes on
+            response.success, response.message = False, self._explain_failure(error)
+        return response
+
+    def _explain_failure(self, error: Exception) -> str:
+        """Return the answer of a service that failed, and log the traceback; in an ``except`` clause."""
+        if not self.node.context.ok():  # after a shutdown everything fails
+            return INTERRUPTED
+        self.node.get_logger().error(traceback.format_exc())
+        return f"internal error, see the node's log: {type(error).__name__}: {error}"
 
     def _check_cameras(self) -> bool:
         """Withdraw the active calibration if it is of other cameras. Return whether to watch."""
@@ -218,12 +205,10 @@ class SelfcalNode:
             return False
         if active is None:
             return config.on_drift == _RECALIBRATE
-        problem = _other_cameras(active.rig, self._known_rig(config))
+        problem = other_cameras(active.rig, self._known_rig(config))
         if problem:
             self.node.get_logger().warning(f"the calibration is taken back: {problem}")
-            with self._publishing:
-                self._keeper.withdraw(problem)
-                self._outputs.withdraw()
+            self._activation.withdraw(problem)
         return not problem
 
     def _known_rig(self, config: NodeConfig) -> StereoRig | None:
@@ -258,6 +243,7 @@ class SelfcalNode:
         if report.rig is None:
             return
         turned = self._keeper.alignment.message
+        resets = self._keeper.resets
         event = self._keeper.watched(report.result, report.rig)
         if not turned and self._keeper.alignment.message:
             self.node.get_logger().warning(self._keeper.alignment.message)
@@ -275,8 +261,12 @@ class SelfcalNode:
             return
         self._remember_lines(report)
         cameras = self._cameras_of(report.rig, config)
-        saved = self._activate(better, report.rig, report.stamp_ns, config, cameras, settled=True)
-        self.node.get_logger().info(f"recalibrated by the watch: {better.message}; {saved}")
+        found = FoundCalibration(
+            better, report.rig, report.stamp_ns, cameras, self._lanes(better), by_watch=True
+        )
+        saved = self._activation.activate(found, config, lambda: self._keeper.resets == resets)
+        if saved is not None:
+            self.node.get_logger().info(f"recalibrated by the watch: {better.message}; {saved}")
 
     def _remember_lines(self, report: FrameReport) -> None:
         if report.rig is not None and report.result.pattern is not None and report.result.accepted:
@@ -289,7 +279,7 @@ class SelfcalNode:
         return lanes_on_road(*self._last_lines, result.extrinsics)
 
     def _calibration_report(self) -> CalibrationReport:
-        active, config = self._keeper.active, self._parameters.config
+        active, config, call = self._keeper.active, self._parameters.config, self._call
         return CalibrationReport(
             state=str(self._keeper.state),
             reason=self._keeper.reason,
@@ -300,6 +290,7 @@ class SelfcalNode:
             last_success=self._last_success,
             frames=self._record.statistics,
             alignment=self._keeper.alignment,
+            progress=None if call is None else call.progress,
         )
 
 
@@ -309,22 +300,3 @@ def _node(**kwargs: Any) -> Node:
         return Node(NODE_NAME, **kwargs)
     except (ParameterException, InvalidQosOverridesError, RuntimeError, ValueError, TypeError) as error:
         raise ConfigError(f"the node cannot be made: {' '.join(str(error).split())}") from error
-
-
-def _rig_of(config: NodeConfig) -> StereoRig | None:
-    """Return the rig of the parameters; None where it comes from CameraInfo, or is invalid."""
-    try:
-        return config.rig_from_parameters()
-    except RigError:  # reported when the rig is needed
-        return None
-
-
-def _other_cameras(calibrated: StereoRig, rig: StereoRig | None) -> str:
-    """Return why a calibration is not of these cameras; "" if it is, or if they are not known."""
-    if rig is None:
-        return ""
-    try:
-        check_fits(calibrated, rig)
-    except ConfigError as error:
-        return str(error)
-    return ""

@@ -1,15 +1,16 @@
-"""Saves the active calibration to the result file, and restores it in the next run."""
+"""Saves the active calibration to the result file, restores it in the next run, and keeps it aside."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from pathlib import Path
 
 from ..core.errors import OutputError, printable
-from ..files.atomic_file import cannot_be_written
+from ..files.atomic_file import cannot_be_written, set_aside
 from ..files.exports import CAMERA_INFO, write_exports
 from ..files.node_settings import ros_home
-from ..files.result_file import write_result
+from ..files.result_file import restore, restore_old_default, write_result
 from ..files.saved_result import SavedResult
 from ..files.writable import check_writable
 from .calibration_keeper import ActiveCalibration
@@ -71,6 +72,34 @@ def save(active: ActiveCalibration, config: NodeConfig, source: str) -> tuple[st
     except _FAILURES as error:
         return f"saved to {shown}, but not exported: {_reason(error, path)}{kept}", True
     return f"saved to {shown} and exported as {', '.join(config.exports)}{kept}", False
+
+
+def keep_aside(paths: Iterable[Path], topics: tuple[str, str], *, old_default: bool) -> tuple[str, bool]:
+    """Keep result files aside that the next start would restore.
+
+    Files of other images stay, as they are not restored, and so do exports.
+
+    Args:
+        paths: Where they may be.
+        topics: Topics of the left and right images of the node.
+        old_default: Whether the next start may take the file that earlier versions wrote for all nodes.
+
+    Returns:
+        Where they are now or why not, in words, "" where there was none; and whether that failed.
+    """
+    found = [restore(path, topics) for path in dict.fromkeys(paths)]
+    if old_default:
+        found.append(restore_old_default(topics))
+    told, failed = [], False
+    for each in found:
+        if each.saved is None or each.path is None:
+            continue
+        try:
+            told.append(f"its file is kept as {printable(str(set_aside(each.path)))}")
+        except OutputError as error:
+            told.append(f"the next start will restore it: {error}")
+            failed = True
+    return "; ".join(told), failed
 
 
 def check_output(path: Path) -> None:

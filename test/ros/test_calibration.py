@@ -6,44 +6,24 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from call_making import ARRIVED, RIG, Source, config, image, pair
 
 from stereo_selfcal import CalibrationResult, CalibratorConfig, Extrinsics
 from stereo_selfcal.core.camera.frozen import FrozenImage
-from stereo_selfcal.core.camera.pairing import PairCounts, StampedPair
+from stereo_selfcal.core.camera.pairing import PairCounts
 from stereo_selfcal.core.camera.stamp_pattern import NoPairCause, StampPattern
 from stereo_selfcal.core.geometry.alignment import Alignment
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import rejected
 from stereo_selfcal.ros import calibration
 from stereo_selfcal.ros.calibration import CalibrationCall
-from stereo_selfcal.ros.config import SETTINGS, NodeConfig
-from stereo_selfcal.ros.pair_source import InputState, Topics, no_pair_reason
+from stereo_selfcal.ros.pair_source import Topics, no_pair_reason
 
-RIG = {"width": 4, "height": 3, "fx": 5.0, "fy": 5.0, "cx": 1.5, "cy": 1.0, "baseline_m": 0.2}
-ARRIVED = PairCounts(10, 10)
 RAW_TOPICS = Topics("/left/image_raw", "/right/image_raw", "/left/camera_info", "/right/camera_info")
-TOPICS = Topics("/left/image_rect", "/right/image_rect", "/left/camera_info", "/right/camera_info")
-
-
-def config(**changes):
-    values = {name: setting.default for name, setting in SETTINGS.items()}
-    values.update({"timeout_s": 0.2, **{f"rig.{name}": value for name, value in RIG.items()}})
-    values.update({name.replace("__", "."): value for name, value in changes.items()})
-    return NodeConfig.from_values(values)
 
 
 def without_rig(**changes):
     return config(**{f"rig__{name}": type(value)(0) for name, value in RIG.items()}, **changes)
-
-
-def image(value=100, encoding="mono8", step=4):
-    return SimpleNamespace(
-        data=bytes([value]) * 12, width=4, height=3, step=step, encoding=encoding, is_bigendian=0
-    )
-
-
-def pair(stamp_ns=0, left=None, right=None):
-    return StampedPair(left or image(), right or image(), stamp_ns, stamp_ns)
 
 
 def info(fx=5.0, shift=0.0, **changes):
@@ -52,38 +32,9 @@ def info(fx=5.0, shift=0.0, **changes):
     return SimpleNamespace(**{"width": 4, "height": 3, "k": k, "p": p, **changes})
 
 
-TOO_FEW = StampPattern(NoPairCause.TOO_FEW)
-
-
 def unequal(nearest_s, cause=NoPairCause.UNEQUAL):
     """Return the pattern of two 30 Hz cameras whose images form no pair."""
     return StampPattern(cause, nearest_s, 1 / 30, (0.8, 0.6))
-
-
-class Source:
-    """A camera that delivers ``pairs``, one per request, and then nothing."""
-
-    def __init__(self, *pairs, counts=ARRIVED, pattern=TOO_FEW, infos=(None, None), mismatches=()):
-        self.pattern = pattern
-        self.topics = TOPICS
-        self.camera_infos = infos
-        self.states = deque([InputState(ARRIVED, None), InputState(counts, None, mismatches)])
-        self.pairs = deque(pairs)
-        self.stopped = False
-
-    @property
-    def state(self):
-        return self.states.popleft() if len(self.states) > 1 else self.states[0]
-
-    def camera_infos_of(self, _pair):
-        return self.camera_infos
-
-    def publishers(self, topic):
-        return 1 if "left" in topic else 0
-
-    def next_pair(self, timeout_s):
-        assert timeout_s >= 0
-        return self.pairs.popleft() if self.pairs else None
 
 
 class FakeCalibrator:
@@ -506,7 +457,7 @@ def test_images_of_12_bits_are_scaled_alike_and_the_answer_says_so(monkeypatch):
 
     def calibrate(calibrator, left, right, stamp_ns, stamp_difference_s):
         seen.append((int(left.max()), int(right.max())))
-        return SimpleNamespace(result=SimpleNamespace(accepted=False, message="no lines"))
+        return SimpleNamespace(result=SimpleNamespace(accepted=False, message="no lines", reason="none"))
 
     monkeypatch.setattr(calibration, "calibrate_timed", calibrate)
     pairs = [pair(1, image_of_12_bits(4000), image_of_12_bits(2000)), pair(2, image_of_12_bits(160), image())]

@@ -11,7 +11,9 @@ from result_making import COVARIANCE, EXTRINSICS, RIG, a_result, write
 from stereo_selfcal import Extrinsics
 from stereo_selfcal.core.drive.alignment_watch import AlignmentState
 from stereo_selfcal.core.drive.states import Event, State
+from stereo_selfcal.core.drive.targets import USUAL_TARGETS
 from stereo_selfcal.core.geometry.alignment import Alignment
+from stereo_selfcal.core.geometry.mount import MountEvidence
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import rejected
 from stereo_selfcal.files import atomic_file
@@ -19,7 +21,7 @@ from stereo_selfcal.files.node_settings import all_settings
 from stereo_selfcal.files.result_file import load_result
 from stereo_selfcal.ros.calibration_keeper import ActiveCalibration, CalibrationKeeper
 from stereo_selfcal.ros.config import NodeConfig
-from stereo_selfcal.ros.store import restored_calibration, save
+from stereo_selfcal.ros.store import keep_aside, restored_calibration, save
 
 DEFAULTS = {setting.name: setting.default for setting in all_settings()}
 ACTIVE = ActiveCalibration(a_result(), RIG, 0.0)
@@ -113,7 +115,7 @@ def test_the_watch_proposes_a_better_one(calibrated):
     drive(calibrated, 60, shift=(0.1, 0.0, 0.0), start_s=200.0)
     better = ActiveCalibration(calibrated.proposal(RIG), RIG, 0.0)
     assert better.result.extrinsics.height_m == pytest.approx(EXTRINSICS.height_m + 0.1, abs=5e-3)
-    calibrated.accept(better, settled=True)
+    calibrated.accept(better, by_watch=True)
     assert (calibrated.state, calibrated.active) == (State.CALIBRATED, better)
     assert calibrated.reason == "proven better by the watch"
     assert drive(calibrated, 200, shift=(0.1, 0.0, 0.0), start_s=400.0) == []
@@ -124,6 +126,64 @@ def test_withdrawn_is_uncalibrated_and_says_why(calibrated):
     assert (calibrated.state, calibrated.active) == (State.UNCALIBRATED, None)
     assert calibrated.reason == "other cameras"
     assert drive(calibrated, 60) == []
+
+
+def test_a_reset_leaves_nothing_and_says_so(calibrated):
+    drive(calibrated, 60)
+    assert calibrated.reset() is ACTIVE
+    assert (calibrated.state, calibrated.active, calibrated.resets) == (State.UNCALIBRATED, None, 1)
+    assert calibrated.reason.startswith("taken back by ~/reset; call ~/calibrate on a straight road")
+    assert calibrated.explain().startswith("nothing to compare with; 0 frames")
+    assert calibrated.reset() is None
+    assert calibrated.resets == 2
+
+
+def test_a_reset_ends_the_state_of_a_call_whatever_it_finds(calibrated):
+    calibrated.begin()
+    calibrated.reset()
+    assert calibrated.state is State.UNCALIBRATED
+    calibrated.fail()  # its end
+    assert calibrated.state is State.UNCALIBRATED
+
+
+def with_std(height_m, mount=None):
+    return a_result(covariance=np.diag([height_m**2, 1e-10, 1e-10]), mount=mount)
+
+
+MOUNT = MountEvidence(9.0, 0, 0, False, EXTRINSICS, np.ones(3), np.ones(3))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "better", "why"),
+    [
+        (with_std(0.012), with_std(0.010), True, "the one before is less certain (std 12 mm, "),
+        (with_std(0.012), with_std(0.012), False, "the one in force is no less certain (std 12 mm, "),
+        (with_std(0.012), with_std(0.014), False, "the one in force is no less certain (std 12 mm, "),
+        (with_std(0.001), with_std(0.014, MOUNT), True, "the one before is less certain (std 1 mm, "),
+    ],
+)
+def test_what_misses_its_targets_takes_over_from_what_is_less_certain(old, new, better, why):
+    keeper = CalibrationKeeper()
+    keeper.load(ActiveCalibration(old, RIG, 0.0))
+    keeper.begin()
+    found, reason = keeper.compare(new, USUAL_TARGETS, same_cameras=True)
+    assert (found, reason[: len(why)]) == (better, why)
+
+
+def test_what_misses_its_targets_takes_over_from_nothing_others_and_what_is_invalid(calibrated):
+    worse = with_std(0.1)
+    nothing = CalibrationKeeper()
+    nothing.begin()
+    assert nothing.compare(worse, USUAL_TARGETS, same_cameras=False) == (True, "there was none")
+    others = calibrated.compare(worse, USUAL_TARGETS, same_cameras=False)
+    assert others == (True, "the one before is of other cameras")
+    assert not calibrated.compare(worse, USUAL_TARGETS, same_cameras=True)[0]
+    drive(calibrated, 60)
+    drive(calibrated, 60, shift=(0.1, 0.0, 0.0), start_s=200.0)
+    assert calibrated.state is State.INVALID
+    calibrated.begin()
+    invalid = calibrated.compare(worse, USUAL_TARGETS, same_cameras=True)
+    assert invalid == (True, "the one before is invalid")
 
 
 def test_frames_of_two_rigs_make_no_mean():
@@ -196,6 +256,42 @@ def test_a_strange_file_is_kept_aside_before_saving(tmp_path):
     text = f"saved to {path}; what was there, not of these images, is kept as {path}.rejected"
     assert save(ACTIVE, config(output_path=str(path)), "topics") == (text, False)
     assert (tmp_path / "out.yaml.rejected").read_text() == "my diary"
+
+
+TOPICS = ("/left/image_rect", "/right/image_rect")
+
+
+def test_files_that_the_next_start_would_restore_are_kept_aside(tmp_path):
+    path, other = tmp_path / "out.yaml", tmp_path / "other.yaml"
+    write(path, source=" ".join(TOPICS))
+    write(other, source="/rear/left/image_rect /rear/right/image_rect")
+    paths = [path, other, tmp_path / "missing.yaml", path]
+    assert keep_aside(paths, TOPICS, old_default=False) == (f"its file is kept as {path}.rejected", False)
+    assert not path.exists() and load_result(tmp_path / "out.yaml.rejected").extrinsics == EXTRINSICS
+    assert other.exists(), "it is not restored, as it is of other images"
+    assert keep_aside(paths, TOPICS, old_default=False) == ("", False)
+
+
+def test_the_old_default_file_is_kept_aside_where_it_would_be_restored(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    old = tmp_path / ".ros" / "stereo_selfcal.yaml"
+    old.parent.mkdir()
+    write(old, source=" ".join(TOPICS))
+    assert keep_aside([], TOPICS, old_default=False) == ("", False)
+    assert keep_aside([], TOPICS, old_default=True) == (f"its file is kept as {old}.rejected", False)
+
+
+def test_a_file_that_cannot_be_kept_aside_is_told(tmp_path, monkeypatch):
+    path = tmp_path / "out.yaml"
+    write(path, source=" ".join(TOPICS))
+
+    def fails(*_):
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(atomic_file.os, "open", fails)
+    text, failed = keep_aside([path], TOPICS, old_default=False)
+    assert failed
+    assert text.startswith(f"the next start will restore it: {path} cannot be kept aside: read-only file")
 
 
 def aligned(yaw_rad):

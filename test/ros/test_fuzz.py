@@ -12,6 +12,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from call_making import ANY_STD
 from hypothesis import HealthCheck, Phase, example, given, settings
 from hypothesis import strategies as st
 from node_in_process import NodeInProcess
@@ -286,8 +287,9 @@ def test_it_calibrates_after_all_that(node):
     ]
     assert node.node.set_parameters_atomically(
         [
-            *(p for p in defaults if p.name not in ("output_path", "timeout_s")),
+            *(p for p in defaults if p.name not in ("output_path", "timeout_s", *ANY_STD)),
             Parameter("timeout_s", value=60.0),
+            *(Parameter(name, value=value) for name, value in ANY_STD.items()),
         ]
     ).successful
     assert node.calibrate([*info_topics(), *image_topics(good_frame())]).success

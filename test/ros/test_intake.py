@@ -90,6 +90,20 @@ def test_closed_queue_hands_nothing_over():
     assert queue.get(600.0) is None
 
 
+def test_an_interrupted_queue_hands_nothing_over_until_it_is_cleared():
+    queue, got = PairQueue(), []
+    waiting = threading.Thread(target=lambda: got.append(queue.get(600.0)))
+    waiting.start()
+    queue.interrupt()
+    waiting.join(60.0)
+    assert got == [None]
+    queue.put([pair(1)])
+    assert queue.get(600.0) is None and not queue.closed
+    queue.clear()
+    queue.put([pair(2)])
+    assert queue.get(600.0).left == 2
+
+
 def test_pairs_are_kept_only_while_they_are_wanted(closed):
     intake = closed.intake
     closed.send(1000)

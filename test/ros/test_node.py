@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 import ros_graph
+from call_making import scripted_calls
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.parameter import Parameter
 from ros_graph import RESULTS, wait_for
@@ -34,17 +35,13 @@ def script(graph, monkeypatch):
     """Start the node; the outcomes put into the list that is returned are those of its calls, in order."""
     outcomes = []
 
-    class ScriptedCall:
-        def __init__(self, source, config, report):
-            pass
+    def next_outcome():
+        outcome = outcomes.pop(0)
+        if isinstance(outcome, Exception):
+            raise outcome
+        return outcome
 
-        def run(self):
-            outcome = outcomes.pop(0)
-            if isinstance(outcome, Exception):
-                raise outcome
-            return outcome
-
-    monkeypatch.setattr(selfcal_module, "CalibrationCall", ScriptedCall)
+    monkeypatch.setattr(selfcal_module, "CalibrationCall", scripted_calls(next_outcome))
     unsaved = Parameter("output_path", Parameter.Type.STRING, "")  # and nothing is restored
     selfcal = SelfcalNode(parameter_overrides=[unsaved])
     executor = MultiThreadedExecutor(4)

@@ -2,7 +2,6 @@
 
 import dataclasses
 import threading
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +9,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 import ros_graph
+from call_making import ANY_STD, scripted_calls
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rcl_interfaces.msg import ParameterEvent
@@ -48,7 +48,7 @@ def start(graph):
     running = []
 
     def start(**parameters):
-        values = {"output_path": "", "monitor_period_s": 0.0, **parameters}
+        values = {"output_path": "", "monitor_period_s": 0.0, **ANY_STD, **parameters}
         overrides = [Parameter(name, value=value) for name, value in values.items()]
         selfcal = SelfcalNode(parameter_overrides=overrides)
         executor = MultiThreadedExecutor(4)
@@ -69,7 +69,7 @@ def start(graph):
 @pytest.fixture
 def scripted(monkeypatch):
     """Calls of ~/calibrate answer GOOD."""
-    monkeypatch.setattr(selfcal_module, "CalibrationCall", lambda *_: SimpleNamespace(run=lambda: GOOD))
+    monkeypatch.setattr(selfcal_module, "CalibrationCall", scripted_calls(lambda: GOOD))
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from call_making import scripted_calls
 from node_in_process import NodeInProcess
 from result_making import EXTRINSICS, RIG, a_result, write
 
@@ -40,14 +41,8 @@ def value(node, name):
 def finding(monkeypatch):
     """Let each call of ~/calibrate find the same result at once."""
 
-    class Call:
-        def __init__(self, *_):
-            pass
-
-        def run(self):
-            return CallOutcome("calibrated", a_result(), RIG, 5)
-
-    monkeypatch.setattr(selfcal_module, "CalibrationCall", Call)
+    outcome = CallOutcome("calibrated", a_result(), RIG, 5)
+    monkeypatch.setattr(selfcal_module, "CalibrationCall", scripted_calls(lambda: outcome))
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from call_making import ANY_STD
 
 from stereo_selfcal import Extrinsics
 from stereo_selfcal.core.camera.pairing import PairCounts, StampedPair
@@ -85,7 +86,7 @@ class Source:
 def config(**changes):
     values = {name: setting.default for name, setting in SETTINGS.items()}
     values.update({f"rig.{name}": value for name, value in PAPER_RIG.to_mapping().items()})
-    return NodeConfig.from_values({**values, **changes})
+    return NodeConfig.from_values({**values, **ANY_STD, **changes})
 
 
 def test_call_reports_every_frame_with_what_came_of_it():

@@ -30,6 +30,7 @@ class Event(Enum):
     ACCEPTED = "accepted"
     FAILED = "failed"
     WITHDRAWN = "withdrawn"
+    RESET = "reset"
     DOUBTED = "doubted"
     REFUTED = "refuted"
     EASED = "eased"
@@ -56,7 +57,8 @@ class Transition:
     condition: str
 
 
-_ACCEPTED = "a calibration was accepted by every gate"
+_ACCEPTED = "the call ends with a calibration that is good, or better than what is in force"
+_RESET = "~/reset is called"
 _STARTED = "~/calibrate is called"
 _OTHER = "size, focal length, principal point or baseline of the cameras differ from those it was made with"
 _AGAIN = "frames since speak against the drift, 1000 to 1"
@@ -66,14 +68,17 @@ TRANSITIONS = (
     Transition(State.UNCALIBRATED, Event.STARTED, State.CALIBRATING, _STARTED),
     Transition(State.UNCALIBRATED, Event.ACCEPTED, State.CALIBRATED, "the watch has a mean over minutes"),
     Transition(State.CALIBRATING, Event.ACCEPTED, State.CALIBRATED, _ACCEPTED),
-    Transition(State.CALIBRATING, Event.FAILED, None, "the call ends without a calibration"),
+    Transition(State.CALIBRATING, Event.FAILED, None, "the call ends without a better calibration"),
     Transition(State.CALIBRATING, Event.WITHDRAWN, State.CALIBRATING, _OTHER),
+    Transition(State.CALIBRATING, Event.RESET, State.UNCALIBRATED, _RESET),
     Transition(State.CALIBRATED, Event.STARTED, State.CALIBRATING, _STARTED),
     Transition(State.CALIBRATED, Event.WITHDRAWN, State.UNCALIBRATED, _OTHER),
+    Transition(State.CALIBRATED, Event.RESET, State.UNCALIBRATED, _RESET),
     Transition(State.CALIBRATED, Event.DOUBTED, State.SUSPECT, "the drift test raises the alarm"),
     Transition(State.SUSPECT, Event.STARTED, State.CALIBRATING, _STARTED),
     Transition(State.SUSPECT, Event.ACCEPTED, State.CALIBRATED, "the watch has proven a better one"),
     Transition(State.SUSPECT, Event.WITHDRAWN, State.UNCALIBRATED, _OTHER),
+    Transition(State.SUSPECT, Event.RESET, State.UNCALIBRATED, _RESET),
     Transition(State.SUSPECT, Event.CONFIRMED, State.CALIBRATED, _AGAIN),
     Transition(
         State.SUSPECT,
@@ -84,6 +89,7 @@ TRANSITIONS = (
     Transition(State.INVALID, Event.STARTED, State.CALIBRATING, _STARTED),
     Transition(State.INVALID, Event.ACCEPTED, State.CALIBRATED, "the watch has proven a better one"),
     Transition(State.INVALID, Event.WITHDRAWN, State.UNCALIBRATED, _OTHER),
+    Transition(State.INVALID, Event.RESET, State.UNCALIBRATED, _RESET),
     Transition(State.INVALID, Event.CONFIRMED, State.CALIBRATED, _AGAIN),
     Transition(
         State.INVALID, Event.EASED, State.SUSPECT, "the drift is within its limit by two standard deviations"
@@ -104,13 +110,19 @@ class StateMachine:
     state: State = State.UNCALIBRATED
     resumed: State = State.UNCALIBRATED
 
+    @property
+    def before_call(self) -> State:
+        """The state without the calibration in progress."""
+        return self.resumed if self.state is State.CALIBRATING else self.state
+
     def after(self, event: Event) -> StateMachine:
         """Return the machine after an event; the same one where the state has no transition for the event."""
         transition = _BY_CAUSE.get((self.state, event))
         if transition is None:
             return self
         if self.state is State.CALIBRATING:
-            resumed = State.UNCALIBRATED if event is Event.WITHDRAWN else self.resumed
+            taken_back = event in (Event.WITHDRAWN, Event.RESET)
+            resumed = State.UNCALIBRATED if taken_back else self.resumed
             return StateMachine(transition.after or resumed, resumed)
         if transition.after is State.CALIBRATING:
             return StateMachine(State.CALIBRATING, self.state)

@@ -18,12 +18,14 @@ AFTER = {
     State.CALIBRATED: {
         Event.STARTED: State.CALIBRATING,
         Event.WITHDRAWN: State.UNCALIBRATED,
+        Event.RESET: State.UNCALIBRATED,
         Event.DOUBTED: State.SUSPECT,
     },
     State.SUSPECT: {
         Event.STARTED: State.CALIBRATING,
         Event.ACCEPTED: State.CALIBRATED,
         Event.WITHDRAWN: State.UNCALIBRATED,
+        Event.RESET: State.UNCALIBRATED,
         Event.CONFIRMED: State.CALIBRATED,
         Event.REFUTED: State.INVALID,
     },
@@ -31,6 +33,7 @@ AFTER = {
         Event.STARTED: State.CALIBRATING,
         Event.ACCEPTED: State.CALIBRATED,
         Event.WITHDRAWN: State.UNCALIBRATED,
+        Event.RESET: State.UNCALIBRATED,
         Event.CONFIRMED: State.CALIBRATED,
         Event.EASED: State.SUSPECT,
     },
@@ -52,6 +55,8 @@ def test_a_call_that_finds_nothing_changes_nothing(before, event):
         assert then.state is State.CALIBRATED
     elif event is Event.FAILED:
         assert then.state is before
+    elif event is Event.RESET:
+        assert then.state is then.after(Event.FAILED).state is State.UNCALIBRATED
     else:
         assert then.state is State.CALIBRATING
         ended = then.after(Event.FAILED).state

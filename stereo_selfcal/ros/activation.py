@@ -1,0 +1,183 @@
+"""Puts calibrations in force and takes them back: all that depends on them, at once."""
+
+from __future__ import annotations
+
+import threading
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from rclpy.node import Node
+
+from ..core.camera.rectifier import StereoRectifier
+from ..core.camera.rig import StereoRig
+from ..core.errors import ConfigError, RigError, printable
+from ..core.results import CalibrationResult
+from ..core.types import Array
+from ..files.result_file import restore, restore_old_default
+from ..files.saved_result import check_fits, topics_source
+from .calibration_keeper import ActiveCalibration, CalibrationKeeper
+from .config import NodeConfig
+from .outputs import Outputs, Publication
+from .pair_source import Topics
+from .parameters import NodeParameters
+from .store import keep_aside, restored_calibration, save
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundCalibration:
+    """A calibration that a call or the watch has found.
+
+    Attributes:
+        result: The result.
+        rig: The rig it holds for.
+        stamp_ns: Stamp of the last frame in it [ns].
+        cameras: The cameras of its frames, None where they are not known.
+        lanes: Lane lines of the last frame on the road, each (N, 2) [m]; empty where they are not known.
+        by_watch: Whether the watch has found it.
+    """
+
+    result: CalibrationResult
+    rig: StereoRig
+    stamp_ns: int
+    cameras: StereoRectifier | None
+    lanes: tuple[Array, ...] = ()
+    by_watch: bool = False
+
+
+class Activation:
+    """Puts calibrations in force and takes them back, one at a time, whichever thread asks for it.
+
+    Args:
+        node: The node, for its log and clock.
+        parameters: Its parameters.
+        outputs: What it publishes.
+        keeper: Keeps the active calibration.
+        topics: Topics of its images.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        parameters: NodeParameters,
+        outputs: Outputs,
+        keeper: CalibrationKeeper,
+        topics: Topics,
+    ) -> None:
+        self._node = node
+        self._parameters = parameters
+        self._outputs = outputs
+        self._keeper = keeper
+        self._topics = topics.left, topics.right
+        self._lock = threading.Lock()  # a call and the watch may publish at the same time
+        self._files: set[Path] = set()  # result files of this run
+
+    def restore(self) -> None:
+        """Activate the calibration of the last run; to be called before the node is spun."""
+        config, logger = self._parameters.config, self._node.get_logger()
+        if config.output_path is None:
+            return
+        restored = restore(config.output_path, self._topics)
+        if restored.path is None and self._parameters.output_is_default:
+            restored = restore_old_default(self._topics)
+        if restored.of_others:
+            logger.warning(restored.problem)
+        elif restored.problem:
+            logger.error(restored.problem)
+        if restored.problem:
+            self._keeper.reject(restored.problem)
+        if restored.saved is None or restored.path is None:
+            return
+        now_s = self._node.get_clock().now().nanoseconds / 1e9
+        active = restored_calibration(restored.saved, restored.path, now_s)
+        problem = other_cameras(active.rig, _rig_of(config))
+        if problem:
+            logger.warning(f"{printable(str(restored.path))} is not used: {problem}")
+            self._keeper.reject(problem)
+            return
+        self._files.add(restored.path)
+        self._outputs.publish_now(Publication(active.result, config, restored.saved.stamp_ns))
+        self._keeper.load(active)
+        logger.info(f"{active.saved}: {active.result.message}")
+
+    def activate(
+        self, found: FoundCalibration, config: NodeConfig, is_wanted: Callable[[], bool]
+    ) -> str | None:
+        """Publish, activate and save a calibration.
+
+        Args:
+            found: The calibration.
+            config: Parameters it was found with.
+            is_wanted: Returns whether it is wanted still; asked when nothing can come in between any more.
+
+        Returns:
+            Where it was saved, or why it was not; None where it was not wanted, and nothing was done.
+        """
+        result = found.result
+        with self._lock:
+            if not is_wanted():
+                return None
+            active = ActiveCalibration(
+                result, found.rig, time.monotonic(), saved="not yet", cameras=found.cameras
+            )
+            pair = next(iter(active.repaired_pairs), None) if config.publish_camera_info else None
+            self._outputs.publish(Publication(result, config, found.stamp_ns, found.lanes, pair))
+            # It is active from here on, even if it cannot be saved.
+            self._keeper.accept(active, found.by_watch)
+            if config.output_path is not None:
+                self._files.add(config.output_path)
+            try:
+                saved, failed = save(active, config, topics_source(*self._topics))
+            except Exception as error:  # noqa: BLE001 - it is in effect, so the answer is no failure
+                self._node.get_logger().error(traceback.format_exc())
+                saved = f"in effect, but not saved: {type(error).__name__}: {error}, see the node's log"
+                failed = True
+            self._keeper.saved(saved, failed)
+            return saved
+
+    def withdraw(self, problem: str) -> None:
+        """Take the calibration back, as it is of other cameras; its file stays."""
+        with self._lock:
+            self._keeper.withdraw(problem)
+            self._outputs.withdraw()
+
+    def reset(self) -> tuple[str, bool]:
+        """Take the calibration back, and keep the files aside that the next start would restore.
+
+        Returns:
+            What was done, in words; and whether the next start finds nothing.
+        """
+        with self._lock:
+            active = self._keeper.reset()
+            path = self._parameters.config.output_path
+            files = self._files if path is None else self._files | {path}
+            kept, failed = keep_aside(
+                sorted(files), self._topics, old_default=self._parameters.output_is_default
+            )
+            if not failed:
+                self._files.clear()
+            if active is not None:
+                self._outputs.withdraw()
+        taken = "there was no calibration in force" if active is None else "the calibration is taken back"
+        return "; ".join(filter(None, (taken, kept))), not failed
+
+
+def other_cameras(calibrated: StereoRig, rig: StereoRig | None) -> str:
+    """Return why a calibration is not of these cameras; "" if it is, or if they are not known."""
+    if rig is None:
+        return ""
+    try:
+        check_fits(calibrated, rig)
+    except ConfigError as error:
+        return str(error)
+    return ""
+
+
+def _rig_of(config: NodeConfig) -> StereoRig | None:
+    """Return the rig of the parameters; None where it comes from CameraInfo, or is invalid."""
+    try:
+        return config.rig_from_parameters()
+    except RigError:  # reported when the rig is needed
+        return None
