@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ..core.config import CalibratorConfig
+from ..core.drive.targets import DEFAULT_HEIGHT_STD_M, DEFAULT_PITCH_STD_RAD, DEFAULT_ROLL_STD_RAD
 from ..core.errors import ConfigError, shortened
 from ..core.geometry.alignment import ALIGNMENT_NAMES, ALIGNMENT_STD_NAMES
 
@@ -32,6 +33,9 @@ OLD_OUTPUT_PATH = f"~/.ros/{NODE_NAME}.yaml"
 _GREATEST_PIXELS = 100_000
 _GREATEST_BASELINE_M = 100.0
 _GREATEST_QUEUE = 1000
+# Far beyond what any calibration has; who asks for nothing gives 0. They detect values in mm or degrees.
+_GREATEST_TARGET_M = 1.0
+_GREATEST_TARGET_RAD = 1.0
 
 # Characters of a text. ROS allows names of 255; Linux paths of 4096 with the zero at their end (PATH_MAX).
 _LONGEST_NAME = 255
@@ -128,8 +132,39 @@ NODE_SETTINGS = (
         "File the result is written to (~ is the home folder); empty: it is not written; default: "
         "~/.ros/<namespace>/<name of the node>.yaml ($ROS_HOME instead of ~/.ros, where it is set)",
     ),
-    NodeSetting("timeout_s", 10.0, "How long ~/calibrate waits for usable frames", "s", 0.1, 3600.0),
-    NodeSetting("frames", 1, "Accepted frames that one call of ~/calibrate fuses", "", 1, 10_000),
+    NodeSetting(
+        "timeout_s",
+        60.0,
+        "How long ~/calibrate collects frames, if the targets are not reached before",
+        "s",
+        0.1,
+        3600.0,
+    ),
+    NodeSetting("frames", 1, "Least number of accepted frames that ~/calibrate collects", "", 1, 10_000),
+    NodeSetting(
+        "target_height_std_m",
+        DEFAULT_HEIGHT_STD_M,
+        "Standard deviation of the height at which ~/calibrate ends; 0: any is good enough",
+        "m",
+        0.0,
+        _GREATEST_TARGET_M,
+    ),
+    NodeSetting(
+        "target_pitch_std_rad",
+        DEFAULT_PITCH_STD_RAD,
+        "Standard deviation of the pitch at which ~/calibrate ends; 0: any is good enough",
+        "rad",
+        0.0,
+        _GREATEST_TARGET_RAD,
+    ),
+    NodeSetting(
+        "target_roll_std_rad",
+        DEFAULT_ROLL_STD_RAD,
+        "Standard deviation of the roll at which ~/calibrate ends; 0: any is good enough",
+        "rad",
+        0.0,
+        _GREATEST_TARGET_RAD,
+    ),
     NodeSetting(
         "monitor_period_s",
         2.0,
