@@ -136,7 +136,8 @@ def fuse_frames(frames: Sequence[AcceptedFrame], rig: StereoRig) -> CalibrationR
     frames = sorted(frames, key=lambda frame: frame.stamp_s)
     terms = [_terms(frame, rig) for frame in frames]
     whole = np.array([np.diag(total_covariance(each)) for each in terms])
-    series, motion = without_outliers(frame_series(frames), whole)
+    own = np.array([np.diag(own_covariance(frame)) for frame in frames])
+    series, motion = without_outliers(frame_series(frames), own)
     good = [frame for frame, use in zip(frames, series.used, strict=True) if use]
     terms = [each for each, use in zip(terms, series.used, strict=True) if use]
     series, whole = series.good(), whole[series.used]
