@@ -97,9 +97,7 @@ def test_a_change_is_no_scatter_about_the_means_before_and_after_it():
 
 
 def test_the_more_frames_the_better_is_their_scatter_known():
-    freedom = [
-        measure_scatter(series(wandering(400, 0.0, 2)[:n], step_s=1.0)).freedom for n in (5, 40, 400)
-    ]
+    freedom = [measure_scatter(series(wandering(400, 0.0, 2)[:n], step_s=1.0)).freedom for n in (5, 40, 400)]
     assert np.all(freedom[0] < freedom[1]) and np.all(freedom[1] < freedom[2])
     # The size of a motion that the prior alone tells is known to a factor of two: one degree of freedom.
     assert np.all(freedom[0] < 4.0) and np.all(freedom[2] > 10.0)

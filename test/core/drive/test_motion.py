@@ -108,9 +108,7 @@ def test_means_of_rides_as_different_as_the_prior_has_them_are_off_by_what_is_sa
     ratios = []
     for _ in range(100):
         size, memory_s = np.exp(0.6 * rng.normal()), 1.5 * np.exp(0.8 * rng.normal())
-        ratios.append(
-            errors_over_std(24, 1, rng.integers(2**32), motion=size * MOTION, memory_s=memory_s)[0]
-        )
+        ratios.append(errors_over_std(24, 1, rng.integers(2**32), motion=size * MOTION, memory_s=memory_s)[0])
     assert 0.8 < math.sqrt(np.mean(np.square(ratios))) < 1.25
 
 

@@ -39,9 +39,7 @@ def test_likelihood_is_that_of_the_whole_covariance(seed):
             information = ones @ inverse @ ones
             mean = ones @ inverse @ values[:, k] / information
             off = values[:, k] - mean
-            log[g, k] = -0.5 * (
-                np.linalg.slogdet(covariance)[1] + np.log(information) + off @ inverse @ off
-            )
+            log[g, k] = -0.5 * (np.linalg.slogdet(covariance)[1] + np.log(information) + off @ inverse @ off)
             assert found.mean[g, k] == pytest.approx(mean, rel=1e-9)
             assert found.variance[g, k] == pytest.approx(1.0 / information, rel=1e-9)
         # Candidates are compared: what all have in common does not matter.
