@@ -58,6 +58,13 @@ def test_a_car_that_was_not_seen_may_have_moved(world):
     assert stood(world, [0.0] * 3, unseen=[0, 1, 2]) == [False] * 3
 
 
+def test_the_same_image_again_is_of_a_standing_car(world):
+    """As of a simulation without noise: landmarks that did not move at all leave no error to go by."""
+    there = seen(world, RIG, START, np.random.default_rng(1))
+    place = PlaceOfCar().followed_by(there, RIG).accepted()
+    assert not place.followed_by(copy.deepcopy(there), RIG).moved
+
+
 def test_other_cars_do_not_move_this_one(world):
     place = PlaceOfCar().followed_by(seen(world, RIG, START, np.random.default_rng(1)), RIG).accepted()
     for part, still in ((0.25, True), (1.0, False)):
