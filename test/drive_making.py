@@ -4,6 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from stereo_selfcal.core.drive.motion import FrameSeries
+
 # Of a frame: what the camera does while the car pitches and rolls, and the noise of its estimate; height [m],
 # pitch, roll [rad].
 MOTION = np.array([0.006, np.radians(0.2), np.radians(0.3)])
@@ -38,3 +40,8 @@ def make_drive(
     wild = rng.random(n) < outliers
     poses[wild] += rng.normal(size=(np.count_nonzero(wild), 3)) * [0.05, 0.01, 0.02]
     return stamps, poses, np.broadcast_to(np.diag(NOISE**2), (n, 3, 3))
+
+
+def series_of(stamps: np.ndarray, poses: np.ndarray, covariances: np.ndarray) -> FrameSeries:
+    """Return the same as a series, of a car that never stands."""
+    return FrameSeries.of(stamps, poses, np.diagonal(covariances, axis1=1, axis2=2))

@@ -136,11 +136,12 @@ def fuse_frames(frames: Sequence[AcceptedFrame], rig: StereoRig) -> CalibrationR
     frames = sorted(frames, key=lambda frame: frame.stamp_s)
     terms = [_terms(frame, rig) for frame in frames]
     whole = np.array([np.diag(total_covariance(each)) for each in terms])
-    series, motion = without_outliers(frame_series(frames), whole)
+    own = np.array([np.diag(own_covariance(frame)) for frame in frames])
+    series, motion = without_outliers(frame_series(frames), own)
     good = [frame for frame, use in zip(frames, series.used, strict=True) if use]
     terms = [each for each, use in zip(terms, series.used, strict=True) if use]
     series, whole = series.good(), whole[series.used]
-    weights = _weights(series, whole, motion)
+    weights = _not_worse_than_one(_weights(series, whole, motion), good, terms, series, whole, motion)
     mean = (weights * series.values).sum(axis=0)
     of_motion, _ = motion.of_mean(series, weights)
     uncertainty = merge_terms(
@@ -199,6 +200,36 @@ def _weights(series: FrameSeries, whole: Array, motion: CarMotion) -> Array:
         counted = np.flatnonzero(level > variance[order])[-1]
         weights[:, column] = part * np.maximum(level[counted] - variance, 0.0) / scale[column]
     return np.asarray(weights / weights.sum(axis=0))
+
+
+def _not_worse_than_one(
+    weights: Array,
+    good: Sequence[AcceptedFrame],
+    terms: Sequence[tuple[UncertaintyTerm, ...]],
+    series: FrameSeries,
+    whole: Array,
+    motion: CarMotion,
+) -> Array:
+    """Return the weights (N, 3), or those of the best frame alone where the mean would be worse than it.
+
+    Two frames of one moment share the motion; so the mean of a good frame and a bad one may be worse.
+
+    Args:
+        weights: (N, 3) weights of a mean.
+        good: The frames.
+        terms: Their terms.
+        series: The same frames.
+        whole: (N, 3) their variances.
+        motion: The motion of the car.
+    """
+    best = np.zeros_like(weights)
+    best[np.argmin(whole, axis=0), np.arange(3)] = 1.0
+    of_mean, of_best = (
+        total_covariance(_terms_of_mean(good, terms, series, each)).diagonal()
+        + motion.of_mean(series, each)[0]
+        for each in (weights, best)
+    )
+    return np.where(of_best < of_mean, best, weights)
 
 
 def _evidence(

@@ -118,6 +118,16 @@ class FrameSeries:
         return rest
 
     @property
+    def forgets_s(self) -> Array:
+        """(N,) time in which the motion forgets the frame before [s].
+
+        A place where the car stands, and its motion before and after that, have nothing in common.
+        """
+        rest = self.at_rest
+        forgets_s: Array = np.where(np.diff(rest, prepend=rest[:1]), np.inf, self.gaps_s)
+        return forgets_s
+
+    @property
     def all_stood(self) -> bool:
         """Whether all frames are of one stop."""
         return len(self) > 1 and bool(np.all(self.stood[1:]))
@@ -216,19 +226,14 @@ class CarMotion:
             series: The frames.
             weights: (N, 3) their weights.
         """
-        # The state is one; moving and standing frames respond to it with another size. So the variance is a
-        # quadratic in the size, and three values of it tell all.
         rest = series.at_rest[:, None]
         memory_s = np.repeat(_candidates().memories_s[:, None], 3, axis=1)
-        zero, one, minus = (
-            variance_of_mean(
-                series.gaps_s, weights * np.where(rest, STANDING_STD, sign * USUAL_STD), memory_s
-            )[:, None]
-            for sign in (0.0, 1.0, -1.0)
+        # Driving and standing have nothing in common. Only what driving leaves grows with the size.
+        driving, standing = (
+            variance_of_mean(series.forgets_s, weights * response, memory_s)[:, None]
+            for response in (np.where(rest, 0.0, USUAL_STD), np.where(rest, STANDING_STD, 0.0))
         )
-        size = _candidates().sizes[:, None]
-        each = zero + size * (one - minus) / 2.0 + size**2 * ((one + minus) / 2.0 - zero)
-        each = each.reshape(-1, 3)
+        each = (standing + _candidates().sizes[:, None] ** 2 * driving).reshape(-1, 3)
         expected = (self.probability * each).sum(axis=0)
         spread = (self.probability * (each - expected) ** 2).sum(axis=0)
         return expected, np.sqrt(spread)
@@ -267,7 +272,7 @@ def measure_motion(*parts: FrameSeries) -> CarMotion:
         if len(series) < 2:
             continue
         sizes = np.where(series.at_rest[:, None, None], STANDING_STD, size)
-        total += likelihood(series.gaps_s, series.values, _positive(series.variances), sizes, memory_s).log
+        total += likelihood(series.forgets_s, series.values, _positive(series.variances), sizes, memory_s).log
     return _weighed(total)
 
 
@@ -308,7 +313,7 @@ def weights_of_mean(series: FrameSeries, variances: Array, motion: CarMotion) ->
         deviation.
     """
     sizes = np.where(series.at_rest[:, None], STANDING_STD, np.sqrt(motion.variance))
-    found = linear_mean(series.gaps_s, series.values, _positive(variances), sizes, motion.memory_s)
+    found = linear_mean(series.forgets_s, series.values, _positive(variances), sizes, motion.memory_s)
     return found.weights, found.residuals
 
 

@@ -35,6 +35,9 @@ class PlaceOfCar:
             rig: The rig of all frames.
         """
         if self.landmarks is not None and landmarks is not None:
+            # Where nothing moves at all, as in a simulation without noise, no errors of a motion are left.
+            if len(landmarks.left) and np.array_equal(self.landmarks.left, landmarks.left):
+                return self
             motion = estimate_motion(self.landmarks, landmarks, rig)
             if not isinstance(motion, NotFitted) and np.linalg.norm(motion.moved_m) < LEAST_STEP_M:
                 return self

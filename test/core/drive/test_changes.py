@@ -4,12 +4,17 @@ import math
 
 import numpy as np
 import pytest
-from drive_making import MOTION, POSE, make_drive
+from drive_making import MOTION, NOISE, POSE, make_drive, series_of
 
-from stereo_selfcal.core.drive.changes import BLOCK_S, find_changes
+from stereo_selfcal.core.drive.changes import BLOCK_S, MountHistory
+from stereo_selfcal.core.drive.changes import find_changes as find_in_series
 from stereo_selfcal.core.tolerances import LEAST_SHIFT
 
 BUMP = np.array([0.0, math.radians(0.8), 0.0])
+
+
+def find_changes(stamps, poses, covariances) -> MountHistory:
+    return find_in_series(series_of(stamps, poses, covariances))
 
 
 def changes_of(*args, **kwargs):
@@ -35,8 +40,9 @@ def test_a_bump_is_found_when_it_was(seed):
     before, after = course.segments
     assert before.end == after.first == change.index
     for segment, truth in ((before, POSE), (after, POSE + BUMP)):
-        error = segment.mean - truth
-        assert np.all(np.abs(error) < 4 * np.sqrt(np.diag(segment.standard_error)))
+        # As of frames two seconds apart: a state of the motion lasts for one or two of them.
+        n = segment.end - segment.first
+        assert np.all(np.abs(segment.mean - truth) < 4 * np.hypot(2.0 * MOTION, NOISE) / math.sqrt(n))
 
 
 @pytest.mark.parametrize("index", range(3))
@@ -97,11 +103,11 @@ def test_a_change_in_a_gap_is_known_no_better_than_the_gap_is_long():
     assert change.within_s >= 100.0
 
 
-def test_of_one_frame_there_is_a_segment_and_no_error():
+def test_of_one_frame_there_is_a_segment():
     stamps, poses, covariances = make_drive(duration_s=2.0)
     course = find_changes(stamps[:1], poses[:1], covariances[:1])
     (segment,) = course.segments
-    assert (segment.first, segment.end, segment.standard_error) == (0, 1, None)
+    assert (segment.first, segment.end) == (0, 1)
     np.testing.assert_allclose(segment.mean, poses[0])
     np.testing.assert_array_equal(segment.spread, 0)
 
@@ -109,34 +115,19 @@ def test_of_one_frame_there_is_a_segment_and_no_error():
 def test_frames_without_any_noise_are_no_change():
     stamps, poses, covariances = make_drive()
     course = find_changes(stamps, np.broadcast_to(POSE, poses.shape), covariances)
+    assert course.judged
     assert course.changes == ()
-    assert np.all(np.isfinite(course.segments[0].standard_error))
-
-
-def test_standard_error_counts_that_motion_lasts():
-    means, errors = [], []
-    for seed in range(40):
-        (segment,) = changes_of(duration_s=600.0, seed=seed, correlation_s=10.0, outliers=0.0).segments
-        means.append(segment.mean)
-        errors.append(np.sqrt(np.diag(segment.standard_error)))
-    actual = np.std(means, axis=0)
-    reported = np.sqrt(np.mean(np.square(errors), axis=0))
-    # Of independent frames it would be a third of it.
-    assert np.all(reported > 0.6 * actual)
-    assert np.all(reported < 1.7 * actual)
 
 
 def test_spread_is_that_of_the_frames():
     (segment,) = changes_of(seed=5, outliers=0.0).segments
-    expected = np.hypot(MOTION, [0.008, math.radians(0.06), math.radians(0.15)])
+    expected = np.hypot(MOTION, NOISE)
     np.testing.assert_allclose(segment.spread, expected, rtol=0.1)
 
 
-@pytest.mark.parametrize("n", [0, 5])
-def test_arrays_must_fit(n):
-    stamps, poses, covariances = make_drive(duration_s=20.0)
-    with pytest.raises(ValueError, match="poses"):
-        find_changes(stamps[:n], poses[: 2 * n], covariances)
+def test_no_frames_are_no_drive():
+    with pytest.raises(ValueError, match="no frames"):
+        changes_of(duration_s=0.0)
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -34,30 +34,37 @@ def results_of(stamps, poses, covariances):
     ]
 
 
-def test_without_a_move_it_is_all_frames_with_the_motion_in_weights_and_error():
-    results = results_of(*make_drive(outliers=0.0))
-    # Frames that see themselves as ten times better are as wrong as the others when the car moves.
-    for index in range(0, len(results), 50):
-        results[index] = replace(results[index], covariance=results[index].covariance / 100)
+def test_without_a_move_it_is_the_estimate_of_all_frames():
+    results = results_of(*make_drive(duration_s=1200.0, outliers=0.0))
     fused = fuse_frames(results, RIG)
     drive = estimate_drive(results, RIG, fused)
     assert drive.judged
     assert drive.changes == ()
     (segment,) = drive.segments
-    assert segment.estimate is drive.estimate
-    assert drive.estimate.n_frames == len(results)
-    error, std = segment.standard_error.as_array(), drive.estimate.std.as_array()
-    assert np.all(error < std)
-    assert abs(drive.estimate.extrinsics.pitch_rad - POSE[1]) < abs(fused.extrinsics.pitch_rad - POSE[1])
-    np.testing.assert_allclose(drive.estimate.extrinsics.as_array(), POSE, atol=5e-4)
-    assert segment.spread.pitch_rad > 5 * segment.standard_error.pitch_rad
-    assert f"{drive.estimate.std.height_m * 1e3:.1f} mm" in drive.estimate.message
+    assert segment.estimate is drive.estimate is fused
+    error, std = segment.standard_error.as_array(), fused.std.as_array()
+    assert np.all(error > 0.0) and np.all(error < std)
+    # Of 600 frames, some of which repeat each other.
+    assert np.all(segment.spread.as_array() > 8.0 * error)
+
+
+def test_frames_that_promise_too_much_count_as_others_where_the_car_moves():
+    """Frames that see themselves as ten times better are as wrong as the others."""
+    results = results_of(*make_drive(duration_s=1200.0, outliers=0.0))
+    for index in range(0, len(results), 50):
+        results[index] = replace(results[index], covariance=results[index].covariance / 100)
+    fused = fuse_frames(results, RIG)
+    assert np.all(np.abs(fused.extrinsics.as_array() - POSE) < 3.0 * fused.std.as_array())
+    # Beside motion, noise matters little: without the twelve, the mean is the same to a fraction of its std.
+    others = [each for index, each in enumerate(results) if index % 50]
+    change = fused.extrinsics.as_array() - fuse_frames(others, RIG).extrinsics.as_array()
+    assert np.all(np.abs(change) < 0.7 * fused.std.as_array())
 
 
 def test_unknowns_of_the_rig_are_neither_noise_nor_motion():
     """Frames that have them scatter no less: motion and moves are those without them."""
     part = UncertaintyTerm("vergence", np.diag([0.02, 0.005, 0.005]) ** 2)
-    plain = results_of(*make_drive(steps=((1800.0, BUMP),)))
+    plain = results_of(*make_drive(duration_s=1200.0, steps=((600.0, BUMP),), outliers=0.0))
     whole = [
         replace(
             each,
@@ -74,9 +81,9 @@ def test_unknowns_of_the_rig_are_neither_noise_nor_motion():
     )
 
 
-@pytest.mark.parametrize("steps", [(), ((1800.0, BUMP),)])
+@pytest.mark.parametrize("steps", [(), ((600.0, BUMP),)])
 def test_alignment_is_that_of_the_rig_whatever_the_mount_does(steps):
-    results = results_of(*make_drive(steps=steps))
+    results = results_of(*make_drive(duration_s=1200.0, steps=steps))
     alignment = Alignment(1e-4, 0.0, 2e-3, np.eye(3) * 1e-10)
     drive = estimate_drive(results, RIG, replace(fuse_frames(results, RIG), alignment=alignment))
     assert drive.judged and len(drive.changes) == len(steps)
@@ -89,21 +96,31 @@ def test_a_short_drive_is_the_fused_estimate_as_it_is():
     drive = estimate_drive(results, RIG, fused)
     assert drive.estimate is fused
     assert not drive.judged
+    # Of four seconds hardly two moments are independent.
+    (segment,) = drive.segments
+    assert np.all(segment.standard_error.as_array() > 0.4 * fused.mount.motion.as_array())
+
+
+def test_a_car_that_stood_has_no_error_by_its_motion():
+    results = results_of(*make_drive(duration_s=4.0, rate_hz=5.0, outliers=0.0))
+    stood = [results[0], *(replace(each, stood=True) for each in results[1:])]
+    drive = estimate_drive(stood, RIG, fuse_frames(stood, RIG))
     assert drive.segments[0].standard_error is None
+    assert drive.estimate.mount.stood
 
 
 def test_after_a_move_it_is_where_the_camera_is_now():
-    results = results_of(*make_drive(steps=((1800.0, BUMP),), outliers=0.01))
+    results = results_of(*make_drive(duration_s=1200.0, steps=((600.0, BUMP),), outliers=0.01))
     drive = estimate_drive(results, RIG, fuse_frames(results, RIG))
     (change,) = drive.changes
-    assert change.at_s == pytest.approx(1900.0, abs=5.0)
+    assert change.at_s == pytest.approx(700.0, abs=5.0)
     for segment, truth in zip(drive.segments, (POSE, POSE + BUMP), strict=True):
         error = segment.estimate.extrinsics.as_array() - truth
         assert np.all(np.abs(error) < 3 * segment.estimate.std.as_array())
     assert drive.estimate.extrinsics == drive.segments[-1].estimate.extrinsics == change.after
     assert change.before == drive.segments[0].estimate.extrinsics
     assert np.all(np.abs(change.shift.as_array() - BUMP) < [0.003, 0.002, 0.003])
-    assert "the camera was moved at 1" in drive.estimate.message
+    assert f"; since the camera was moved at {clock(change.at_s)}" in drive.estimate.message
     assert drive.estimate.n_frames <= len(results) // 2
 
 

@@ -9,6 +9,7 @@ import pytest
 from stereo_selfcal import CalibrationResult, Extrinsics, StereoRig
 from stereo_selfcal.core.drive import watch as watch_module
 from stereo_selfcal.core.drive.drift import LEAST_FRAMES, LEAST_SPAN_S
+from stereo_selfcal.core.drive.fusion import fuse_frames
 from stereo_selfcal.core.drive.watch import PROPOSAL_FRAMES, PROPOSAL_SPAN_S, Watch
 from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
@@ -127,11 +128,14 @@ def test_a_calibration_that_was_never_right_is_doubted():
 
 def test_a_mean_over_minutes_is_trusted_more_than_a_moment():
     """A fifth of a degree off: a braking, for a single frame; too much for a mean."""
-    off = frame(TRUTH + np.array([0.0, math.radians(0.2), 0.0]), 0.0)
-    for settled in (False, True):
+    shift = np.array([0.0, math.radians(0.2), 0.0])
+    moment = frame(TRUTH + shift, 0.0)
+    mean = fuse_frames([frame(TRUTH + shift, STEP_S * i) for i in range(40)], RIG)
+    of_one = fuse_frames([moment], RIG)
+    for reference, is_doubted in ((moment, False), (of_one, False), (mean, True)):
         watch = Watch()
-        watch.start(off, settled)
-        assert (Drive().into(watch, 100, until=doubted) is not None) == settled
+        watch.start(reference)
+        assert (Drive().into(watch, 100, until=doubted) is not None) == is_doubted
 
 
 def test_a_drift_that_ends_is_taken_back(watch):
