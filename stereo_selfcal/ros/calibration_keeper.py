@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
 from ..core.drive.alignment_watch import AlignmentFinding, AlignmentWatch
+from ..core.drive.standing import PlaceOfCar
 from ..core.drive.states import Event, State, StateMachine, event_of
 from ..core.drive.targets import Targets, describe_std, is_less_certain
 from ..core.drive.watch import Watch
@@ -59,6 +60,7 @@ class CalibrationKeeper:
         self._alignment_watch = AlignmentWatch()
         self._active: ActiveCalibration | None = None
         self._watched_rig: StereoRig | None = None
+        self._place = PlaceOfCar()  # of the watched frames
         self._why = _NEVER
         self._resets = 0
 
@@ -192,7 +194,12 @@ class CalibrationKeeper:
             if self._active is None and rig != self._watched_rig:
                 self._watch.start(None)
                 self._alignment_watch.start(None)
+            if rig != self._watched_rig:
+                self._place = PlaceOfCar()
             self._watched_rig = rig
+            place = self._place.followed_by(result.landmarks, rig)
+            self._place = place.accepted() if result.accepted else place
+            result = replace(result, stood=not place.moved)
             self._alignment_watch.add(result.alignment, result.stamp_s)
             event = event_of(self._watch.add(result), self._machine.state)
             if event is not None:

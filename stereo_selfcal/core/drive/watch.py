@@ -154,8 +154,11 @@ class Watch:
         )
 
     def add(self, result: CalibrationResult) -> WatchVerdict:
-        """Add a frame and return the verdict; the time of the frame is :attr:`CalibrationResult.stamp_s`."""
-        if result.extrinsics is None or result.covariance is None:
+        """Add a frame and return the verdict; the time of the frame is :attr:`CalibrationResult.stamp_s`.
+
+        A frame of a car that still stands where an earlier one was taken tells nothing new: it is passed over.
+        """
+        if result.extrinsics is None or result.covariance is None or result.stood:
             return self._verdict
         self._append(result)
         if self._alarm is None:
