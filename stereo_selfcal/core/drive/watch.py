@@ -156,7 +156,7 @@ class Watch:
     def add(self, result: CalibrationResult) -> WatchVerdict:
         """Add a frame and return the verdict; the time of the frame is :attr:`CalibrationResult.stamp_s`.
 
-        A frame of a car that still stands where an earlier one was taken tells nothing new: it is passed over.
+        A frame of a car that stands where an earlier one was taken tells nothing new: it is passed over.
         """
         if result.extrinsics is None or result.covariance is None or result.stood:
             return self._verdict
