@@ -1,4 +1,4 @@
-"""Puts calibrations in force and takes them back: all that depends on them, at once."""
+"""Activates calibrations and takes them back: all that depends on them, at once."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class FoundCalibration:
 
 
 class Activation:
-    """Puts calibrations in force and takes them back, one at a time, whichever thread asks for it.
+    """Activates calibrations and takes them back, one at a time, whichever thread asks for it.
 
     Args:
         node: The node, for its log and clock.
@@ -160,7 +160,7 @@ class Activation:
                 self._files.clear()
             if active is not None:
                 self._outputs.withdraw()
-        taken = "there was no calibration in force" if active is None else "the calibration is taken back"
+        taken = "there was no active calibration" if active is None else "the calibration is taken back"
         return "; ".join(filter(None, (taken, kept))), not failed
 
 
