@@ -129,7 +129,8 @@ class Activation:
             if config.output_path is not None:
                 self._files.add(config.output_path)
             try:
-                saved, failed = save(active, config, topics_source(*self._topics))
+                asked = None if found.by_watch or config.targets.any_std else config.targets
+                saved, failed = save(active, config, topics_source(*self._topics), asked)
             except Exception as error:  # noqa: BLE001 - it is in effect, so the answer is no failure
                 self._node.get_logger().error(traceback.format_exc())
                 saved = f"in effect, but not saved: {type(error).__name__}: {error}, see the node's log"
