@@ -23,7 +23,8 @@ from ..core.errors import ConfigError, SelfcalError, one_line, printable
 from ..core.geometry.camera_info_repair import RepairedPair, repaired_pairs
 from ..files.atomic_file import write_atomically
 from ..files.exports import CAMERA_INFO, export_paths, write_exports
-from ..files.parameter_file import TARGET_NAMES, chosen_config, load_frames, load_targets
+from ..files.node_settings import TARGET_NAMES
+from ..files.parameter_file import chosen_config, load_frames, load_targets
 from ..files.result_file import write_result
 from ..files.rig_file import read_rig_file
 from ..offline import (

@@ -14,13 +14,13 @@ from ..core.config import CalibratorConfig
 from ..core.drive.targets import DEFAULT_HEIGHT_STD_M, DEFAULT_PITCH_STD_RAD, DEFAULT_ROLL_STD_RAD
 from ..core.errors import ConfigError, shortened
 from ..core.geometry.alignment import ALIGNMENT_NAMES, ALIGNMENT_STD_NAMES
-from ..core.geometry.pose import POSE_COMPONENTS
+from ..core.geometry.pose import STD_NAMES
 
 NODE_NAME = "stereo_selfcal"
 RIG_PREFIX = "rig."
 RESULT_PREFIX = "extrinsics."
-# What is good enough for a call; 0 of all of them: its first frames are.
-TARGET_NAMES = tuple(f"target_{component.std_name}" for component in POSE_COMPONENTS)
+# Parameters of the standard deviations that are good enough, in the order of a pose.
+TARGET_NAMES = tuple(f"target_{name}" for name in STD_NAMES)
 ALIGNMENT_PREFIX = "alignment."
 # Result parameters that have the prefix of a setting in common, alignment.correct.
 ALIGNMENT_RESULTS = tuple(ALIGNMENT_PREFIX + name for name in (*ALIGNMENT_NAMES, *ALIGNMENT_STD_NAMES))

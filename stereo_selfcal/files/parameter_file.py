@@ -9,8 +9,14 @@ from typing import Any
 from ..core.config import CalibratorConfig, flatten
 from ..core.drive.targets import Targets
 from ..core.errors import ConfigError, printable, shortened
-from ..core.geometry.pose import STD_NAMES
-from .node_settings import NODE_NAME, NODE_SETTINGS, NodeSetting, check_text, is_calibrator_setting
+from .node_settings import (
+    NODE_NAME,
+    NODE_SETTINGS,
+    TARGET_NAMES,
+    NodeSetting,
+    check_text,
+    is_calibrator_setting,
+)
 from .safe_yaml import UnreadableFileError, parse_yaml, read_text
 
 __all__ = ["UnreadableFileError"]
@@ -21,8 +27,6 @@ _ANY_NODE = (ANY_NODE, "/*")  # other patterns may match this node or not, by it
 # A file may hold the parameters of a whole vehicle; those of Nav2, a big one, are 20 kB. PyYAML was
 # measured to read 1 MB in 1.2 s.
 _MOST_BYTES = 1_000_000
-# Parameters of the standard deviations that are good enough, in the order of a pose.
-TARGET_NAMES = tuple(f"target_{name}" for name in STD_NAMES)
 _MOST_SHOWN = 5  # names of nodes in an error
 
 

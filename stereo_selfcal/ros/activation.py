@@ -1,4 +1,4 @@
-"""Puts calibrations in force and takes them back: all that depends on them, at once."""
+"""Activates calibrations and takes them back: all that depends on them, at once."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class FoundCalibration:
 
 
 class Activation:
-    """Puts calibrations in force and takes them back, one at a time, whichever thread asks for it.
+    """Activates calibrations and takes them back, one at a time, whichever thread asks for it.
 
     Args:
         node: The node, for its log and clock.
@@ -129,7 +129,8 @@ class Activation:
             if config.output_path is not None:
                 self._files.add(config.output_path)
             try:
-                saved, failed = save(active, config, topics_source(*self._topics))
+                asked = None if found.by_watch or config.targets.any_std else config.targets
+                saved, failed = save(active, config, topics_source(*self._topics), asked)
             except Exception as error:  # noqa: BLE001 - it is in effect, so the answer is no failure
                 self._node.get_logger().error(traceback.format_exc())
                 saved = f"in effect, but not saved: {type(error).__name__}: {error}, see the node's log"
@@ -160,7 +161,7 @@ class Activation:
                 self._files.clear()
             if active is not None:
                 self._outputs.withdraw()
-        taken = "there was no calibration in force" if active is None else "the calibration is taken back"
+        taken = "there was no active calibration" if active is None else "the calibration is taken back"
         return "; ".join(filter(None, (taken, kept))), not failed
 
 

@@ -31,7 +31,7 @@ from .pair_source import PairSource, known_rectifier, no_pair_reason, publishers
 from .record import FrameReport, calibrate_timed, failed_frame, refused_frame
 
 INTERRUPTED = "interrupted: the node shuts down"
-RESET = "ended by ~/reset: nothing was put in force; call again to calibrate anew"
+RESET = "ended by ~/reset: nothing was activated; call again to calibrate anew"
 
 _CLOCK_STEP_S = 1e-3  # a call that ends at once must not divide by zero
 # After this time without a pair, the camera is said to have stopped. It may send one image per second.

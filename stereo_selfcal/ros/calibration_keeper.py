@@ -147,7 +147,7 @@ class CalibrationKeeper:
         std = describe_std(active.result.std)
         if is_less_certain(active.result, result, targets):
             return True, f"the one before is less certain (std {std})"
-        return False, f"the one in force is no less certain (std {std})"
+        return False, f"the active one is no less certain (std {std})"
 
     def accept(self, active: ActiveCalibration, by_watch: bool = False) -> None:
         """Activate a new calibration.

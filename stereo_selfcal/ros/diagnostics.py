@@ -232,7 +232,7 @@ def _verdict(report: CalibrationReport) -> tuple[bytes, str]:
 def _calibrating(report: CalibrationReport) -> str:
     """Return the sentence while a call is running."""
     text = "calibrating" if report.progress is None else f"calibrating: {report.progress.text}"
-    return text if report.active is None else f"{text}; in force meanwhile: {_described(report.active)}"
+    return text if report.active is None else f"{text}; active meanwhile: {_described(report.active)}"
 
 
 def _misalignment(active: ActiveCalibration) -> str:

@@ -167,8 +167,8 @@ class SelfcalNode:
             same = active is not None and not other_cameras(active.rig, rig)
             better, why = self._keeper.compare(result, config.targets, same_cameras=same)
             if not better:
-                return False, f"not put in force, as {why}: {message}"
-            message += f"; in force all the same, as {why}"
+                return False, f"not activated, as {why}: {message}"
+            message += f"; activated all the same, as {why}"
         found = FoundCalibration(result, rig, outcome.stamp_ns, outcome.cameras, self._lanes(result))
         saved = self._activation.activate(found, config, lambda: not call.cancelled)
         return (False, RESET) if saved is None else (True, f"{message}; {saved}")

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterable
 from pathlib import Path
 
+from ..core.drive.targets import Targets
 from ..core.errors import OutputError, printable
 from ..files.atomic_file import cannot_be_written, set_aside
 from ..files.exports import CAMERA_INFO, write_exports
@@ -38,13 +39,16 @@ def restored_calibration(saved: SavedResult, path: Path, now_s: float) -> Active
     )
 
 
-def save(active: ActiveCalibration, config: NodeConfig, source: str) -> tuple[str, bool]:
+def save(
+    active: ActiveCalibration, config: NodeConfig, source: str, targets: Targets | None = None
+) -> tuple[str, bool]:
     """Save a calibration, and export it to the formats of ``exports``.
 
     Args:
         active: The calibration.
         config: Parameters of the node.
         source: Where the images came from.
+        targets: Standard deviations that were asked for, None where none were.
 
     Returns:
         Where it was saved or why not, in words; and whether saving or exporting failed.
@@ -55,7 +59,13 @@ def save(active: ActiveCalibration, config: NodeConfig, source: str) -> tuple[st
     try:
         _make_folder(path.parent)
         aside = write_result(
-            path, active.result, active.rig, source=source, seed=config.calibrator.seed, keep_others=True
+            path,
+            active.result,
+            active.rig,
+            source=source,
+            seed=config.calibrator.seed,
+            keep_others=True,
+            targets=targets,
         )
     except _FAILURES as error:
         return f"in effect, but not saved: {_reason(error, path)}", True

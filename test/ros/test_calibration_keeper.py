@@ -157,8 +157,8 @@ MOUNT = MountEvidence(9.0, 0, 0, False, EXTRINSICS, np.ones(3), np.ones(3))
     ("old", "new", "better", "why"),
     [
         (with_std(0.012), with_std(0.010), True, "the one before is less certain (std 12 mm, "),
-        (with_std(0.012), with_std(0.012), False, "the one in force is no less certain (std 12 mm, "),
-        (with_std(0.012), with_std(0.014), False, "the one in force is no less certain (std 12 mm, "),
+        (with_std(0.012), with_std(0.012), False, "the active one is no less certain (std 12 mm, "),
+        (with_std(0.012), with_std(0.014), False, "the active one is no less certain (std 12 mm, "),
         (with_std(0.001), with_std(0.014, MOUNT), True, "the one before is less certain (std 1 mm, "),
     ],
 )

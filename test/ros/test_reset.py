@@ -1,4 +1,4 @@
-"""~/reset: what was in force is gone, now and at the next start, and a running call ends; in this process."""
+"""~/reset: the active calibration is gone, now and at the next start, and a running call ends; no graph."""
 
 import threading
 
@@ -17,6 +17,7 @@ from ros_graph import NAME, RESULTS, blank, image_message, info_message, wait_un
 from std_srvs.srv import Trigger
 
 from stereo_selfcal.core.drive.states import State
+from stereo_selfcal.files.result_file import load_result
 from stereo_selfcal.ros import activation as activation_module
 from stereo_selfcal.ros import calibration
 from stereo_selfcal.ros import selfcal as selfcal_module
@@ -102,7 +103,7 @@ def asking(targets):
 def test_nothing_to_take_back_is_a_success_and_said(start):
     node = start()
     answer = reset(node)
-    assert (answer.success, answer.message) == (True, "there was no calibration in force")
+    assert (answer.success, answer.message) == (True, "there was no active calibration")
     assert state_of(node) is State.UNCALIBRATED
     assert not [topic for topic, _ in node.sent if topic == f"{NAME}/extrinsics"]
 
@@ -121,7 +122,7 @@ def test_the_calibration_is_gone_now_and_at_the_next_start(start, saved):
     assert text.startswith("uncalibrated: taken back by ~/reset; call ~/calibrate")
     assert (values["state"], values["height"]) == ("uncalibrated", "none")
     assert any(line.startswith("~/reset: the calibration is taken back") for line in node.logged)
-    assert reset(node).message == "there was no calibration in force"
+    assert reset(node).message == "there was no active calibration"
     again = start(output_path=str(saved))
     assert results_of(again) == [None] * 6
     assert not saved.exists() and saved.with_name("out.yaml.rejected").exists()
@@ -166,7 +167,7 @@ def test_a_running_call_ends_with_an_answer_of_its_own(start, monkeypatch, saved
     assert (state_of(node), results_of(node)) == (State.UNCALIBRATED, [None] * 6)
     text, values = told[0]
     assert text.startswith("calibrating: ") and "; asked 20 mm, " in text
-    assert "; in force meanwhile: height 0.3333 m" in text
+    assert "; active meanwhile: height 0.3333 m" in text
     assert int(values["call_frames_accepted"]) >= 3 and float(values["call_pitch_std_rad"]) > 1e-4
     assert values["call"] in text
     assert "call" not in diagnostics(node)[1]
@@ -182,7 +183,7 @@ def test_a_call_that_waits_for_a_camera_ends_at_once(start):
         return []
 
     assert node.calibrate(messages).message == RESET
-    assert answers[0].message == "the running call is ended; there was no calibration in force"
+    assert answers[0].message == "the running call is ended; there was no active calibration"
     assert len([line for line in node.logged if " frames in " in line]) == 0
 
 
@@ -222,19 +223,33 @@ def test_what_misses_its_targets_is_put_in_force_where_there_is_nothing_better(s
     first = calibrate(8)
     assert first.success
     assert "; targets not reached with " in first.message and "is motion of the car" in first.message
-    assert "; in force all the same, as there was none; " in first.message
+    assert "; activated all the same, as there was none; " in first.message
     before = results_of(node)
     second = calibrate(1)
     assert not second.success
-    assert second.message.startswith("not put in force, as the one in force is no less certain (std ")
+    assert second.message.startswith("not activated, as the active one is no less certain (std ")
     assert results_of(node) == before and state_of(node) is State.CALIBRATED
     third = calibrate(25)
-    assert third.success and "; in force all the same, as the one before is less certain" in third.message
+    assert third.success and "; activated all the same, as the one before is less certain" in third.message
     assert results_of(node)[3] < before[3]
     set_parameter(node, "timeout_s", 0.3)
     dark = node.calibrate(frames(DARK))
     assert not dark.success and dark.message.startswith("no frame accepted, ")
     assert results_of(node)[3] < before[3]
+
+
+def test_the_file_says_what_was_asked_and_whether_it_was_reached(start, tmp_path, monkeypatch):
+    use_improving(monkeypatch, calibration)
+    path, targets = tmp_path / "out.yaml", reached_by(3)
+    node = start(output_path=str(path), timeout_s=60.0, **asking(targets))
+    assert node.calibrate(frames()).success
+    saved = load_result(path)
+    assert saved.evidence.targets == targets and targets.reached(saved.as_result())
+    assert saved.evidence.mount is not None and saved.n_frames == 3
+    for name in asking(targets):
+        set_parameter(node, name, 0.0)
+    assert node.calibrate(frames()).success
+    assert load_result(path).evidence.targets is None, "any was good enough"
 
 
 def test_resets_and_calls_at_once_get_an_answer_each(start, monkeypatch):
@@ -247,9 +262,8 @@ def test_resets_and_calls_at_once_get_an_answer_each(start, monkeypatch):
 
     def messages(number):
         if node.calibrated_frames >= 2 and not threads:
-            threads.extend(
-                threading.Thread(target=ask, args=(name,)) for name in ("calibrate", "reset", "reset")
-            )
+            ask("calibrate")  # answered at once
+            threads.extend(threading.Thread(target=ask, args=("reset",)) for _ in range(2))
             for thread in threads:
                 thread.start()
         return frames()(number)
@@ -259,5 +273,6 @@ def test_resets_and_calls_at_once_get_an_answer_each(start, monkeypatch):
     for thread in threads:
         thread.join(60.0)
     wait_until(lambda: len(answers) == 3, "the answers")
-    words = ("busy: ", "the running call is ended; ", "there was no calibration", "ended by ~/reset")
-    assert all(answer.message.startswith(words) for answer in answers)
+    assert answers[0].message.startswith("busy: ")
+    words = ("the running call is ended; there was no active", "there was no active calibration")
+    assert all(answer.success and answer.message.startswith(words) for answer in answers[1:])

@@ -95,7 +95,7 @@ def test_a_call_ends_when_it_is_good_and_a_reset_takes_it_back(graph, camera, pa
     assert {p.name for p in graph.latest(ParameterEvent, "extrinsics").deleted_parameters} >= set(RESULTS)
     assert load_result(f"{path}.rejected").extrinsics == saved
     graph.wait_for_diagnostics(lambda values, _: values["state"] == "uncalibrated")
-    assert reset(graph).message == "there was no calibration in force"
+    assert reset(graph).message == "there was no active calibration"
 
 
 def test_a_call_that_misses_its_targets_is_in_force_where_none_was_and_the_next_one_is_not(graph, camera):
@@ -105,12 +105,12 @@ def test_a_call_that_misses_its_targets_is_in_force_where_none_was_and_the_next_
         assert first.success, first.message
         assert "; targets not reached with " in first.message
         assert ": the height has a std of " in first.message and "asked 0.01 mm: " in first.message
-        assert "; in force all the same, as there was none; saved to " in first.message
+        assert "; activated all the same, as there was none; saved to " in first.message
         before = graph.parameters(*RESULTS)
         set_parameters(graph, timeout_s=2.0)
         second = graph.calibrate()
     assert not second.success
-    assert second.message.startswith("not put in force, as the one in force is no less certain (std ")
+    assert second.message.startswith("not activated, as the active one is no less certain (std ")
     assert graph.parameters(*RESULTS) == before
 
 
@@ -127,7 +127,7 @@ def test_a_call_that_runs_tells_how_far_it_is_and_ends_by_a_reset(graph, camera,
         ended = wait_for(call)
     assert (ended.success, answer.success) == (False, True)
     assert ended.message.startswith("ended by ~/reset")
-    assert answer.message == "the running call is ended; there was no calibration in force"
+    assert answer.message == "the running call is ended; there was no active calibration"
     assert graph.parameters(*RESULTS) == [None] * 6
     assert " frames in 2 s; std " in node.output or " frames in 1 s; std " in node.output
 

@@ -57,7 +57,7 @@ class Transition:
     condition: str
 
 
-_ACCEPTED = "the call ends with a calibration that is good, or better than what is in force"
+_ACCEPTED = "the call ends with a calibration that is good, or better than the active one"
 _RESET = "~/reset is called"
 _STARTED = "~/calibrate is called"
 _OTHER = "size, focal length, principal point or baseline of the cameras differ from those it was made with"
