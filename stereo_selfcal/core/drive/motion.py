@@ -38,8 +38,9 @@ _FINER = 4
 # and 1.6 m apart (0.06, 0.1 deg), and a vertical curve of 10 km radius up to the road ahead (0.07 deg).
 STANDING_STD: Array = np.array([0.003, math.radians(0.1), math.radians(0.1)])
 
-# Longer series are averaged over neighbours before their motion is measured.
-_MOST_VALUES = 1500
+# Of longer series, stretches of so many frames are taken to measure their motion.
+_MOST_VALUES = 1200
+_STRETCH = 200
 # Neighbours on either side whose median a frame is compared with. A few deviating frames are outliers; a
 # majority of them is a change.
 _NEIGHBOURS = 5
@@ -267,8 +268,7 @@ def measure_motion(*parts: FrameSeries) -> CarMotion:
     """
     size, memory_s = _computed().size, _computed().memory_s
     total = np.zeros(size.shape)
-    for part in parts:
-        series = _shortened(part.good())
+    for series in (stretch for part in parts for stretch in _stretches(part.good())):
         if len(series) < 2:
             continue
         sizes = np.where(series.at_rest[:, None, None], STANDING_STD, size)
@@ -282,22 +282,16 @@ def _positive(variances: Array) -> Array:
     return positive
 
 
-def _shortened(series: FrameSeries) -> FrameSeries:
-    """Return a series of means over neighbours, where there are more than are needed."""
+def _stretches(series: FrameSeries) -> list[FrameSeries]:
+    """Return a series, or stretches of it where it is longer than is needed.
+
+    Means over neighbours would not do: the motion averages out in them.
+    """
     n = len(series)
     if n <= _MOST_VALUES:
-        return series
-    starts = np.unique(np.linspace(0, n, _MOST_VALUES, endpoint=False).astype(np.intp))
-    information = 1.0 / _positive(series.variances)
-    total = np.add.reduceat(information, starts)
-    counts = np.diff(starts, append=n)
-    return FrameSeries(
-        np.add.reduceat(series.times_s, starts) / counts,
-        np.add.reduceat(information * series.values, starts) / total,
-        1.0 / total,
-        np.ones(len(starts), dtype=bool),
-        np.logical_and.reduceat(series.stood, starts),
-    )
+        return [series]
+    starts = np.linspace(0, n - _STRETCH, _MOST_VALUES // _STRETCH).astype(np.intp)
+    return [series.part(slice(start, start + _STRETCH)) for start in starts]
 
 
 def weights_of_mean(series: FrameSeries, variances: Array, motion: CarMotion) -> tuple[Array, Array]:

@@ -57,7 +57,7 @@ _MOST_FRAMES = 1500
 _DROPPED = 500
 
 # Growth of the number of frames after which their scatter is measured anew.
-_SCATTER_STEP = 0.02
+_SCATTER_STEP = 0.05
 
 # Longest time that a step between two frames counts: during a longer pause no road was seen.
 _LONGEST_STEP_S = 10.0

@@ -74,11 +74,17 @@ def test_levels_of_two_parts_are_no_motion():
     np.testing.assert_allclose(apart.probability, together.probability, atol=1e-9)
 
 
-def test_long_drives_are_shortened_and_show_the_same():
-    series = ride(np.random.default_rng(5), 6000, step_s=0.1)
+@pytest.mark.parametrize("step_s", [0.1, 1.0])
+def test_hours_show_the_same_motion_as_minutes(step_s):
+    """Neither size nor memory depends on how many frames there are of it."""
+    series = ride(np.random.default_rng(5), 12_000, step_s=step_s)
     found = measure_motion(series)
-    np.testing.assert_allclose(np.sqrt(found.variance), MOTION, rtol=0.25)
-    assert np.all(found.memory_s > 0.75) and np.all(found.memory_s < 3.0)
+    np.testing.assert_allclose(np.sqrt(found.variance), MOTION, rtol=0.2)
+    _, std = std_by_motion(series)
+    kept = math.exp(-step_s / 1.5)
+    expected = MOTION * math.sqrt((1.0 + kept) / (1.0 - kept) / 12_000)
+    # Of 1200 frames at 10 Hz, two minutes, which hold some forty moments.
+    np.testing.assert_allclose(std, expected, rtol=0.45)
 
 
 def errors_over_std(n, n_drives, seed, **options):

@@ -77,7 +77,7 @@ def watch():
     return watch
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_an_hour_without_change_raises_no_alarm(watch, seed):
     assert Drive(seed, outliers=0.1).into(watch, int(3600 / STEP_S), until=doubted) is None
     assert watch.explain().startswith("no drift in ")
