@@ -25,10 +25,20 @@ import numpy as np
 import yaml
 
 from stereo_selfcal import CalibrationResult, CalibratorConfig, Extrinsics, SelfcalError, StereoRig
+from stereo_selfcal.core.drive.targets import (
+    DEFAULT_HEIGHT_STD_M,
+    DEFAULT_PITCH_STD_RAD,
+    DEFAULT_ROLL_STD_RAD,
+    Targets,
+)
+from stereo_selfcal.core.geometry.alignment import Alignment
+from stereo_selfcal.core.geometry.mount import MountEvidence
+from stereo_selfcal.core.geometry.travel import RightDelay
+from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
 from stereo_selfcal.files.parameter_file import load_calibrator_config, load_frames
 from stereo_selfcal.files.result_file import format_result, load_result, restore
 from stereo_selfcal.files.rig_file import read_rig_file
-from stereo_selfcal.files.saved_result import check_fits
+from stereo_selfcal.files.saved_result import SCHEMA, check_fits
 from stereo_selfcal.synth.scenes import PAPER_RIG
 
 from .options import Options
@@ -159,9 +169,28 @@ def _use_rig(path: Path) -> None:
 
 
 def _good_result() -> Any:
+    covariance, motion = np.diag([1e-6, 1e-10, 4e-8]), np.diag([9e-7, 8e-11, 3e-8])
+    result = CalibrationResult(
+        "",
+        extrinsics=Extrinsics(1.3, 0.05, -0.01),
+        covariance=covariance,
+        n_frames=3,
+        uncertainty=(UncertaintyTerm("noise", covariance - motion), UncertaintyTerm("motion", motion)),
+        alignment=Alignment(1e-4, -2e-4, 2e-3, np.diag([4e-10, 9e-10, 3e-8])),
+        mount=MountEvidence(
+            30.0, 1, 2, False, Extrinsics(0.005, 0.003, 0.004), np.full(3, 1.5), np.full(3, 9.0)
+        ),
+        delay=RightDelay(-4e-4, 1e-5, np.diag([4e-8, 2.5e-5]), 3, (2.5, 14.0)),
+    )
+    targets = Targets(DEFAULT_HEIGHT_STD_M, DEFAULT_PITCH_STD_RAD, DEFAULT_ROLL_STD_RAD)
+    return yaml.safe_load(format_result(result, PAPER_RIG, "a drive", 7, targets))
+
+
+def _good_result_of_schema_1() -> Any:
     pose = Extrinsics(1.3, 0.05, -0.01)
     result = CalibrationResult("", extrinsics=pose, covariance=np.diag([1e-6, 1e-10, 4e-8]), n_frames=3)
-    return yaml.safe_load(format_result(result, PAPER_RIG, "a drive", 7))
+    text = format_result(result, PAPER_RIG, "a drive", 7)
+    return yaml.safe_load(text.replace(f"schema: {SCHEMA}", "schema: 1"))
 
 
 def _good_parameters() -> Any:
@@ -177,6 +206,7 @@ def _good_parameters() -> Any:
 
 KINDS = {
     "result files": Kind(".yaml", _good_result(), _use_result),
+    "result files of schema 1": Kind(".yaml", _good_result_of_schema_1(), _use_result),
     "result files at the start of a node": Kind(".yaml", _good_result(), _restore),
     "parameter files": Kind(".yaml", _good_parameters(), _use_parameters),
     "rig files (YAML)": Kind(".yaml", PAPER_RIG.to_mapping(), _use_rig),

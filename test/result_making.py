@@ -5,6 +5,9 @@ import dataclasses
 import numpy as np
 
 from stereo_selfcal import CalibrationResult, Extrinsics, StereoRig
+from stereo_selfcal.core.geometry.mount import MountEvidence
+from stereo_selfcal.core.geometry.travel import RightDelay
+from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
 from stereo_selfcal.files.result_file import write_result
 
 RIG = StereoRig(640, 480, 516.6, 516.6, 319.5, 239.5, 0.1481)
@@ -22,3 +25,22 @@ def a_result(**changes):
 
 def write(path, result=None, source="bags/straight_road", **options):
     write_result(path, result or a_result(), RIG, source=source, seed=7, **options)
+
+
+MOTION = np.array([[2.5e-7, 1e-9, 2e-9], [1e-9, 6e-11, 0.0], [2e-9, 0.0, 3e-8]])
+TERMS = (UncertaintyTerm("noise", COVARIANCE - MOTION), UncertaintyTerm("motion", MOTION))
+MOUNT = MountEvidence(
+    duration_s=100 / 3,
+    n_outliers=1,
+    n_known=2,
+    stood=False,
+    motion=Extrinsics(0.005, 1 / 300, 0.0035),
+    memory_s=np.array([1.5, 4 / 3, 2.0]),
+    looks=np.array([10.0, 11.5, 7.25]),
+)
+DELAY = RightDelay(-1 / 3000, 1e-5, np.array([[4e-8, -1e-8], [-1e-8, 2.5e-5]]), 3, (2.5, 14 / 3))
+
+
+def a_mount(**changes):
+    """Return the estimate of a drive, with all that a file says of it."""
+    return a_result(**{"uncertainty": TERMS, "mount": MOUNT, "delay": DELAY} | changes)

@@ -16,15 +16,17 @@ import yaml
 
 from .. import __version__
 from ..core.camera.rig import StereoRig
+from ..core.drive.targets import Targets
 from ..core.errors import ConfigError, OutputError, printable
 from ..core.reservations import reservations_to_mapping
 from ..core.results import CalibrationResult
 from .atomic_file import remove_leftovers, set_aside, write_atomically
 from .node_settings import ALIGNMENT_PREFIX, NODE_NAME, OLD_OUTPUT_PATH, RESULT_PREFIX
 from .parameter_file import ANY_NODE, PARAMETERS, UnreadableFileError, node_parameters
+from .saved_evidence import evidence_to_mapping
 from .saved_result import RESULT_NAMES, SCHEMA, SavedResult, check_images, same_images, source_topics
 
-# A result file has 1 kB, most of it names of topics.
+# A result file has 2 to 6 kB, most of it the terms of the uncertainty.
 _MOST_BYTES = 65_536
 # Of a text that says where images came from; no name of a file or topic is longer, and it keeps the
 # file below _MOST_BYTES however it has to be escaped.
@@ -108,7 +110,9 @@ def alignment_parameters(result: CalibrationResult) -> dict[str, float]:
     return {ALIGNMENT_PREFIX + name: value for name, value in values.items()}
 
 
-def format_result(result: CalibrationResult, rig: StereoRig, source: str, seed: int) -> str:
+def format_result(
+    result: CalibrationResult, rig: StereoRig, source: str, seed: int, targets: Targets | None = None
+) -> str:
     """Return the text of a result file: same input, same bytes.
 
     Args:
@@ -116,6 +120,7 @@ def format_result(result: CalibrationResult, rig: StereoRig, source: str, seed: 
         rig: The rig it holds for.
         source: Where the images came from: a bag, topics.
         seed: Seed of the calibrator.
+        targets: Standard deviations that were asked for: the file has them, and whether they are reached.
 
     Raises:
         OutputError: The result is a rejection, or holds what :func:`load_result` would refuse.
@@ -135,6 +140,7 @@ def format_result(result: CalibrationResult, rig: StereoRig, source: str, seed: 
         "rig": rig.to_mapping(),
         "covariance": _InOneLine(float(value) for value in result.covariance.ravel()),
     }
+    provenance |= _in_lines(evidence_to_mapping(result, targets))
     if result.reservations:
         provenance["reservations"] = reservations_to_mapping(result.reservations)
     parameters: dict[str, Any] = {"extrinsics": extrinsics}
@@ -160,6 +166,13 @@ def format_result(result: CalibrationResult, rig: StereoRig, source: str, seed: 
     return _EQUATION + "".join(escaped)
 
 
+def _in_lines(value: Any) -> Any:
+    """Return sections in which every list is written in one line."""
+    if isinstance(value, dict):
+        return {name: _in_lines(each) for name, each in value.items()}
+    return _InOneLine(value) if isinstance(value, list) else value
+
+
 def write_result(
     path: Path | str,
     result: CalibrationResult,
@@ -168,6 +181,7 @@ def write_result(
     source: str,
     seed: int,
     keep_others: bool = False,
+    targets: Targets | None = None,
 ) -> Path | None:
     """Write an accepted result as a ROS 2 parameter file, whole or not at all.
 
@@ -179,6 +193,7 @@ def write_result(
         seed: Seed of the calibrator.
         keep_others: Whether a file that is there and is no result file, or that of other topics, is kept
             aside (:func:`.atomic_file.set_aside`) instead of being replaced.
+        targets: Standard deviations that were asked for, None where none were.
 
     Returns:
         Where what was there is now, None where nothing was kept aside.
@@ -187,7 +202,7 @@ def write_result(
         OutputError: There is nothing to write, or the file cannot be written, or what is there cannot
             be kept aside; what was there before is untouched.
     """
-    content = format_result(result, rig, source, seed).encode("utf-8")
+    content = format_result(result, rig, source, seed, targets).encode("utf-8")
     aside = set_aside(path) if keep_others and _is_of_others(path, source) else None
     write_atomically(path, content)
     return aside

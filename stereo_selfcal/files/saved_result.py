@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime, timezone
 from typing import Any
 
@@ -24,19 +23,25 @@ from ..core.geometry.pose import POSE_COMPONENTS, POSE_NAMES, STD_NAMES, Extrins
 from ..core.reservations import Reservation, reservations_from_mapping
 from ..core.results import CalibrationResult
 from ..core.types import Array
+from .field_checks import (
+    GREATEST_WHOLE,
+    REMEDY,
+    covariance_of,
+    number,
+    required,
+    whole,
+    wrong,
+)
 from .node_settings import NODE_NAME
+from .saved_evidence import SECTIONS, SavedEvidence, evidence_from_mapping
 
-SCHEMA = 1
+# 1: the standard deviations are those of a moment, or of a mean: the file does not say which.
+# 2: they are those of the mount; provenance says what they are made of, and how they were reached.
+SCHEMA = 2
 RESULT_NAMES = (*POSE_NAMES, *STD_NAMES)
 
-_REMEDY = "calibrate anew"
 # builtin_interfaces/Time counts seconds in 32 bits.
 _GREATEST_STAMP_S = 2.0**31 - 1
-# Frames, seed and schema: what a whole number of 32 bits holds, the seed's own range.
-_GREATEST_WHOLE = 2**31 - 1
-# Of a variance over the square of its standard deviation, and of a correlation over 1: rounding is far
-# below, an edited number far above.
-_ROUNDING = 1e-6
 # The node's own source: the full names of its two topics. A path of a recording does not look like it.
 _TWO_TOPICS = re.compile(r"(/[\w/]+) (/[\w/]+)", re.ASCII)
 # What image_transport adds to the name of a topic: the images are the same.
@@ -77,6 +82,7 @@ class SavedResult:
             the file has no other.
         reservations: What could not be checked, or is not quite as it should be.
         alignment: How the right camera was turned; None where the file does not say.
+        evidence: How the calibration was reached.
     """
 
     extrinsics: Extrinsics
@@ -86,6 +92,7 @@ class SavedResult:
     covariance: Array
     reservations: tuple[Reservation, ...] = ()
     alignment: Alignment | None = None
+    evidence: SavedEvidence = field(default_factory=SavedEvidence)
 
     @classmethod
     def from_parameters(cls, parameters: Mapping[str, Any]) -> SavedResult:
@@ -102,21 +109,34 @@ class SavedResult:
         extrinsics, provenance = _sections(parameters)
         pose = Extrinsics.from_array([_result_value(extrinsics, name) for name in POSE_NAMES])
         std = Extrinsics.from_array([_result_value(extrinsics, name) for name in STD_NAMES])
-        _number(provenance, "stamp", -_GREATEST_STAMP_S, _GREATEST_STAMP_S, "s")
+        number(provenance, "stamp", -_GREATEST_STAMP_S, _GREATEST_STAMP_S, "s")
         for name, low in (("frames", 1), ("seed", 0)):
-            _whole(provenance, name, low, _GREATEST_WHOLE)
+            whole(provenance, name, low, GREATEST_WHOLE)
         for name in ("source", "version"):
-            if not isinstance(_field(provenance, name, "provenance"), str):
-                raise _wrong(f"provenance.{name}", provenance[name], "text is needed")
+            if not isinstance(required(provenance, name), str):
+                raise wrong(f"provenance.{name}", provenance[name], "text is needed")
+        n_frames = int(provenance["frames"])
+        covariance = _covariance(provenance.pop("covariance", None), std.as_array())
         return cls(
             pose,
             std,
             _rig(provenance.pop("rig", None)),
             provenance,
-            _covariance("covariance", provenance.pop("covariance", None), std.as_array()),
-            _reservations(provenance.pop("reservations", {}), int(provenance["frames"])),
+            covariance,
+            _reservations(provenance.pop("reservations", {}), n_frames),
             _alignment(parameters.get("alignment"), provenance),
+            _evidence(provenance, covariance, n_frames),
         )
+
+    @property
+    def schema(self) -> int:
+        """Number of the file's schema; with 1, what its standard deviations are those of is not known."""
+        return int(self.provenance["schema"])
+
+    @property
+    def is_of_mount(self) -> bool:
+        """Whether the standard deviations are surely those of the mount, and not of one moment."""
+        return self.schema > 1 and self.evidence.mount is not None
 
     @property
     def stamp_s(self) -> float:
@@ -153,6 +173,9 @@ class SavedResult:
             n_frames=self.n_frames,
             reservations=self.reservations,
             alignment=self.alignment,
+            uncertainty=self.evidence.uncertainty,
+            mount=self.evidence.mount,
+            delay=self.evidence.delay,
         )
 
 
@@ -216,7 +239,7 @@ def check_images(saved: SavedResult, topics: tuple[str, str]) -> None:
     if saved.topics is not None and not same_images(saved.topics, topics):
         raise ConfigError(
             f"the calibration is of the images of {' and '.join(saved.topics)}, this node listens to "
-            f"{' and '.join(topics)}; {_REMEDY}, give each pair of cameras an output_path of its own, or "
+            f"{' and '.join(topics)}; {REMEDY}, give each pair of cameras an output_path of its own, or "
             "write the new names into provenance.source where the topics were only renamed"
         )
 
@@ -227,42 +250,42 @@ def _sections(parameters: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, 
     if not all(isinstance(section, Mapping) for section in sections):
         raise ConfigError(
             f"no result file of {NODE_NAME}: it needs 'extrinsics:' and 'provenance:' with values in them; "
-            f"{_REMEDY}"
+            f"{REMEDY}"
         )
     extrinsics, provenance = ({str(name): value for name, value in s.items()} for s in sections if s)
-    schema = _whole(provenance, "schema", 1, _GREATEST_WHOLE)
+    schema = whole(provenance, "schema", 1, GREATEST_WHOLE)
     if schema > SCHEMA:
         version = provenance.get("version")
         by = f" ({shortened(version)})" if isinstance(version, str) else ""
         raise ConfigError(
             f"written by a newer version{by} of {NODE_NAME}: its schema is {schema}, this version reads "
-            f"at most {SCHEMA}; update {NODE_NAME}, or {_REMEDY}"
+            f"at most {SCHEMA}; update {NODE_NAME}, or {REMEDY}"
         )
     return extrinsics, provenance
 
 
 def _result_value(extrinsics: Mapping[str, Any], name: str) -> float:
     low, high, unit = (_RANGES | _STD_RANGES)[name]
-    value = _number(extrinsics, name, low, high, unit, "extrinsics")
+    value = number(extrinsics, name, low, high, unit, "extrinsics")
     if name in _STD_RANGES and value == 0.0:
-        raise _wrong(f"extrinsics.{name}", value, "it must be greater than 0")
+        raise wrong(f"extrinsics.{name}", value, "it must be greater than 0")
     return value
 
 
 def _rig(values: Any) -> StereoRig:
     if not isinstance(values, Mapping):
-        raise _wrong("provenance.rig", values, "the values of the rig are needed")
+        raise wrong("provenance.rig", values, "the values of the rig are needed")
     try:
         return StereoRig.from_mapping(values)
     except (RigError, OverflowError) as error:
-        raise ConfigError(f"provenance.{error}; {_REMEDY}") from error
+        raise ConfigError(f"provenance.{error}; {REMEDY}") from error
 
 
 def _reservations(values: Any, n_frames: int) -> tuple[Reservation, ...]:
     try:
         return reservations_from_mapping(values, n_frames)
     except ConfigError as error:
-        raise ConfigError(f"provenance.{error}; {_REMEDY}") from error
+        raise ConfigError(f"provenance.{error}; {REMEDY}") from error
 
 
 def _alignment(section: Any, provenance: dict[str, Any]) -> Alignment | None:
@@ -275,81 +298,40 @@ def _alignment(section: Any, provenance: dict[str, Any]) -> Alignment | None:
     covariance = provenance.pop("alignment_covariance", None)
     unexplained_rad = 0.0
     if _UNEXPLAINED in provenance:
-        unexplained_rad = _number(provenance, _UNEXPLAINED, 0.0, MOST_KNOWN_RAD, "rad")
+        unexplained_rad = number(provenance, _UNEXPLAINED, 0.0, MOST_KNOWN_RAD, "rad")
         del provenance[_UNEXPLAINED]
     if section is None:
         return None
     if not isinstance(section, Mapping):
-        raise _wrong("alignment", section, "the angles of the right camera are needed")
+        raise wrong("alignment", section, "the angles of the right camera are needed")
     values = {}
     for name, std_name in zip(ALIGNMENT_NAMES, ALIGNMENT_STD_NAMES, strict=True):
         if name in section or std_name in section:
-            values[name] = _number(section, name, -MOST_KNOWN_RAD, MOST_KNOWN_RAD, "rad", "alignment")
-            values[std_name] = _number(section, std_name, 0.0, MOST_KNOWN_RAD, "rad", "alignment")
+            values[name] = number(section, name, -MOST_KNOWN_RAD, MOST_KNOWN_RAD, "rad", "alignment")
+            values[std_name] = number(section, std_name, 0.0, MOST_KNOWN_RAD, "rad", "alignment")
             if values[std_name] == 0.0:
-                raise _wrong(f"alignment.{std_name}", values[std_name], "it must be greater than 0")
+                raise wrong(f"alignment.{std_name}", values[std_name], "it must be greater than 0")
     if not values:
         return None
     known = Alignment.from_values(values)
     if covariance is not None:
-        known = Alignment.from_values(values, _covariance("alignment_covariance", covariance, known.std))
+        known = Alignment.from_values(
+            values, covariance_of(covariance, "provenance.alignment_covariance", known.std)
+        )
     return replace(known, unexplained_rad=unexplained_rad)
 
 
-def _covariance(field_name: str, values: Any, deviations: Array) -> Array:
-    """Return a covariance of the provenance, or that of the standard deviations."""
+def _covariance(values: Any, deviations: Array) -> Array:
+    """Return the covariance of the calibration, or that of the standard deviations alone."""
     if values is None:
         return np.diag(deviations**2)
-    name = f"provenance.{field_name}"
-    if not isinstance(values, list) or len(values) != deviations.size**2:
-        raise _wrong(name, values, f"a list of {deviations.size**2} numbers is needed")
-    numbers = [_number({name: value}, name, -math.inf, math.inf, "", "") for value in values]
-    covariance: Array = np.array(numbers).reshape(deviations.size, deviations.size)
-    with np.errstate(all="ignore"):  # what overflows is found below
-        correlation = covariance / np.outer(deviations, deviations)
-    if not np.all(np.isfinite(correlation)) or np.any(np.abs(np.diag(correlation) - 1.0) > _ROUNDING):
-        raise _wrong(name, values, "it contradicts the standard deviations")
-    if np.any(np.abs(correlation - correlation.T) > _ROUNDING) or (
-        float(np.linalg.eigvalsh(correlation)[0]) < -_ROUNDING
-    ):
-        raise _wrong(name, values, "no quantities vary together like this")
-    return covariance
+    return covariance_of(values, "provenance.covariance", deviations)
 
 
-def _field(section: Mapping[str, Any], name: str, prefix: str) -> Any:
-    if name not in section:
-        raise ConfigError(
-            f"{prefix}.{name} is missing: the file is no result of {NODE_NAME}, or not all of it; {_REMEDY}"
-        )
-    return section[name]
-
-
-def _number(
-    section: Mapping[str, Any], name: str, low: float, high: float, unit: str, prefix: str = "provenance"
-) -> float:
-    """Return a finite number within its range."""
-    given = _field(section, name, prefix)
-    full_name = f"{prefix}.{name}" if prefix else name
-    try:
-        value = math.nan if isinstance(given, bool | str) else float(given)
-    except (TypeError, ValueError, OverflowError):
-        value = math.nan
-    if not math.isfinite(value):
-        raise _wrong(full_name, given, "a finite number is needed")
-    if not low <= value <= high:
-        raise _wrong(full_name, given, f"it must lie in {low:g} ... {high:g} {unit}".rstrip())
-    return value
-
-
-def _whole(section: Mapping[str, Any], name: str, low: int, high: int) -> int:
-    """Return a whole number of the provenance within its range."""
-    value = _field(section, name, "provenance")
-    if not isinstance(value, int) or isinstance(value, bool):
-        raise _wrong(f"provenance.{name}", value, "a whole number is needed")
-    if not low <= value <= high:
-        raise _wrong(f"provenance.{name}", value, f"it must lie in {low} ... {high}")
-    return value
-
-
-def _wrong(name: str, value: Any, what: str) -> ConfigError:
-    return ConfigError(f"{name} is {shortened(value)}: {what}; {_REMEDY}")
+def _evidence(provenance: dict[str, Any], covariance: Array, n_frames: int) -> SavedEvidence:
+    """Return how the calibration was reached, and take it out of the provenance; of schema 1, nothing."""
+    if provenance["schema"] == 1:
+        return SavedEvidence()
+    sections = {name: provenance.pop(name) for name in SECTIONS if name in provenance}
+    greatest = Extrinsics(*(_STD_RANGES[name][1] for name in STD_NAMES))
+    return evidence_from_mapping(sections, covariance, n_frames, greatest)

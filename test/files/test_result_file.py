@@ -56,7 +56,7 @@ def test_shape_is_that_of_the_contract(tmp_path):
     }
     assert all(isinstance(value, float) for value in parameters["extrinsics"].values())
     assert parameters["provenance"] == {
-        "schema": 1,
+        "schema": 2,
         "stamp": 1_700_000_000.123456789,
         "source": "bags/straight_road",
         "frames": 3,

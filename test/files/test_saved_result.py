@@ -42,13 +42,13 @@ FAULTS = [
     ("pitch_std_rad: ", "pitch_std_rad: 0.0 #", "extrinsics.pitch_std_rad is 0.0: .* greater than 0"),
     ("roll_std_rad: ", "roll_std_rad: 2.0 #", "extrinsics.roll_std_rad is 2.0: it must lie in"),
     (
-        "schema: 1",
         "schema: 2",
-        "written by a newer version .'0.1.0'.* schema is 2, this version reads at most 1",
+        "schema: 3",
+        "written by a newer version .'0.1.0'.* schema is 3, this version reads at most 2",
     ),
-    ("schema: 1", "schema: 0", "provenance.schema is 0: it must lie in 1"),
-    ("schema: 1", "schema: '1'", "provenance.schema is '1': a whole number is needed"),
-    ("schema: 1", "scheme: 1", "provenance.schema is missing"),
+    ("schema: 2", "schema: 0", "provenance.schema is 0: it must lie in 1"),
+    ("schema: 2", "schema: '2'", "provenance.schema is '2': a whole number is needed"),
+    ("schema: 2", "scheme: 2", "provenance.schema is missing"),
     ("stamp: ", "stamp: .nan #", "provenance.stamp is nan"),
     ("stamp: ", "stamp: .inf #", "provenance.stamp is inf: a finite number is needed"),
     ("stamp: ", "stamp: -.inf #", "provenance.stamp is -inf: a finite number is needed"),
@@ -95,7 +95,7 @@ def test_every_value_is_checked_on_loading(tmp_path, old, new, words):
         ("pitch_rad: 1.0e-05", "pitch_rad: 1e-05"),  # text to YAML 1.1, a number to rcl
         ("pitch_rad: 1.0e-05", "pitch_rad: -1.0471"),
         ("    provenance:", "      comment: a word\n    provenance:"),
-        ("      schema: 1", "      schema: 1\n      operator: somebody"),
+        ("      schema: 2", "      schema: 2\n      operator: somebody"),
     ],
 )
 def test_values_at_the_edge_and_additions_are_read(tmp_path, old, new):

@@ -124,7 +124,7 @@ def test_calibration_of_the_last_run_is_there_from_the_start(graph, start, saved
     ("spoil", "words"),
     [
         (lambda text: text[: len(text) // 2], "is missing"),
-        (lambda text: text.replace("schema: 1", "schema: 7"), "written by a newer version"),
+        (lambda text: text.replace("schema: 2", "schema: 7"), "written by a newer version"),
         (lambda text: "a: {b: [1, 2]}\n", "is not"),
         (lambda text: text.replace("height_m: 1.5", "height_m: .nan"), "height_m is nan"),
     ],
