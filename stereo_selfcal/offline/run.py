@@ -14,6 +14,7 @@ from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
 from ..core.drive.camera_changes import CameraChange, CameraFollower
 from ..core.drive.drive import Drive, estimate_drive
+from ..core.drive.targets import Targets
 from ..core.faults import FaultLog
 from ..core.rejection import RejectReason
 from ..core.results import CalibrationResult
@@ -21,6 +22,7 @@ from .frame import FrameHead, calibrate_frame
 from .pool import calibrate_in_order
 from .recording import FrameSource
 from .rows import FrameRow
+from .until_good import Goal, GoalWatch, NotedFrames
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +40,7 @@ class Replay:
         camera_changes: Changes of CameraInfo, in order; the estimate is of the frames since the last one.
         since: Index of the first row since then.
         cameras: The cameras of the estimate; None where the rig is all that is known.
+        goal: What became of the standard deviations that were asked for; None where none were.
     """
 
     rows: tuple[FrameRow, ...]
@@ -49,6 +52,7 @@ class Replay:
     camera_changes: tuple[CameraChange, ...] = ()
     since: int = 0
     cameras: StereoRectifier | None = None
+    goal: Goal | None = None
 
     @property
     def rows_of_rig(self) -> tuple[FrameRow, ...]:
@@ -85,8 +89,9 @@ def calibrate_recording(
     config: CalibratorConfig | None = None,
     on_row: Callable[[FrameRow], None] = lambda row: None,
     jobs: int = 1,
+    until: Targets | None = None,
 ) -> Replay:
-    """Calibrate every selected frame of a recording and fuse the accepted ones.
+    """Calibrate the selected frames of a recording, all or until it is good, and fuse the accepted ones.
 
     A few frames are in memory at a time; rows stay. The outcome is the same, to the last bit, with any
     number of jobs.
@@ -96,21 +101,27 @@ def calibrate_recording(
         config: Settings, None for the defaults.
         on_row: Called after every frame, in order.
         jobs: Processes that calibrate; with 1, and for a recording of few frames, it is done in this one.
+        until: Standard deviations of the estimate at which reading ends; None: at the end.
 
     Raises:
         SelfcalError: The recording cannot be read, or has no frame that is selected; or a worker died.
     """
     config = config or CalibratorConfig()
     calibrator = Calibrator(source.rig, config)
-    with closing(calibrate_in_order(source.frames(), calibrator, jobs, source.count)) as frames:
-        replay = assemble_replay(frames, calibrator, on_row)
-    return replace(replay, remarks=(*replay.remarks, *source.remarks))  # known when all is read
+    noted = NotedFrames(source)
+    with closing(calibrate_in_order(noted.frames(), calibrator, jobs, source.count)) as frames:
+        replay = assemble_replay(frames, calibrator, on_row, until)
+    remarks = source.remarks  # known when all is read
+    if replay.goal is not None and replay.goal.stopped:
+        remarks = noted.remarks_until(len(replay.rows))
+    return replace(replay, remarks=(*replay.remarks, *remarks))
 
 
 def assemble_replay(
     frames: Iterable[tuple[FrameHead, CalibrationResult]],
     calibrator: Calibrator,
     on_row: Callable[[FrameRow], None] = lambda row: None,
+    until: Targets | None = None,
 ) -> Replay:
     """Make the outcome of a recording from its frames, wherever they were calibrated.
 
@@ -121,6 +132,7 @@ def assemble_replay(
         calibrator: A calibrator of the rig, which has seen no frame. Frames of other cameras begin anew with
             one of their rig.
         on_row: Called after every frame.
+        until: Standard deviations of the estimate at which it ends; None: with the last frame.
 
     Raises:
         SelfcalError: It ended before the first frame, or CameraInfo alternates.
@@ -131,19 +143,32 @@ def assemble_replay(
     frozen: dict[str, list[float]] = {}
     follower = CameraFollower()
     faults = FaultLog(logging.getLogger(__name__).error)
+    watch = GoalWatch(until) if until else None
+    stopped = False
+
+    def drive_so_far() -> Drive:
+        accepted = [row for row in rows[since:] if row.accepted]
+        return estimate_drive(accepted, calibrator.rig, calibrator.estimate)
+
     try:
         for head, result in frames:
             if head.cameras is not None:
                 change = follower.follow(head.cameras, head.stamp_s)
                 if change is not None or head.cameras.rig != calibrator.rig:
                     calibrator = Calibrator(head.cameras.rig, calibrator.config)
-                since = since if change is None else len(rows)
+                if change is not None:
+                    since = len(rows)
+                    watch = GoalWatch(until) if until else None
             kept = replace(result, stood=calibrator.remember(result).stood)
             faults.note(result.fault, head.stamp_s)
             if result.reason is RejectReason.IMAGE_FROZEN:
                 frozen.setdefault(head.frozen, []).append(head.stamp_s)
             rows.append(FrameRow.from_result(kept, head.stamp_s, head.recorded_ns, head.name))
             on_row(rows[-1])
+            if watch is not None and result.accepted:
+                stopped = watch.is_reached(lambda: drive_so_far().estimate)
+                if stopped:
+                    break
     except BagError as error:
         if not rows:
             raise
@@ -151,7 +176,7 @@ def assemble_replay(
         damage = f"{error}; it ended early, after {n} frames: --max-frames {n} calibrates from these alone"
     if not rows:
         raise ValueError("a recording of no frames cannot be calibrated")
-    drive = estimate_drive([row for row in rows[since:] if row.accepted], calibrator.rig, calibrator.estimate)
+    drive = drive_so_far()
     changes = follower.changes
     if changes:
         message = f"{drive.estimate.message}; {changes[-1].since}"
@@ -161,6 +186,7 @@ def assemble_replay(
         f"frames, the first one of {stamps[0]:.3f} s, are refused"
         for side, stamps in sorted(frozen.items())
     )
+    duration_s = rows[-1].stamp_s - rows[0].stamp_s
     return Replay(
         tuple(rows),
         drive,
@@ -171,6 +197,7 @@ def assemble_replay(
         changes,
         since,
         follower.current,
+        None if until is None else Goal.of(until, drive.estimate, len(rows), duration_s, stopped),
     )
 
 
