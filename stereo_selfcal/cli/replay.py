@@ -18,11 +18,12 @@ from ..bags import StereoTopics, stereo_pairs
 from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
-from ..core.errors import SelfcalError, one_line, printable
+from ..core.drive.targets import Targets
+from ..core.errors import ConfigError, SelfcalError, one_line, printable
 from ..core.geometry.camera_info_repair import RepairedPair, repaired_pairs
 from ..files.atomic_file import write_atomically
 from ..files.exports import CAMERA_INFO, export_paths, write_exports
-from ..files.parameter_file import chosen_config, load_frames
+from ..files.parameter_file import TARGET_NAMES, chosen_config, load_frames, load_targets
 from ..files.result_file import write_result
 from ..files.rig_file import read_rig_file
 from ..offline import (
@@ -64,6 +65,7 @@ class _Settings:
     rig: StereoRig | None
     frames: tuple[str, str]
     selection: Selection
+    targets: Targets | None
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -91,12 +93,34 @@ def _replay(argv: list[str]) -> int:
         rig=None if arguments.rig is None else read_rig_file(arguments.rig),
         config=chosen_config(arguments.config, arguments.seed),
         selection=Selection(arguments.start, arguments.end, arguments.every, arguments.max_frames),
+        targets=_targets(arguments),
     )
     if arguments.all_pairs:
         return _replay_all(arguments, settings)
     replay, unwritten = _replay_one(arguments, settings)
     sys.stdout.write(as_json(replay) if arguments.json else _summary(replay, arguments))
     return _status(replay, unwritten)
+
+
+def _targets(arguments: argparse.Namespace) -> Targets | None:
+    """Return what is asked of the recording; None where all of it is read.
+
+    Raises:
+        UsageError: A target is given that is of no use, or is none.
+        ConfigError: The settings of the file are wrong.
+    """
+    names = (*TARGET_NAMES, "min_frames")
+    given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
+    options = [f"--{name.replace('_', '-')}" for name in given]
+    if not arguments.until_good:
+        if options:
+            raise UsageError(f"{' and '.join(options)}: of --until-good only; give it as well")
+        return None
+    settings = {"frames" if name == "min_frames" else name: value for name, value in given.items()}
+    try:
+        return load_targets(arguments.config, settings)
+    except ConfigError as error:
+        raise UsageError(str(error)) from error
 
 
 def _replay_one(arguments: argparse.Namespace, settings: _Settings) -> tuple[Replay, list[str]]:
@@ -119,7 +143,7 @@ def _replay_one(arguments: argparse.Namespace, settings: _Settings) -> tuple[Rep
         a.rectified,
         None if a.camera_info is None else tuple(a.camera_info),
     ) as source:
-        replay = _run_with_output(source, settings.config, arguments)
+        replay = _run_with_output(source, settings, arguments)
         unwritten = _write_files(source, replay, arguments, settings.frames)
     return replay, unwritten
 
@@ -239,7 +263,7 @@ def _inputs(arguments: argparse.Namespace) -> list[File]:
     return [*files, *recording_files(arguments.bags, arguments.left, arguments.right)]
 
 
-def _run_with_output(source: FrameSource, config: CalibratorConfig, arguments: argparse.Namespace) -> Replay:
+def _run_with_output(source: FrameSource, settings: _Settings, arguments: argparse.Namespace) -> Replay:
     """Replay with a progress bar, and with the table unless JSON is wanted."""
     progress = Progress(source.count)
     done = 0
@@ -261,7 +285,7 @@ def _run_with_output(source: FrameSource, config: CalibratorConfig, arguments: a
         sys.stdout.write(table_header(source.counted))
     progress.show(0)
     try:
-        return calibrate_recording(source, config, on_row, arguments.jobs)
+        return calibrate_recording(source, settings.config, on_row, arguments.jobs, settings.targets)
     finally:
         progress.clear()
 
@@ -298,7 +322,8 @@ def _write_result(
     pairs = _repaired_pairs(replay, exports)
     if estimate.extrinsics is not None and _is_written(replay):
         # The folders above the recording are nobody's business.
-        write_result(path, estimate, rig, source=source.name, seed=replay.config.seed)
+        asked = None if replay.goal is None else replay.goal.targets
+        write_result(path, estimate, rig, source=source.name, seed=replay.config.seed, targets=asked)
         write_exports(path, exports, estimate.extrinsics, rig, *frames, pairs)
     elif pairs:
         write_exports(path, exports, None, rig, *frames, pairs)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from ..core.drive.targets import USUAL_TARGETS
 from ..core.errors import ConfigError, shortened
+from ..core.geometry.pose import POSE_COMPONENTS
 from ..files.exports import EXPORT_NAMES, parse_exports
 from ..offline import default_jobs
 from .console import OTHER_STATUSES, Parser
@@ -19,10 +21,12 @@ Find height, pitch and roll of a stereo camera from a recording of a straight ro
 BAG is a rosbag2 folder (mcap or sqlite3), a single .mcap or .db3 file, or a ROS 1 .bag, with
 rectified images of both cameras (raw ones: --raw); several are one drive, in the order of time.
 Or it is a folder of image pairs, left/NAME.png and right/NAME.png, with a rig file. Every frame
-is calibrated; the accepted ones are fused.
+is calibrated; the accepted ones are fused. With --until-good, reading ends as soon as the mount is
+known as well as asked.
 """
 _EPILOG = f"""\
-exit status: 0 calibrated; 1 no frame was accepted; 2 bad usage, unreadable input or an output that
+exit status: 0 calibrated, whether --until-good has reached its targets or not (the JSON has
+"targets_reached"); 1 no frame was accepted; 2 bad usage, unreadable input or an output that
 cannot be written, also when a recording is damaged after some frames, which are shown all the same;
 {OTHER_STATUSES}
 p_road = R_z(0) R_y(pitch) R_x(roll) p_camera + [0, 0, height], REP-103: pitch > 0 is nose down,
@@ -69,6 +73,7 @@ def replay_parser() -> Parser:
     add("--csv", metavar="FILE", type=Path, help="write a table, one line per frame (SI units, radians)")
     add("--json", action="store_true", help="print one JSON object (SI units, radians) instead of the table")
     add_selection_options(parser)
+    _add_target_options(parser)
     add(
         "--jobs",
         metavar="N",
@@ -77,6 +82,31 @@ def replay_parser() -> Parser:
         help="processes that calibrate (default: %(default)s, the cores); the result is the same with any",
     )
     return parser
+
+
+def _add_target_options(parser: Parser) -> None:
+    """Add when a calibration is good enough to read no further."""
+    add = parser.add_argument
+    add(
+        "--until-good",
+        action="store_true",
+        help="read until the standard deviations of the mount are those below, and no further",
+    )
+    for component, default in zip(POSE_COMPONENTS, USUAL_TARGETS.std.as_array(), strict=True):
+        add(
+            f"--target-{component.std_name.replace('_', '-')}",
+            dest=f"target_{component.std_name}",
+            metavar=component.si_unit.upper(),
+            type=float,
+            help=f"std of the {component.label} that is good enough [{component.si_unit}]; 0: any (default: "
+            f"that of --config, or {default:g})",
+        )
+    add(
+        "--min-frames",
+        metavar="N",
+        type=positive_int,
+        help="accepted frames there must be (default: frames of --config, or 1)",
+    )
 
 
 def add_camera_options(parser: Parser) -> None:

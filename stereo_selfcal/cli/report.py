@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import statistics
 from collections import Counter
 from collections.abc import Sequence
@@ -15,11 +16,13 @@ from ..core.drive.camera_changes import CameraChange
 from ..core.drive.drive import Drive, DriveSegment, clock
 from ..core.errors import printable
 from ..core.geometry.alignment import ALIGNMENT_NAMES, Alignment
-from ..core.geometry.pose import POSE_COMPONENTS, POSE_NAMES, Extrinsics
+from ..core.geometry.mount import MountEvidence
+from ..core.geometry.pose import POSE_COMPONENTS, POSE_NAMES, STD_NAMES, Extrinsics
 from ..core.geometry.travel import RightDelay
 from ..core.geometry.uncertainty import UncertaintyTerm
 from ..core.reservations import Reservation
-from ..offline import AttemptSummary, FrameRow, Replay
+from ..offline import AttemptSummary, FrameRow, Goal, Replay
+from ..report.mount import how_reached
 from ..report.uncertainty import std_of, variance_line
 
 _STAMP_WIDTH = 17  # seconds since 1970 with microseconds
@@ -57,7 +60,7 @@ def table_row(row: FrameRow, counted: bool = False) -> str:
 
 
 def table_summary(replay: Replay) -> str:
-    """Return the lines under the table: mean and spread over the accepted frames, the fused estimate."""
+    """Return the lines under the table: mean and scatter of the accepted frames, and the mount."""
     rows, estimate, drive = replay.rows, replay.estimate, replay.drive
     accepted = [row.extrinsics for row in replay.rows_of_rig if row.extrinsics is not None]
     text = f"{_RULE}{sum(row.accepted for row in rows)} of {len(rows)} frames accepted\n"
@@ -66,16 +69,19 @@ def table_summary(replay: Replay) -> str:
         text += f"  {count} x {reason}\n"
     moved = bool(drive.changes)
     if accepted and not moved:
-        text += _line("mean", _over(accepted, statistics.fmean))
+        text += _line("mean of the frames", _over(accepted, statistics.fmean))
     if len(accepted) > 1 and not moved:
-        text += _line("standard deviation over the frames", _over(accepted, statistics.stdev), spread=True)
+        text += _line("scatter of the frames", _over(accepted, statistics.stdev), spread=True)
     if estimate.accepted and estimate.extrinsics is not None:
-        text += _line("fused estimate", estimate.extrinsics)
+        text += _line("mount", estimate.extrinsics)
         if estimate.std is not None:
-            text += _line("its standard deviation", estimate.std, spread=True)
+            text += _line("standard deviation of the mount", estimate.std, spread=True)
         if estimate.uncertainty:
             text += f"its variance: {variance_line(estimate.uncertainty)}\n"
+        text += "".join(f"{sentence}\n" for sentence in how_reached(estimate.mount, estimate.n_frames))
     text += f"{_moves(drive)}{printable(estimate.message)}\n"
+    if replay.goal is not None:
+        text += f"{printable(replay.goal.message)}\n"
     if estimate.alignment is not None:
         text += f"alignment: {report_alignment(estimate.alignment, replay.rig).message}\n"
     if estimate.delay is not None:
@@ -126,6 +132,8 @@ def as_dict(replay: Replay) -> dict[str, Any]:
             | ({"name": row.name} if row.name else {})
             | {"accepted": row.accepted, "reason": row.reason}
             | _pose(row.extrinsics)
+            | {"std": None if row.covariance is None else _pose(std_of(row.covariance))}
+            | {"known_start": row.known_start, "stood": row.stood}
             | {"reservations": _reservations(row.reservations, 1)}
             | {"alignment": _alignment(row.alignment, replay.rig_of(row))}
             | {"attempts": [_attempt(attempt) for attempt in row.attempts]}
@@ -141,6 +149,9 @@ def as_dict(replay: Replay) -> dict[str, Any]:
         "delay": _delay(estimate.delay),
         "with_reservations": replay.with_reservations,
         "reservations": _reservations(estimate.reservations, estimate.n_frames),
+        "mount": _mount(estimate.mount),
+        "targets_reached": None if replay.goal is None else replay.goal.reached,
+        "targets": _goal(replay.goal),
     }
     if replay.camera_changes:
         content["camera_changes"] = [_camera_change(change) for change in replay.camera_changes]
@@ -170,6 +181,7 @@ def _segment(segment: DriveSegment) -> dict[str, Any]:
         "spread": _pose(segment.spread),
         "standard_error": None if segment.standard_error is None else _pose(segment.standard_error),
         "uncertainty": _uncertainty(segment.estimate.uncertainty),
+        "mount": _mount(segment.estimate.mount),
         "reservations": _reservations(segment.estimate.reservations, segment.estimate.n_frames),
     }
 
@@ -177,6 +189,41 @@ def _segment(segment: DriveSegment) -> dict[str, Any]:
 def _uncertainty(terms: Sequence[UncertaintyTerm]) -> dict[str, Any]:
     """Return the standard deviations that each term alone leaves, by its name."""
     return {term.name: _pose(std_of(term.covariance)) for term in terms}
+
+
+def _mount(mount: MountEvidence | None) -> dict[str, Any] | None:
+    """Return how an estimate of the mount was reached; a number that is not known is None."""
+    if mount is None:
+        return None
+    of_motion = {"memory_s": mount.memory_s, "looks": mount.looks}
+    return {
+        "duration_s": mount.duration_s,
+        "outliers": mount.n_outliers,
+        "known_starts": mount.n_known,
+        "stood": mount.stood,
+        "motion": _pose(mount.motion),
+        **{
+            name: {
+                component.label: float(value) if math.isfinite(value) else None
+                for component, value in zip(POSE_COMPONENTS, values, strict=True)
+            }
+            for name, values in of_motion.items()
+        },
+    }
+
+
+def _goal(goal: Goal | None) -> dict[str, Any] | None:
+    """Return what was asked of a recording, and what became of it."""
+    if goal is None:
+        return None
+    return {
+        "reached": goal.reached,
+        **dict(zip(STD_NAMES, map(float, goal.targets.std.as_array()), strict=True)),
+        "min_frames": goal.targets.frames,
+        "frames": goal.frames,
+        "duration_s": goal.duration_s,
+        "message": goal.message,
+    }
 
 
 def _alignment(alignment: Alignment | None, rig: StereoRig) -> dict[str, Any] | None:

@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from ..core.config import CalibratorConfig, flatten
+from ..core.drive.targets import Targets
 from ..core.errors import ConfigError, printable, shortened
-from .node_settings import NODE_NAME, NODE_SETTINGS, check_text, is_calibrator_setting
+from ..core.geometry.pose import STD_NAMES
+from .node_settings import NODE_NAME, NODE_SETTINGS, NodeSetting, check_text, is_calibrator_setting
 from .safe_yaml import UnreadableFileError, parse_yaml, read_text
 
 __all__ = ["UnreadableFileError"]
@@ -19,6 +21,8 @@ _ANY_NODE = (ANY_NODE, "/*")  # other patterns may match this node or not, by it
 # A file may hold the parameters of a whole vehicle; those of Nav2, a big one, are 20 kB. PyYAML was
 # measured to read 1 MB in 1.2 s.
 _MOST_BYTES = 1_000_000
+# Parameters of the standard deviations that are good enough, in the order of a pose.
+TARGET_NAMES = tuple(f"target_{name}" for name in STD_NAMES)
 _MOST_SHOWN = 5  # names of nodes in an error
 
 
@@ -76,6 +80,40 @@ def load_frames(path: Path | str | None) -> tuple[str, str]:
         except ConfigError as error:
             raise ConfigError(f"{printable(str(path))}: {error}") from error
     return str(road), str(camera)
+
+
+def load_targets(path: Path | str | None, given: Mapping[str, Any] | None = None) -> Targets:
+    """Return the standard deviations that are good enough, and the fewest frames.
+
+    Args:
+        path: A parameter file, None for the node's defaults.
+        given: Values by name that take the place of those of the file.
+
+    Raises:
+        ConfigError: The file cannot be read, is no parameter file, or a value is wrong.
+    """
+    in_file = {} if path is None else node_parameters(path)
+    settings = {setting.name: setting for setting in NODE_SETTINGS}
+    values = {}
+    for name in (*TARGET_NAMES, "frames"):
+        shown = f"{printable(str(path))}: " if name in in_file else ""
+        values[name] = _checked(settings[name], in_file.get(name, settings[name].default), shown)
+        if given is not None and name in given:
+            values[name] = _checked(settings[name], given[name])
+    height_m, pitch_rad, roll_rad = (float(values[name]) for name in TARGET_NAMES)
+    return Targets(height_m, pitch_rad, roll_rad, int(values["frames"]))
+
+
+def _checked(setting: NodeSetting, value: Any, shown: str = "") -> int | float:
+    """Return a number for a parameter of the node, checked by its kind and its range."""
+    whole = isinstance(setting.default, int)
+    if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)):
+        kind = "a whole number" if whole else "a number"
+        raise ConfigError(f"{shown}{setting.name} is {shortened(value)}: {kind} is needed")
+    if setting.low is None or setting.high is None or not setting.low <= value <= setting.high:
+        within = f"{setting.low:g} ... {setting.high:g} {setting.unit}".rstrip()
+        raise ConfigError(f"{shown}{setting.name} is {shortened(value)}: it must lie in {within}")
+    return value
 
 
 def node_parameters(path: Path | str, most_bytes: int = _MOST_BYTES) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from .pool import WorkerError, default_jobs
 from .recording import FrameSource
 from .rows import AttemptSummary, FrameRow
 from .run import Replay, calibrate_recording, look_again
+from .until_good import Goal
 
 __all__ = [
     "AttemptSummary",
@@ -20,6 +21,7 @@ __all__ = [
     "FolderSource",
     "FrameRow",
     "FrameSource",
+    "Goal",
     "Replay",
     "Selection",
     "WorkerError",

@@ -24,7 +24,7 @@ from stereo_selfcal.offline.csv_table import harmless
 # A title for the terminal, a line to forge, one turned about, bytes that are no UTF-8, a separator of lines.
 EVIL = {
     "escape": "\x1b]0;owned\x07",
-    "line ends": "\r\nfused estimate 9.9",
+    "line ends": "\r\nmount 9.9",
     "bidi": "\u202egnp",
     "no UTF-8": os.fsdecode(b"\xff\xfe"),
     "line separator": "\u2028x",
@@ -65,7 +65,7 @@ def test_names_forge_no_line_of_any_output_and_cost_none(calibrator, capsys, tmp
     assert main(arguments) == 0
     said = capsys.readouterr()
     assert said.err == "" and is_clean(said.out)
-    assert len([line for line in said.out.splitlines() if line.startswith("fused estimate")]) == 1
+    assert len([line for line in said.out.splitlines() if line.startswith("mount")]) == 1
     said.out.encode()
     texts = {option: path.read_text("utf-8") for option, path in out.items()}
     assert all(map(is_clean, texts.values())), {option: is_clean(text) for option, text in texts.items()}
@@ -91,7 +91,7 @@ def test_names_forge_no_line_of_an_error(capsys, tmp_path, name):
 
 
 def test_topics_forge_no_line(calibrator, capsys, tmp_path):
-    evil = "\x1b[2J\nfused estimate 9.9"
+    evil = "\x1b[2J\nmount 9.9"
     sides = [
         Camera(side, f"/a{evil}/{side}/image_rect", f"/a{evil}/{side}/camera_info")
         for side in ("left", "right")
@@ -99,7 +99,7 @@ def test_topics_forge_no_line(calibrator, capsys, tmp_path):
     bag = make_bag(tmp_path / "bag", sides)
     assert main([str(bag), "--report", str(tmp_path / "out.html")]) == 0
     said = capsys.readouterr().out
-    assert is_clean(said) and "/a\\x1b[2J\\nfused estimate 9.9/left/image_rect (3 images)" in said
+    assert is_clean(said) and "/a\\x1b[2J\\nmount 9.9/left/image_rect (3 images)" in said
     assert is_clean((tmp_path / "out.html").read_text("utf-8"))
 
 

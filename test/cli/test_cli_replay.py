@@ -45,9 +45,9 @@ def test_table(bag, calibrator, monkeypatch, capsys):
     text = "\n".join(lines[8:])
     assert "3 of 4 frames accepted" in text
     assert "1 x no_lines_found" in text
-    assert "mean                                             1.4100" in text
-    assert "standard deviation over the frames              0.01000       0.0000      0.0000" in text
-    assert "fused estimate                                   1.4100" in text
+    assert "mean of the frames                               1.4100" in text
+    assert "scatter of the frames                           0.01000       0.0000      0.0000" in text
+    assert "mount                                            1.4100" in text
     assert text.endswith("roll -0.5730 deg (std 0.0057)")
 
 
@@ -68,7 +68,11 @@ def test_json_is_one_object_with_all_digits(bag, calibrator, monkeypatch, capsys
         "delay",
         "with_reservations",
         "reservations",
+        "mount",
+        "targets_reached",
+        "targets",
     ]
+    assert content["mount"] is content["targets_reached"] is content["targets"] is None
     assert content["alignment"] is None
     assert content["changes"] == []
     assert [segment["frames"] for segment in content["segments"]] == [3]
@@ -85,11 +89,17 @@ def test_json_is_one_object_with_all_digits(bag, calibrator, monkeypatch, capsys
         "height_m": None,
         "pitch_rad": None,
         "roll_rad": None,
+        "std": None,
+        "known_start": False,
+        "stood": False,
         "reservations": [],
         "alignment": None,
         "attempts": [],
     }
     assert content["frames"][0]["pitch_rad"] == 0.05
+    assert content["frames"][0]["std"] == pytest.approx(
+        {"height_m": 1e-3, "pitch_rad": 1e-4, "roll_rad": 1e-4}
+    )
 
 
 def test_json_has_the_reservations_of_the_estimate_and_of_each_frame(capsys):

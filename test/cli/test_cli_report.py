@@ -12,14 +12,17 @@ from stereo_selfcal.core.alignment_verdict import report_alignment
 from stereo_selfcal.core.config import CalibratorConfig
 from stereo_selfcal.core.drive.camera_changes import CameraChange
 from stereo_selfcal.core.drive.drive import Drive, DriveChange, DriveSegment
+from stereo_selfcal.core.drive.targets import Targets
 from stereo_selfcal.core.evidence.frame_evidence import FoundBy
 from stereo_selfcal.core.geometry.alignment import Alignment
+from stereo_selfcal.core.geometry.mount import MountEvidence
 from stereo_selfcal.core.geometry.pose import Extrinsics
 from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import CalibrationResult, rejected
 from stereo_selfcal.core.search.attempt import Verdict
-from stereo_selfcal.offline import AttemptSummary, Replay
+from stereo_selfcal.offline import AttemptSummary, Goal, Replay
+from stereo_selfcal.report.mount import how_reached
 from stereo_selfcal.synth.scenes import PAPER_RIG
 
 POSE = Extrinsics(1.0 / 3.0, math.radians(-2.0), 0.1)
@@ -54,14 +57,14 @@ def test_pitch_and_roll_are_shown_in_degrees_with_sign():
 def test_one_frame_has_no_spread():
     text = table_summary(replay([FrameRow(0.0, None, POSE)], Drive(RESULT)))
     assert "mean" in text
-    assert "over the frames" not in text
+    assert "scatter" not in text
 
 
 def test_refused_result_has_no_estimate():
     text = table_summary(replay([FrameRow.from_result(REFUSED, 0.0)] * 2, Drive(REFUSED)))
     assert "0 of 2 frames accepted" in text
     assert "2 x lines_not_converging" in text
-    assert "fused" not in text
+    assert "mount" not in text
 
 
 def test_json_keeps_every_digit():
@@ -87,11 +90,51 @@ WITH_TERMS = replace(RESULT, uncertainty=TERMS)
 def test_what_the_variance_is_made_of_is_a_line_below_the_standard_deviation():
     rows = [FrameRow.from_result(WITH_TERMS, 0.0)]
     lines = table_summary(replay(rows, Drive(WITH_TERMS))).splitlines()
-    place = next(n for n, line in enumerate(lines) if line.startswith("its standard deviation"))
+    place = next(n for n, line in enumerate(lines) if line.startswith("standard deviation of the mount"))
     assert lines.pop(place + 1) == (
         "its variance: 81 % errors that all frames of a drive share, 19 % noise of the pixels"
     )
     assert lines == table_summary(replay(rows, Drive(RESULT))).splitlines(), "all else is as without terms"
+
+
+MOUNT = MountEvidence(
+    30.0, 1, 2, False, Extrinsics(0.005, 0.003, 0.004), np.array([1.5, 2.0, math.nan]), np.full(3, 9.0)
+)
+
+
+def test_how_the_mount_was_reached_is_in_the_json_and_below_its_variance():
+    reached = replace(RESULT, mount=MOUNT)
+    segment = DriveSegment(0.0, 1.0, reached, Extrinsics(0.01, 0.02, 0.03), None)
+    given = replay([FrameRow.from_result(replace(RESULT, known_start=True), 0.0)], Drive(reached, (segment,)))
+    content = json.loads(as_json(given))
+    assert content["mount"] == content["segments"][0]["mount"]
+    assert content["mount"] == {
+        "duration_s": 30.0,
+        "outliers": 1,
+        "known_starts": 2,
+        "stood": False,
+        "motion": {"height_m": 0.005, "pitch_rad": 0.003, "roll_rad": 0.004},
+        "memory_s": {"height": 1.5, "pitch": 2.0, "roll": None},
+        "looks": {"height": 9.0, "pitch": 9.0, "roll": 9.0},
+    }
+    assert content["frames"][0]["known_start"] and not content["frames"][0]["stood"]
+    assert content["frames"][0]["std"] == content["std"]
+    lines = table_summary(given).splitlines()
+    for sentence in how_reached(MOUNT, 1):
+        assert sentence in lines
+
+
+@pytest.mark.parametrize("reached", [True, False])
+def test_what_was_asked_is_told(reached):
+    goal = Goal(Targets(0.015, 0.0, 0.0061, 3), reached, reached, 4, 0.3, "" if reached else "few frames")
+    given = replace(replay([FrameRow.from_result(RESULT, 0.0)], Drive(RESULT)), goal=goal)
+    content = json.loads(as_json(given))
+    assert content["targets_reached"] is reached
+    asked = {"height_std_m": 0.015, "pitch_std_rad": 0.0, "roll_std_rad": 0.0061, "min_frames": 3}
+    assert content["targets"] == {"reached": reached, **asked, "frames": 4, "duration_s": 0.3} | {
+        "message": goal.message
+    }
+    assert goal.message in table_summary(given).splitlines()
 
 
 def test_json_has_the_standard_deviation_of_every_term():

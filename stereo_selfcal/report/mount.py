@@ -1,0 +1,58 @@
+"""How the estimate of the mount was reached, in words: the drive, the car's motion, what was asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..core.drive.targets import describe_std
+from ..core.geometry.mount import MountEvidence
+from ..core.geometry.pose import POSE_COMPONENTS
+
+_FEW = 10.0  # so many moments and more are told without decimals
+
+
+def how_reached(mount: MountEvidence | None, n_frames: int) -> list[str]:
+    """Return sentences without a full stop about how an estimate was reached; none where it is not known.
+
+    Args:
+        mount: What the drive has shown of the mount.
+        n_frames: Number of frames behind the estimate.
+    """
+    if mount is None:
+        return []
+    sentences = [_of_motion(mount)]
+    accepted = n_frames + mount.n_outliers
+    if mount.n_known:
+        sentences.append(
+            f"{mount.n_known} of {accepted} accepted frames started from the known camera, without a search"
+        )
+    return sentences
+
+
+def _of_motion(mount: MountEvidence) -> str:
+    if mount.stood:
+        return (
+            f"The car stood, for {mount.duration_s:.1f} s: all frames are one view of one road, with the "
+            "springs at rest"
+        )
+    by = f"{describe_std(mount.motion)} (std)"
+    if mount.duration_s <= 0.0:
+        return (
+            "One moment of a car that may be moving: by its springs, the camera is "
+            f"{by} off its mean then, as far as is known"
+        )
+    text = f"In {mount.duration_s:.1f} s, the car on its springs moves the camera over the road by {by}"
+    memory_s, looks = mount.memory_s, mount.looks
+    if np.all(np.isfinite(memory_s)) and np.all(np.isfinite(looks)):
+        height, *others = [
+            f"{value:.{0 if value >= _FEW else 1}f}{{}} of {component.label}"
+            for component, value in zip(POSE_COMPONENTS, looks, strict=True)
+        ]
+        moments = ", ".join([height.format(" independent moments"), *(each.format("") for each in others)])
+        text += f"; a state lasts {_span(memory_s.min(), memory_s.max())}, so the drive shows {moments}"
+    return text
+
+
+def _span(low_s: float, high_s: float) -> str:
+    low, high = f"{low_s:.1f}", f"{high_s:.1f}"
+    return f"{low} s" if low == high else f"{low} to {high} s"
