@@ -45,11 +45,15 @@ def verdict_of(result: CalibrationResult) -> StripContent:
 
 
 def numbers(result: CalibrationResult) -> tuple[str, ...]:
-    """Return the lines of text with the numbers of an accepted result, and with its notes."""
+    """Return the lines of text with the numbers of an accepted result, and with its notes.
+
+    Those of the mount are called so: the standard deviations of a frame are of the moment alone.
+    """
     pose, std = result.extrinsics, result.std
     if pose is None or std is None:
         return (result.message,)
     line = _GAP.join(f"{each.label} {each.describe(pose, std, fine=False)}" for each in POSE_COMPONENTS)
+    line = line if result.mount is None else f"mount: {line}"
     return (line, "; ".join(result.notes)) if result.notes else (line,)
 
 

@@ -23,6 +23,7 @@ from ..offline import FrameRow, FrameSource, Replay
 from .alignment import alignment_report, alignment_section, delay_sentence, sentence_of
 from .choice import refusals
 from .figures import MINUTE_S, charts, gates, residuals
+from .mount import how_reached
 from .pictures import digits, pictures
 from .remedies import remedy_of
 from .tried import tried
@@ -94,16 +95,22 @@ def _verdict(replay: Replay) -> dict[str, Any]:
         text += f", and did not move during {span}." if drive.judged else "."
         if not drive.judged:
             doubts.append("The recording is too short to tell a move of the camera: that takes four minutes.")
-    doubts += [f"{note[0].upper()}{note[1:]}." for note in estimate.notes]
+    doubts += [_sentence(note) for note in estimate.notes]
     turned = alignment_report(replay)
     if turned.verdict.is_fault:
         doubts.append(sentence_of(turned))
+    if replay.goal is not None and not replay.goal.reached:
+        doubts.append(_sentence(replay.goal.message))
     if is_late(estimate.delay):
         doubts.append(delay_sentence(replay))
     moved = ", and moved" if drive.changes else ""
     word = f"Calibrated{moved}{', with reservations' if replay.with_reservations else ''}"
     kind = "warn" if drive.changes or replay.with_reservations else "good"
     return {"word": word, "kind": kind, "sentence": text, "doubts": doubts}
+
+
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}."
 
 
 def _in_words(pose: Extrinsics) -> str:
@@ -121,20 +128,28 @@ def _estimate(segment: DriveSegment, rows: Sequence[FrameRow]) -> dict[str, Any]
     if estimate.extrinsics is None or estimate.std is None:
         raise ValueError("a segment is made of accepted frames")
     lines = []
-    spreads = [estimate.std, segment.spread if estimate.n_frames > 1 else None, segment.standard_error]
+    inside = [row for row in rows if row.accepted and segment.start_s <= row.stamp_s <= segment.end_s]
+    spread = segment.spread if estimate.n_frames > 1 else None
+    spreads = [estimate.std, _std_of_a_frame(inside), spread, segment.standard_error]
     for component in POSE_COMPONENTS:
         value = component.of(estimate.extrinsics)
         shown = component.unit.number(value, component.sign, fine=True) + unit_symbol(component.unit)
         lines.append([component.label.capitalize(), shown, *(_small(each, component) for each in spreads)])
-    inside = [row for row in rows if row.accepted and segment.start_s <= row.stamp_s <= segment.end_s]
     span = f"{clock(segment.start_s)} to {clock(segment.end_s)}"
     return {
         "span": span,
         "frames": len(inside),
         "used": estimate.n_frames,
         "lines": lines,
+        "reached": how_reached(estimate.mount, estimate.n_frames),
         "uncertainty": uncertainty_table(estimate.uncertainty),
     }
+
+
+def _std_of_a_frame(rows: Sequence[FrameRow]) -> Extrinsics | None:
+    """Return the median of the standard deviations that frames report of their own moment."""
+    variances = [np.diagonal(row.covariance) for row in rows if row.covariance is not None]
+    return Extrinsics.from_array(np.sqrt(np.median(variances, axis=0))) if variances else None
 
 
 def _small(pose: Extrinsics | None, component: PoseComponent) -> str:
@@ -218,6 +233,8 @@ def _provenance(source: FrameSource, replay: Replay) -> list[tuple[str, str]]:
             f"Python {platform.python_version()}",
         ),
     ]
+    if replay.goal is not None:
+        entries.append(("Asked", replay.goal.message))
     return entries + ([("Damage", replay.damage)] if replay.damage else [])
 
 

@@ -16,14 +16,17 @@ pytest.importorskip("jinja2")
 
 from stereo_selfcal.cli.replay import main
 from stereo_selfcal.core.drive.drive import estimate_drive, fuse_frames
+from stereo_selfcal.core.drive.targets import Targets
 from stereo_selfcal.core.evidence.gates import GATES
+from stereo_selfcal.core.geometry.mount import MountEvidence
 from stereo_selfcal.core.geometry.pose import Extrinsics
 from stereo_selfcal.core.geometry.uncertainty import TERMS
 from stereo_selfcal.core.rejection import Bound, GateReading, RejectReason
 from stereo_selfcal.core.reservations import Reservation, ReservationKind
-from stereo_selfcal.offline import BagSource, calibrate_recording
+from stereo_selfcal.offline import BagSource, Goal, calibrate_recording
 from stereo_selfcal.offline.run import look_again
 from stereo_selfcal.report import pictures
+from stereo_selfcal.report.mount import how_reached
 from stereo_selfcal.report.page import render_report
 from stereo_selfcal.report.remedies import remedies, remedy_of
 from stereo_selfcal.report.uncertainty import contributions
@@ -144,7 +147,7 @@ def test_an_estimate_of_which_no_terms_are_known_has_no_such_table(road):
         replace(each, estimate=replace(each.estimate, uncertainty=())) for each in replay.drive.segments
     )
     page = Page(render_report(source, replace(replay, drive=replace(replay.drive, segments=segments))))
-    assert "What the standard deviation is made of" not in page.text
+    assert "What the standard deviation of the mount is made of" not in page.text
     assert "All together" not in page.text
 
 
@@ -250,7 +253,9 @@ def test_a_move_is_told_with_both_poses(road):
     assert re.search(r"The camera was moved once, at 1(89|90)\d\.\d s. Since then it is 1\.40", page.text)
     assert re.search(r"before it was 1\.\d+ m above the road, pitched 3\.\d+°", page.text)
     assert page.text.count("Standard error of the mean") >= 2
-    assert page.text.count("What the standard deviation is made of") == 2, "of each part of the drive"
+    assert page.text.count("What the standard deviation of the mount is made of") == 2, (
+        "of each part of the drive"
+    )
     assert page.text.count("All together") == 2
     assert page.text.count("The squares add up") == 1
     assert 'class="moved"' in text
@@ -350,3 +355,30 @@ def test_reservations_of_most_frames_are_in_the_verdict(road):
     page = Page(render_report(source, replace(replay, drive=replace(replay.drive, estimate=few))))
     assert "with reservations" not in page.text
     assert "(2 of 4 frames)" in page.text
+
+
+def test_the_mount_and_a_frame_have_standard_deviations_of_their_own_names(road):
+    """What a user must not mix up: the first is of the camera on the car, the second of one moment."""
+    source, replay = road
+    motion = Extrinsics(0.005, math.radians(0.15), math.radians(0.2))
+    mount = MountEvidence(12.0, 0, 4, False, motion, np.full(3, 1.5), np.full(3, 6.0))
+    (segment,) = replay.drive.segments
+    wide = replace(segment.estimate, mount=mount, covariance=np.diag([0.02, 0.03, 0.04]) ** 2)
+    drive = replace(replay.drive, segments=(replace(segment, estimate=wide),))
+    page = Page(render_report(source, replace(replay, drive=drive)))
+    own = np.median([row.covariance[0, 0] for row in replay.rows]) ** 0.5
+    headings = "Standard deviation of the mount Standard deviation of a frame Scatter of the frames"
+    assert headings in page.text
+    assert re.search(rf"Height 1\.\d+ m 20\.?\d* mm {own * 1e3:.2g}\d* mm", page.text)
+    for sentence in how_reached(mount, 10):
+        assert f"{sentence}." in page.text
+
+
+@pytest.mark.parametrize("reached", [True, False])
+def test_what_was_asked_is_in_the_report(road, reached):
+    source, replay = road
+    goal = Goal(Targets(0.015), reached, reached, 10, 0.9, "" if reached else "the road is rough")
+    page = Page(render_report(source, replace(replay, goal=goal)))
+    assert f"Asked {goal.message}" in page.text
+    said = f"{goal.message[0].upper()}{goal.message[1:]}."
+    assert (said in page.text) is not reached
