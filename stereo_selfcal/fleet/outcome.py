@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields, replace
 from enum import Enum
 from typing import Any
 
+from ..core.alignment_verdict import report_alignment
 from ..core.errors import ConfigError, printable, shortened
 from ..core.geometry.pose import POSE_NAMES, STD_NAMES, Extrinsics
 from ..offline import Replay
@@ -41,11 +42,18 @@ class BagOutcome:
         accepted: How many of them were accepted.
         confirmed: How many of these the road surface has confirmed.
         extrinsics: The calibration, None where there is none. Each component is a column of the table.
-        std: Its standard deviations, None where there is none. Each is a column as well.
+        std: Standard deviations of the mount, None where there is none. Each is a column as well.
         with_reservations: Whether the calibration is to be trusted less: the message says why.
         moves: How often the camera was moved; the pose is that after the last time.
         moved_at_s: When it was moved last [s]; None if it was not.
         lane_yaw_rad: Mean yaw against the lane [rad], > 0: the camera points left.
+        alignment: Verdict on how the right camera is turned, a word; empty where nothing tells.
+        alignment_pitch_rad: Its pitch against where the rig has it [rad]; None where it is not known.
+        alignment_roll_rad: The same of its roll [rad].
+        alignment_yaw_rad: The same of its yaw [rad].
+        alignment_pitch_std_rad: Standard deviation of this pitch [rad].
+        alignment_roll_std_rad: The same of the roll [rad].
+        alignment_yaw_std_rad: The same of the yaw [rad].
         first_stamp_s: Stamp of the first frame [s].
         last_stamp_s: Stamp of the last frame [s].
         left: Topic of the left images.
@@ -66,6 +74,13 @@ class BagOutcome:
     moves: int = 0
     moved_at_s: float | None = None
     lane_yaw_rad: float | None = None
+    alignment: str = ""
+    alignment_pitch_rad: float | None = None
+    alignment_roll_rad: float | None = None
+    alignment_yaw_rad: float | None = None
+    alignment_pitch_std_rad: float | None = None
+    alignment_roll_std_rad: float | None = None
+    alignment_yaw_std_rad: float | None = None
     first_stamp_s: float | None = None
     last_stamp_s: float | None = None
     left: str = ""
@@ -102,6 +117,7 @@ class BagOutcome:
             moves=len(changes),
             moved_at_s=changes[-1].at_s if changes else None,
             lane_yaw_rad=estimate.lane_yaw_rad if estimate.accepted else None,
+            **_alignment_columns(replay),
             first_stamp_s=rows[0].stamp_s,
             last_stamp_s=rows[-1].stamp_s,
             left=topics[0],
@@ -146,6 +162,16 @@ class BagOutcome:
         if row.status is Status.CALIBRATED and (row.extrinsics is None or row.std is None):
             raise ConfigError("not a row of a fleet: calibrated, without a pose")
         return row
+
+
+def _alignment_columns(replay: Replay) -> dict[str, Any]:
+    """Return the columns of how the right camera is turned, as far as it is known."""
+    alignment = replay.estimate.alignment
+    if alignment is None:
+        return {}
+    known = alignment.as_dict() | alignment.std_dict()
+    columns: dict[str, Any] = {f"alignment_{name}": value for name, value in known.items()}
+    return columns | {"alignment": str(report_alignment(alignment, replay.rig).verdict)}
 
 
 def _pose(values: dict[str, Any], names: tuple[str, ...]) -> Extrinsics | None:

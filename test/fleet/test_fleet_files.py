@@ -13,9 +13,11 @@ import pytest
 from fleet_making import make_bags
 
 from stereo_selfcal.cli.fleet import _Outcomes
+from stereo_selfcal.core.alignment_verdict import report_alignment
 from stereo_selfcal.core.camera.rig import StereoRig
 from stereo_selfcal.core.config import CalibratorConfig
 from stereo_selfcal.core.errors import ConfigError, OutputError
+from stereo_selfcal.core.geometry.alignment import Alignment
 from stereo_selfcal.core.geometry.pose import Extrinsics
 from stereo_selfcal.fleet.bags import find_bags
 from stereo_selfcal.fleet.index import index_page
@@ -279,6 +281,22 @@ def test_a_row_is_made_of_what_replay_found(road):
     assert outcome.to_mapping()["roll_std_rad"] == replay.estimate.std.roll_rad
     assert outcome.message == replay.estimate.message
     assert json.loads(json.dumps(outcome.to_mapping()))["status"] == "calibrated"
+
+
+def test_a_row_has_how_the_right_camera_is_turned_as_far_as_it_is_known(road):
+    with BagSource([road]) as source:
+        replay = calibrate_recording(source)
+    alignment = Alignment(1e-4, -2e-4, 0.0, np.diag([1e-10, 4e-10, np.inf]))
+    estimate = replace(replay.estimate, alignment=alignment)
+    replay = replace(replay, drive=replace(replay.drive, estimate=estimate))
+    row = BagOutcome.from_replay("road", replay, ("l", "r")).to_mapping()
+    names = [name for name in row if name.startswith("alignment")]
+    assert [row[name] for name in names] == [
+        str(report_alignment(alignment, replay.rig).verdict),
+        *(1e-4, -2e-4, None),
+        *(pytest.approx(1e-5), pytest.approx(2e-5), None),
+    ]
+    assert BagOutcome.from_mapping(json.loads(json.dumps(row))).to_mapping() == row
 
 
 @pytest.mark.parametrize("bag", ["straight_road", "noisy_20"])
