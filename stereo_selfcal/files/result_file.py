@@ -16,11 +16,13 @@ import yaml
 
 from .. import __version__
 from ..core.camera.rig import StereoRig
+from ..core.config import flatten
 from ..core.drive.targets import Targets
 from ..core.errors import ConfigError, OutputError, printable
 from ..core.reservations import reservations_to_mapping
 from ..core.results import CalibrationResult
 from .atomic_file import remove_leftovers, set_aside, write_atomically
+from .field_checks import PROVENANCE
 from .node_settings import ALIGNMENT_PREFIX, NODE_NAME, OLD_OUTPUT_PATH, RESULT_PREFIX
 from .parameter_file import ANY_NODE, PARAMETERS, UnreadableFileError, node_parameters
 from .saved_evidence import evidence_to_mapping
@@ -108,6 +110,12 @@ def alignment_parameters(result: CalibrationResult) -> dict[str, float]:
         return {}
     values = result.alignment.as_dict() | result.alignment.std_dict()
     return {ALIGNMENT_PREFIX + name: value for name, value in values.items()}
+
+
+def evidence_parameters(result: CalibrationResult) -> dict[str, Any]:
+    """Return how a result was reached, by the names of a result file: ``provenance.mount.duration_s``."""
+    sections = {"frames": int(result.n_frames), **evidence_to_mapping(result, None)}
+    return flatten({PROVENANCE: sections})
 
 
 def format_result(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -36,18 +37,22 @@ def time_message(stamp_ns: int) -> Time:
     return Time(sec=sec, nanosec=nanosec)
 
 
-def extrinsics_message(node: str, stamp_ns: int, parameters: Mapping[str, float]) -> ParameterEvent:
+def extrinsics_message(
+    node: str, stamp_ns: int, parameters: Mapping[str, Any], gone: Iterable[str] = ()
+) -> ParameterEvent:
     """Return the result as a parameter event.
 
     Args:
         node: Full name of the node that holds the parameters.
         stamp_ns: Stamp of the (last) frame [ns].
         parameters: Values by full name; they are in ``changed_parameters``, from the first result on.
+        gone: Names of those that the event before had, and that this result does not say.
     """
-    changed = [
-        Parameter(name, Parameter.Type.DOUBLE, value).to_parameter_msg() for name, value in parameters.items()
+    event = deleted_message(node, stamp_ns, gone)
+    event.changed_parameters = [
+        Parameter(name, value=value).to_parameter_msg() for name, value in parameters.items()
     ]
-    return ParameterEvent(stamp=time_message(stamp_ns), node=node, changed_parameters=changed)
+    return event
 
 
 def deleted_message(node: str, stamp_ns: int, names: Iterable[str]) -> ParameterEvent:

@@ -20,7 +20,7 @@ from ..core.geometry.homography import SIDES
 from ..core.results import CalibrationResult
 from ..core.types import Array
 from ..files.node_settings import RESULT_PREFIX
-from ..files.result_file import alignment_parameters, result_parameters
+from ..files.result_file import alignment_parameters, evidence_parameters, result_parameters
 from ..files.saved_result import RESULT_NAMES
 from .config import NodeConfig
 from .markers import markers_message, no_markers_message
@@ -37,6 +37,7 @@ from .parameters import NodeParameters
 # The default callback group runs only short work: after this time it is taken to hang.
 _PUBLISH_TIMEOUT_S = 10.0
 _SHUTDOWN = "the node shuts down: nothing is published any more"
+_EXTRINSICS = tuple(RESULT_PREFIX + name for name in RESULT_NAMES)
 _LATCHED = QoSProfile(
     depth=1, reliability=QoSReliabilityPolicy.RELIABLE, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL
 )
@@ -84,6 +85,7 @@ class Outputs:
     def __init__(self, node: Node, parameters: NodeParameters) -> None:
         self._node = node
         self._parameters = parameters
+        self._said = _EXTRINSICS  # the names in the last event
         self._extrinsics = node.create_publisher(ParameterEvent, "~/extrinsics", _LATCHED)
         self._pose = node.create_publisher(PoseWithCovarianceStamped, "~/pose", _LATCHED)
         self._markers = node.create_publisher(MarkerArray, "~/markers", _LATCHED)
@@ -140,7 +142,9 @@ class Outputs:
         extrinsics, covariance = result.extrinsics, result.covariance
         assert extrinsics is not None and covariance is not None
         # All messages are made before the first is published: an error leaves nothing half published.
-        event = extrinsics_message(self._node.get_fully_qualified_name(), stamp_ns, parameters)
+        said = parameters | evidence_parameters(result)
+        gone = [name for name in self._said if name not in said]
+        event = extrinsics_message(self._node.get_fully_qualified_name(), stamp_ns, said, gone)
         pose = pose_message(extrinsics, covariance, config.road_frame, stamp_ns)
         markers = markers_message(extrinsics, publication.lanes, config.road_frame, stamp_ns)
         transform = transform_message(extrinsics, config.road_frame, config.camera_frame, stamp_ns)
@@ -148,6 +152,7 @@ class Outputs:
         infos = [camera_info_message(each, stamp_ns) for each in ((pair.left, pair.right) if pair else ())]
         self._parameters.publish_result(parameters | alignment_parameters(result))
         self._extrinsics.publish(event)
+        self._said = tuple(said)
         self._pose.publish(pose)
         self._markers.publish(markers)
         if self._transform is not None:
@@ -167,8 +172,8 @@ class Outputs:
         """Withdraw what was published; to be called as :meth:`publish_now`."""
         self._parameters.withdraw_result()
         stamp_ns = int(self._node.get_clock().now().nanoseconds)
-        names = [RESULT_PREFIX + name for name in RESULT_NAMES]
-        self._extrinsics.publish(deleted_message(self._node.get_fully_qualified_name(), stamp_ns, names))
+        self._extrinsics.publish(deleted_message(self._node.get_fully_qualified_name(), stamp_ns, self._said))
+        self._said = _EXTRINSICS
         self._markers.publish(no_markers_message())
         for publisher in self._camera_infos:
             publisher.publish(no_camera_info_message(stamp_ns))

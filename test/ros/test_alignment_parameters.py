@@ -69,12 +69,13 @@ def test_what_a_later_result_does_not_know_loses_its_value():
         assert None not in values(node).values()
 
 
-def test_extrinsics_message_has_the_extrinsics_alone():
+def test_extrinsics_message_has_the_extrinsics_and_no_alignment():
     with NodeInProcess() as node:
         publish(node, RESULT)
         (event,) = [message for topic, message in node.sent if topic.endswith("/extrinsics")]
-        names = {parameter.name for parameter in event.changed_parameters}
-        assert len(names) == 6 and all(name.startswith("extrinsics.") for name in names)
+        names = [parameter.name for parameter in event.changed_parameters]
+        assert all(name.startswith("extrinsics.") for name in names[:6])
+        assert names[6:] == ["provenance.frames"]
 
 
 def test_results_are_the_nodes_and_the_setting_is_the_users():
