@@ -30,7 +30,7 @@ class FakeCalibrator:
         self.made.append(self)
 
     def remember(self, result):
-        pass
+        return result
 
     def calibrate_frame(self, left, right, stamp_s=0.0, stamp_difference_s=0.0):
         self.stamps.append(stamp_s)

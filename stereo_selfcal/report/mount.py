@@ -41,7 +41,9 @@ def _of_motion(mount: MountEvidence) -> str:
             "One moment of a car that may be moving: by its springs, the camera is "
             f"{by} off its mean then, as far as is known"
         )
-    text = f"In {mount.duration_s:.1f} s, the car on its springs moves the camera over the road by {by}"
+    text = (
+        f"In {mount.duration_s:.1f} s of drive, the car on its springs moves the camera over the road by {by}"
+    )
     memory_s, looks = mount.memory_s, mount.looks
     if np.all(np.isfinite(memory_s)) and np.all(np.isfinite(looks)):
         height, *others = [

@@ -82,7 +82,7 @@ def test_json_never_holds_nan():
 
 TERMS = (
     UncertaintyTerm("noise", np.diag([0.19e-6, 0.19e-8, 0.19e-8])),
-    UncertaintyTerm("shared", np.diag([0.81e-6, 0.81e-8, 0.81e-8])),
+    UncertaintyTerm("motion", np.diag([0.81e-6, 0.81e-8, 0.81e-8])),
 )
 WITH_TERMS = replace(RESULT, uncertainty=TERMS)
 
@@ -92,7 +92,7 @@ def test_what_the_variance_is_made_of_is_a_line_below_the_standard_deviation():
     lines = table_summary(replay(rows, Drive(WITH_TERMS))).splitlines()
     place = next(n for n, line in enumerate(lines) if line.startswith("standard deviation of the mount"))
     assert lines.pop(place + 1) == (
-        "its variance: 81 % errors that all frames of a drive share, 19 % noise of the pixels"
+        "its variance: 81 % motion of the car over its road, 19 % noise of the pixels"
     )
     assert lines == table_summary(replay(rows, Drive(RESULT))).splitlines(), "all else is as without terms"
 
@@ -143,7 +143,7 @@ def test_json_has_the_standard_deviation_of_every_term():
     assert content["uncertainty"] == {
         "noise": pytest.approx({"height_m": 1e-3 * 0.19**0.5, "pitch_rad": 1e-4 * 0.19**0.5}
             | {"roll_rad": 1e-4 * 0.19**0.5}),
-        "shared": pytest.approx({"height_m": 9e-4, "pitch_rad": 9e-5, "roll_rad": 9e-5}),
+        "motion": pytest.approx({"height_m": 9e-4, "pitch_rad": 9e-5, "roll_rad": 9e-5}),
     }  # fmt: skip
     assert content["segments"][0]["uncertainty"] == content["uncertainty"]
     squares = [sum(each[name] ** 2 for each in content["uncertainty"].values()) for name in content["std"]]

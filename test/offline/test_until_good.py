@@ -14,7 +14,7 @@ from stereo_selfcal.core.results import rejected
 from stereo_selfcal.offline import FrameSource, Selection, as_csv, calibrate_recording, pool
 from stereo_selfcal.offline.frame import FrameHead
 from stereo_selfcal.offline.run import assemble_replay
-from stereo_selfcal.offline.until_good import GoalWatch, NotedFrames
+from stereo_selfcal.offline.until_good import Goal, GoalWatch, NotedFrames
 from stereo_selfcal.synth.scenes import PAPER_RIG, custom_scene
 
 STD = np.array([0.02, 0.002, 0.004])
@@ -77,12 +77,12 @@ def test_targets_that_are_not_reached_cost_no_calibration():
     )
 
 
-def test_a_recording_that_is_good_with_its_last_frames_says_so_although_nobody_looked():
+def test_a_recording_that_is_good_at_its_end_says_so_although_nobody_looked_before():
     """With many frames not every one is looked at: the whole recording is, at its end."""
-    targets = Targets(height_std_m=std_after(131).height_m)
-    replay = replay_of(frames(131), targets)
-    assert replay.goal.reached and not replay.goal.stopped
-    assert replay.goal.message.endswith("is reached after 131 frames, 13.0 s")
+    estimate = assemble_replay(frames(5), Calibrator(PAPER_RIG)).estimate
+    goal = Goal.of(Targets(), estimate, 131, 13.0, stopped=False)
+    assert goal.reached and goal.shortfall == ""
+    assert goal.message == "the asked number of frames is reached after 131 frames, 13.0 s"
 
 
 def test_nothing_accepted_tells_why():

@@ -11,7 +11,9 @@ from stereo_selfcal.core.geometry.pose import Extrinsics
 from stereo_selfcal.report.mount import how_reached
 
 MOTION = Extrinsics(0.005, math.radians(0.15), math.radians(0.2))
-MOVED = "In 30.0 s, the car on its springs moves the camera over the road by 5 mm, 0.15, 0.2 deg (std)"
+MOVED = (
+    "In 30.0 s of drive, the car on its springs moves the camera over the road by 5 mm, 0.15, 0.2 deg (std)"
+)
 DRIVE = MountEvidence(30.0, 0, 0, False, MOTION, np.array([1.5, 1.46, 2.04]), np.array([9.96, 12.4, 7.25]))
 
 
