@@ -165,6 +165,8 @@ class SavedResult:
         if self.stamp_s >= _FIRST_CLOCK_S:
             when = f"on {datetime.fromtimestamp(self.stamp_s, timezone.utc):%Y-%m-%d %H:%M:%S} UTC"
         notes = "".join(f"; {each.text(self.n_frames)}" for each in self.reservations)
+        if self.schema == 1:
+            notes += "; written by an earlier version, whose standard deviation may be that of one moment"
         return CalibrationResult(
             f"calibrated {when} from {frames}: {self.extrinsics.describe(self.std)}{notes}",
             extrinsics=self.extrinsics,

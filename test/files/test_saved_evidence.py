@@ -6,15 +6,19 @@ import math
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given
+from hypothesis import strategies as st
 from result_making import COVARIANCE, DELAY, MOUNT, RIG, TERMS, a_mount, a_result, write
 
 from stereo_selfcal import ConfigError
+from stereo_selfcal.core.delay_report import describe_delay
 from stereo_selfcal.core.drive.targets import Targets
 from stereo_selfcal.core.geometry.travel import RightDelay
 from stereo_selfcal.core.geometry.uncertainty import TERMS as NAMES
 from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm, total_covariance
 from stereo_selfcal.files import result_file, saved_result
 from stereo_selfcal.files.result_file import format_result, load_result
+from stereo_selfcal.report.mount import how_reached
 
 ASKED = Targets(0.015, 0.0026, 0.0061, 3)
 
@@ -144,6 +148,9 @@ def test_schema_1_is_read_and_its_standard_deviations_are_of_what_is_not_known(t
     restored = saved.as_result()
     assert restored.mount is None and restored.uncertainty == ()
     np.testing.assert_array_equal(restored.covariance, COVARIANCE)
+    assert restored.message.endswith(
+        "; written by an earlier version, whose standard deviation may be that of one moment"
+    )
 
 
 def test_a_program_of_schema_1_refuses_schema_2_by_its_number(tmp_path, monkeypatch):
@@ -222,3 +229,32 @@ def test_term_of_a_later_version_is_read(tmp_path):
     write(path, a_mount())
     path.write_text(path.read_text(encoding="utf-8").replace("motion: [", "wind: ["), encoding="utf-8")
     assert [term.name for term in load_result(path).as_result().uncertainty] == ["noise", "wind"]
+
+
+changes = st.tuples(st.integers(0, 3500), st.integers(0, 12), st.binary(max_size=12))
+
+
+@given(st.lists(changes, min_size=1, max_size=2))
+def test_any_damage_is_told_or_harmless(tmp_path_factory, damage):
+    """Whatever a few bytes become: evidence that can be told and written again, or one sentence."""
+    path = tmp_path_factory.getbasetemp() / "damaged_evidence.yaml"
+    content = format_result(a_mount(), RIG, "bag", 7, ASKED).encode()
+    for start, length, added in damage:
+        content = content[:start] + added + content[start + length :]
+    path.write_bytes(content)
+    try:
+        saved = load_result(path)
+    except ConfigError as error:
+        assert "damaged_evidence.yaml" in str(error) and "\n" not in str(error)
+        return
+    result = saved.as_result()
+    if result.uncertainty:
+        std = result.std.as_array()
+        left = total_covariance(result.uncertainty) - result.covariance
+        assert np.all(np.abs(left) <= 2e-6 * np.outer(std, std))
+    if result.mount is not None:
+        how_reached(result.mount, result.n_frames)
+        assert min(result.mount.memory_s.min(), result.mount.looks.min(), result.mount.duration_s) >= 0.0
+    if result.delay is not None:
+        assert describe_delay(result.delay)
+    format_result(result, saved.rig, "again", 0, saved.evidence.targets)
