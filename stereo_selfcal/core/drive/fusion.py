@@ -25,11 +25,12 @@ _OF_PIXELS = frozenset({"noise"})
 _OF_TEXTURE = frozenset({"misfit", "mismatch"})
 # Terms whose cause is the same in all frames of a drive. The right images are late by one time.
 _OF_CAMERAS = RIG_TERMS | {"synchronisation"}
-# All others are by the shape of the road. The cross-section of a road and the lines on it stay the same for
-# minutes, its profile changes within seconds: half of the variance lasts for the drive, the rest as long as
-# some hundred metres take.
-_LASTING_PART = 0.5
-_ROAD_MEMORY_S = 10.0
+# All others are by the shape of the road. Its cross-section and the lines on it stay the same for minutes.
+# Its profile is another one after some ten metres, which take seconds. What is of both, or of neither, lasts
+# by half.
+_OF_CROSS_SECTION = frozenset({"camber", "crown", "kerb", "paint_angle"})
+_OF_PROFILE = frozenset({"roughness", "slope_seen", "slope_unseen"})
+_PROFILE_MEMORY_S = 3.0
 # A frame that starts from the frame before looks at the same lines and cells again: half of the variance of
 # its own is that of the frame before.
 _SAME_LOOK_PART = 0.5
@@ -106,11 +107,19 @@ def scatter_variances(frame: AcceptedFrame) -> Array:
     Args:
         frame: An accepted frame.
     """
-    whole, fast = np.zeros(3), np.zeros(3)
-    for term in _terms(frame):
-        whole += 0.0 if term.name in _OF_CAMERAS else term.covariance.diagonal()
-        fast += term.covariance.diagonal() if term.name in _OF_PIXELS | _OF_TEXTURE else 0.0
-    return np.asarray(fast + (1.0 - _LASTING_PART) * (whole - fast))
+    return np.asarray(
+        sum(
+            ((1.0 - _lasting_part(each.name)) * each.covariance.diagonal() for each in _terms(frame)),
+            np.zeros(3),
+        )
+    )
+
+
+def _lasting_part(name: str) -> float:
+    """Return the part of the variance of a term that is the same in all frames of a drive."""
+    if name in _OF_CAMERAS | _OF_CROSS_SECTION:
+        return 1.0
+    return 0.0 if name in _OF_PIXELS | _OF_TEXTURE | _OF_PROFILE else 0.5
 
 
 def frame_series(frames: Sequence[AcceptedFrame]) -> FrameSeries:
@@ -282,8 +291,7 @@ def _terms_of_mean(
         series: The same frames.
         weights: (N, 3) their weights.
     """
-    of_road = MeanOverTime(float(series.gaps_s[1:].sum()), _ROAD_MEMORY_S).of_mean
-    lasting = _LASTING_PART + (1.0 - _LASTING_PART) * of_road
+    of_profile = MeanOverTime(float(series.gaps_s[1:].sum()), _PROFILE_MEMORY_S).of_mean
     cold = np.array([not frame.known_start for frame in frames])
     found = []
     for name, covariances in _by_name(terms).items():
@@ -295,7 +303,8 @@ def _terms_of_mean(
             # One error in all frames, as large as in a mean frame.
             part = np.sqrt(weights)
             of_mean = np.einsum("ni,nij,nj->ij", part, covariances, part)
-            of_mean *= 1.0 if name in _OF_CAMERAS else lasting
+            lasting = _lasting_part(name)
+            of_mean *= lasting + (1.0 - lasting) * of_profile
         found.append(UncertaintyTerm(name, of_mean))
     return found
 

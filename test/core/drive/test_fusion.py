@@ -262,8 +262,10 @@ def test_unknowns_of_the_rig_are_in_the_mean_once():
     [
         ("noise", 0.0, 0.15),  # the pixels of each frame are new
         ("mismatch", 0.0, 0.15),
-        ("camber", 0.6, 0.8),  # the cross-section of a road stays the same for minutes
-        ("kerb", 0.6, 0.8),
+        ("camber", 1.0, 1.0),  # the cross-section of a road stays the same for minutes
+        ("kerb", 1.0, 1.0),
+        ("roughness", 0.1, 0.5),  # its profile is another one after some seconds
+        ("part_of_road", 0.7, 0.8),  # by both
         ("rectification", 1.0, 1.0),  # the lenses for ever
         ("synchronisation", 1.0, 1.0),
     ],
@@ -302,10 +304,10 @@ def test_a_frame_that_was_refused_has_no_covariance():
 
 
 def test_frames_scatter_by_what_is_new_in_them():
-    terms = {"noise": NOISE, "misfit": NOISE, "camber": NOISE, "vergence": 10.0 * NOISE}
-    one = frame(terms=terms)
-    np.testing.assert_allclose(scatter_variances(one), 2.5 * NOISE**2)
-    np.testing.assert_allclose(own_covariance(one), np.diag(3.0 * NOISE**2))
+    parts = {"noise": 1.0, "misfit": 1.0, "roughness": 1.0, "part_of_road": 0.5, "camber": 0.0}
+    one = frame(terms=dict.fromkeys(parts, NOISE) | {"vergence": 10.0 * NOISE})
+    np.testing.assert_allclose(scatter_variances(one), sum(parts.values()) * NOISE**2)
+    np.testing.assert_allclose(own_covariance(one), np.diag(len(parts) * NOISE**2))
     series = frame_series([one, replace(one, stamp_s=1.0, stood=True)])
     assert (series.stood.tolist(), series.used.tolist()) == ([False, True], [True, True])
 
