@@ -35,7 +35,9 @@ def test_result_is_the_same_in_every_place(graph, start, tmp_path):
     assert (saved.provenance["frames"], saved.provenance["seed"]) == (1, 3)
     stamp_s = saved.provenance["stamp"]
     index = next(i for i in range(10_000) if stamp_to_s(stamp_of(i)) == stamp_s)
-    expected = Calibrator(ros_graph.RIG, CalibratorConfig(seed=3)).add(*rendered(), stamp_s)
+    calibrator = Calibrator(ros_graph.RIG, CalibratorConfig(seed=3))
+    calibrator.add(*rendered(), stamp_s)
+    expected = calibrator.estimate  # of the mount, which one frame of a moving car knows to 0.2 deg
     assert saved.extrinsics == expected.extrinsics
     assert saved.std == expected.std
     assert saved.rig == ros_graph.RIG
