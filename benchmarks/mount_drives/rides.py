@@ -23,14 +23,14 @@ _WHEEL_STD_M = 0.003
 _STICKING_DEG = 0.02
 # Frequencies of a car's body on its springs [Hz].
 _BODY_HZ = (1.0, 1.5)
-# Cars dive by 2 to 3.5 degrees for each g, so by 1 degree at 3 to 5 m/s^2; a camera behind the windscreen is
-# half a metre to one metre before the point about which they turn.
-_DIVE_RAD_PER_MPS2 = (math.radians(2.0) / 9.81, math.radians(3.5) / 9.81)
+# Cars dive by 1.5 to 3 degrees for each g, so by 1 degree when they brake hard (3 to 5 m/s^2). A camera
+# behind the windscreen is half a metre to one metre before the point about which they turn.
+_DIVE_RAD_PER_MPS2 = (math.radians(1.5) / 9.81, math.radians(3.0) / 9.81)
 _LEVER_M = (0.5, 1.0)
 _BRAKE_MPS2, _BRAKE_S = (2.0, 4.5), (2.0, 5.0)
 _GAIN_MPS2 = (1.0, 2.5)
 _DIVE_TAKES_S = 0.3  # until the body follows
-_STOP_MPS2, _STOP_S = (1.5, 3.0), (5.0, 20.0)
+_STOP_MPS2, _STOP_S = (1.0, 2.5), (5.0, 20.0)
 _SPEED_MPS = (8.0, 20.0)
 # A road falls by 1 to 3 % to a side: at 3 to 6 degrees of roll for each g, the car leans by about a tenth.
 _LEAN_DEG, _LEAN_S = (0.04, 0.1), (15.0, 60.0)
@@ -172,13 +172,13 @@ def _speeds(ride: Ride, n: int, rng: np.random.Generator) -> tuple[Array, Array]
         wanted[index:end] = strength
         index = end
     stop_at = round(rng.uniform(0.2, 0.6) * n) if ride.stops else n
-    goes_on = math.inf
+    stops_by, goes_on = rng.uniform(*_STOP_MPS2), math.inf
     speed, acceleration = np.empty(n), np.empty(n)
     now = usual
     for index in range(n):
         if stop_at <= index < goes_on:
             if now > 0.0:
-                change = -float(np.interp(now, [0.0, 1.5, 3.0], [0.3, 1.0, 1.0])) * _middle(_STOP_MPS2)
+                change = -float(np.interp(now, [0.0, 1.5, 3.0], [0.3, 1.0, 1.0])) * stops_by
             else:
                 change = 0.0
                 if math.isinf(goes_on):
@@ -204,7 +204,3 @@ def _followed(wanted: Array) -> Array:
         value = keeps * value + (1.0 - keeps) * each
         values[index] = value
     return values
-
-
-def _middle(limits: tuple[float, float]) -> float:
-    return (limits[0] + limits[1]) / 2
