@@ -9,7 +9,7 @@ from benchmarks.mount_drives.draws import Kind, drawn
 from benchmarks.mount_drives.frame_errors import FrameError
 from benchmarks.mount_drives.judged import USUAL, Judged, cells_of
 from benchmarks.mount_drives.rides import STEP_S, Ride, driven, oscillation, wander
-from stereo_selfcal import StereoRig
+from stereo_selfcal import Calibrator, StereoRig
 from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
 
 RIG = StereoRig(640, 480, 516.6, 516.6, 319.5, 239.5, 0.1481)
@@ -69,7 +69,12 @@ def test_standing_car_sees_one_road():
     kind = Kind(Ride(USUAL.size, 1.5, stands=True), 12.0, 5.0, bad_part=0.0, gaps=False, measured=False)
     assert np.ptp(errors(kind, 4, roughness=5.0), axis=0).max() < 1e-9
     drive = drawn(kind, [frame(noise=1.0)], np.random.default_rng(4))
-    assert [each.stood for each in drive.results] == [False, *[True] * (len(drive.results) - 1)]
+    calibrator = Calibrator(RIG)
+    stood = [calibrator.remember(each).stood for each in drive.results]
+    assert stood == [False, *[True] * (len(stood) - 1)]
+    moving = drawn(Kind(STILL, 5.0, 5.0), [frame(noise=1.0)], np.random.default_rng(4))
+    calibrator = Calibrator(RIG)
+    assert not any(calibrator.remember(each).stood for each in moving.results)
 
 
 def test_part_of_the_frames_is_bad_and_part_refused():

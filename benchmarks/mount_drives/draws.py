@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stereo_selfcal import CalibrationResult, Extrinsics
+from stereo_selfcal import CalibrationResult, Extrinsics, StereoRig
+from stereo_selfcal.core.estimators.landmarks import Landmarks
 from stereo_selfcal.core.geometry.uncertainty import TERMS, total_covariance
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.types import Array, Mask
@@ -47,6 +48,11 @@ _REFUSED_PART, _REFUSED_S = 0.25, (0.5, 5.0)
 REFUSAL = Rejection(
     RejectReason.ROAD_NOT_SEEN, "part of the road that is seen", 0.1, Bound.LEAST, 0.3, "", "drive on"
 )
+
+
+# Points by which a car sees whether it stands, and the noise of their places [px].
+_N_POINTS, _POINT_NOISE_PX = 120, 0.1
+_POINTS_AHEAD_M = (5.0, 60.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,10 +121,12 @@ def drawn(kind: Kind, frames: list[FrameError], rng: np.random.Generator) -> Dra
     mount = frames[0].pose
     poses = mount + drive.motion[steps] + errors
     results = []
+    points = _points(frames[0].rig, rng)
     for index, time_s in enumerate(times):
-        stood = bool(index and standing[index] and standing[index - 1])
+        if not (index and standing[index] and standing[index - 1]):
+            points = _points(frames[0].rig, rng)  # all is new that is seen
         # Clocks start far from zero.
-        common = CalibrationResult("", stamp_s=1000.0 + float(time_s), stood=stood)
+        common = CalibrationResult("", stamp_s=1000.0 + float(time_s), landmarks=_seen(points, rng))
         if refused[index]:
             results.append(replace(common, message=REFUSAL.message, rejection=REFUSAL))
             continue
@@ -138,6 +146,24 @@ def drawn(kind: Kind, frames: list[FrameError], rng: np.random.Generator) -> Dra
 def with_noise_alone(frame: FrameError) -> FrameError:
     """Return a frame of a perfect rig over a perfect road."""
     return replace(frame, terms=tuple(term for term in frame.terms if term.name == "noise"))
+
+
+def _points(rig: StereoRig, rng: np.random.Generator) -> Landmarks:
+    """Return points of a world that was not seen before."""
+    left = rng.uniform([0.0, 0.0], [rig.width, rig.height], (_N_POINTS, 2))
+    disparity = rig.fx * rig.baseline_m / rng.uniform(*_POINTS_AHEAD_M, _N_POINTS)
+    right = left - np.stack([disparity, np.zeros(_N_POINTS)], axis=1)
+    descriptors = rng.integers(256, size=(_N_POINTS, 32), dtype=np.uint8)
+    return Landmarks(left.astype(np.float32), right.astype(np.float32), descriptors)
+
+
+def _seen(points: Landmarks, rng: np.random.Generator) -> Landmarks:
+    """Return the same points, seen once more."""
+    places = (
+        (side + rng.normal(0.0, _POINT_NOISE_PX, side.shape)).astype(np.float32)
+        for side in (points.left, points.right)
+    )
+    return Landmarks(*places, points.descriptors)
 
 
 def _stretches(way_m: Array, number: int, rng: np.random.Generator) -> Array:
