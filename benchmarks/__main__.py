@@ -55,6 +55,10 @@ SECTIONS = {
     "drives": "drives.drive_table",
     "offline": "offline.offline_tables",
     "rig_errors": "rig_errors.rig_error_tables",
+    "mount_frames": "mount_drives.frame_errors.frame_tables",
+    "mount_drives": "mount_drives.judged.drive_tables",
+    "mount_rendered": "mount_drives.rendered.rendered_tables",
+    "mount_recorded": "mount_drives.recorded.recorded_tables",
 }
 # Drawn by a section, shown below its tables.
 PLOTS = {"limit": "limit.png", "peers": "peers.png", "search": "search.png", "sizes": "sizes.png"}
@@ -152,7 +156,7 @@ def _measure(name: str, options: Options) -> str:
 
 def _section(name: str) -> Callable[[Options], Iterator[Table]]:
     """Return the function that yields the tables of a section."""
-    module, function = SECTIONS[name].split(".")
+    module, _, function = SECTIONS[name].rpartition(".")
     tables: Callable[[Options], Iterator[Table]] = getattr(import_module(f".{module}", __package__), function)
     return tables
 
