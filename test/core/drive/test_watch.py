@@ -77,6 +77,7 @@ def watch():
     return watch
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_an_hour_without_change_raises_no_alarm(watch, seed):
     assert Drive(seed, outliers=0.1).into(watch, int(3600 / STEP_S), until=doubted) is None
@@ -138,6 +139,7 @@ def test_a_mean_over_minutes_is_trusted_more_than_a_moment():
         assert (Drive().into(watch, 100, until=doubted) is not None) == is_doubted
 
 
+@pytest.mark.slow
 def test_a_drift_that_ends_is_taken_back(watch):
     drive = Drive()
     drive.into(watch, 200)
@@ -244,6 +246,7 @@ def test_a_few_wrong_frames_in_a_row_are_no_drift(watch):
     assert drive.into(watch, 200, until=doubted) is None
 
 
+@pytest.mark.slow
 def test_old_frames_are_kept_in_the_reference_only(watch, monkeypatch):
     monkeypatch.setattr(watch_module, "_MOST_FRAMES", 60)
     monkeypatch.setattr(watch_module, "_DROPPED", 20)
