@@ -57,6 +57,7 @@ SECTIONS = {
     "rig_errors": "rig_errors.rig_error_tables",
     "mount_frames": "mount_drives.frame_errors.frame_tables",
     "mount_drives": "mount_drives.judged.drive_tables",
+    "mount_how_long": "mount_drives.how_long.how_long_tables",
     "mount_rendered": "mount_drives.rendered.rendered_tables",
     "mount_recorded": "mount_drives.recorded.recorded_tables",
 }

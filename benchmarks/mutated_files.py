@@ -25,12 +25,7 @@ import numpy as np
 import yaml
 
 from stereo_selfcal import CalibrationResult, CalibratorConfig, Extrinsics, SelfcalError, StereoRig
-from stereo_selfcal.core.drive.targets import (
-    DEFAULT_HEIGHT_STD_M,
-    DEFAULT_PITCH_STD_RAD,
-    DEFAULT_ROLL_STD_RAD,
-    Targets,
-)
+from stereo_selfcal.core.drive.targets import USUAL_TARGETS
 from stereo_selfcal.core.geometry.alignment import Alignment
 from stereo_selfcal.core.geometry.mount import MountEvidence
 from stereo_selfcal.core.geometry.travel import RightDelay
@@ -182,7 +177,7 @@ def _good_result() -> Any:
         ),
         delay=RightDelay(-4e-4, 1e-5, np.diag([4e-8, 2.5e-5]), 3, (2.5, 14.0)),
     )
-    targets = Targets(DEFAULT_HEIGHT_STD_M, DEFAULT_PITCH_STD_RAD, DEFAULT_ROLL_STD_RAD)
+    targets = USUAL_TARGETS
     return yaml.safe_load(format_result(result, PAPER_RIG, "a drive", 7, targets))
 
 

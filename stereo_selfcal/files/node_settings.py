@@ -11,10 +11,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ..core.config import CalibratorConfig
-from ..core.drive.targets import DEFAULT_HEIGHT_STD_M, DEFAULT_PITCH_STD_RAD, DEFAULT_ROLL_STD_RAD
 from ..core.errors import ConfigError, shortened
 from ..core.geometry.alignment import ALIGNMENT_NAMES, ALIGNMENT_STD_NAMES
 from ..core.geometry.pose import STD_NAMES
+from ..core.tolerances import DEFAULT_HEIGHT_STD_M, DEFAULT_PITCH_STD_RAD, DEFAULT_ROLL_STD_RAD
 
 NODE_NAME = "stereo_selfcal"
 RIG_PREFIX = "rig."

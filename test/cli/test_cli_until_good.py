@@ -11,7 +11,7 @@ from fake_calibrator import use_fake
 from stereo_selfcal.cli.replay import main
 from stereo_selfcal.files.result_file import load_result
 
-USUAL = "the asked std of 15 mm, 0.15, 0.35 deg"
+USUAL = "the asked std of 10 mm, 0.12, 0.25 deg"
 ANY = ["--target-height-std-m", "0", "--target-pitch-std-rad", "0", "--target-roll-std-rad", "0"]
 
 
@@ -36,7 +36,7 @@ def test_it_ends_when_it_is_good_and_says_so(bag, calibrator, capsys):
     out = capsys.readouterr().out
     assert "1 of 1 frames accepted" in out
     assert (
-        "the asked std of 15 mm, 0.15, 0.35 deg is reached after 1 frame, 0.0 s; nothing more was read" in out
+        "the asked std of 10 mm, 0.12, 0.25 deg is reached after 1 frame, 0.0 s; nothing more was read" in out
     )
 
 
@@ -46,9 +46,9 @@ def test_number_of_frames_counts_accepted_ones(bag, calibrator, monkeypatch, cap
     assert (status, len(content["frames"]), content["targets_reached"]) == (0, 3, True)
     assert content["targets"] == {
         "reached": True,
-        "height_std_m": 0.015,
-        "pitch_std_rad": 0.0026,
-        "roll_std_rad": 0.0061,
+        "height_std_m": 0.01,
+        "pitch_std_rad": 0.0021,
+        "roll_std_rad": 0.00436,
         "min_frames": 2,
         "frames": 3,
         "duration_s": pytest.approx(0.2),
@@ -64,7 +64,7 @@ def test_targets_that_are_not_reached_are_told_and_the_calibration_is_written(
     status, content = as_json(capsys, *arguments)
     assert (status, len(content["frames"]), content["targets_reached"]) == (0, 4, False)
     assert content["targets"]["message"].startswith(
-        "the asked std of 0.1 mm, 0.15, 0.35 deg is not reached in 4 frames, 0.3 s: the height has a std of"
+        "the asked std of 0.1 mm, 0.12, 0.25 deg is not reached in 4 frames, 0.3 s: the height has a std of"
     )
     targets = yaml.safe_load(output.read_text())["/**"]["ros__parameters"]["provenance"]["targets"]
     assert (targets["height_std_m"], targets["reached"]) == (0.0001, False)

@@ -15,13 +15,8 @@ from ..geometry.mount import MountEvidence
 from ..geometry.pose import POSE_COMPONENTS, Extrinsics, PoseComponent
 from ..geometry.uncertainty import TERMS, UncertaintyTerm
 from ..results import CalibrationResult
+from ..tolerances import DEFAULT_HEIGHT_STD_M, DEFAULT_PITCH_STD_RAD, DEFAULT_ROLL_STD_RAD
 from ..types import Array
-
-# Defaults of what a user asks for: what half a minute of a usual drive reaches with each kind of rig. The
-# angles are 0.15 and 0.35 deg.
-DEFAULT_HEIGHT_STD_M = 0.015
-DEFAULT_PITCH_STD_RAD = 0.0026
-DEFAULT_ROLL_STD_RAD = 0.0061
 
 # Growth of the number of frames after which an estimate is made anew. An estimate takes the longer
 # the more frames there are: 0.8 s for 3000 of them. All those of 3000 frames take half a minute together,
@@ -67,7 +62,7 @@ class Targets:
         return not np.any(self.std.as_array())
 
     def describe(self) -> str:
-        """Return what is asked as people read it, such as ``15 mm, 0.15, 0.35 deg``."""
+        """Return what is asked as people read it, such as ``10 mm, 0.12, 0.25 deg``."""
         return describe_std(self.std)
 
 
