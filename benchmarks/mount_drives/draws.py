@@ -33,10 +33,12 @@ _LENGTHS_M = {
     "crown": _CROSS_SECTION_M,
     "kerb": 200.0,
     "part_of_road": 150.0,  # planes of nearer and farther, narrower and wider road: of both kinds
-    "synchronisation": 60.0,  # a car drifts to one side for a few seconds
     "combination_disagreement": 50.0,
 }
 _USUAL_LENGTH_M = 50.0
+# A delay stays. Of the way to the side in it, half the variance is a camera that is not mounted straight, and
+# half a drift in the lane, for a few seconds.
+_DRIFT_LENGTH_M, _DRIFTS_PART = 60.0, 0.5
 # Lines come and go: after so many metres, a stretch of the road shows what another measured frame shows.
 _STRETCH_M = (50.0, 300.0)
 # Bad frames: tens of millimetres, up to a degree or two; each lasts for a moment or for some frames.
@@ -51,7 +53,7 @@ REFUSAL = Rejection(
 
 
 # Points by which a car sees whether it stands, and the noise of their places [px].
-_N_POINTS, _POINT_NOISE_PX = 120, 0.1
+_N_POINTS, _POINT_NOISE_PX = 60, 0.1
 _POINTS_AHEAD_M = (5.0, 60.0)
 
 
@@ -115,6 +117,7 @@ def drawn(kind: Kind, frames: list[FrameError], rng: np.random.Generator) -> Dra
     shown = _stretches(way_m, len(frames), rng)
     scale = measured_scale(frames) if kind.measured else np.ones(3)
     errors = _errors_of_road(frames, shown, way_m, rng) * scale + _errors_of_rig(frames, shown, rng)
+    errors += _errors_of_delay(frames, shown, way_m, rng)
     bad = _bad_frames(kind, len(times), rng)
     errors += _gross(bad, kind.lasting, rng)
     refused = _refused(times, rng) if kind.gaps else np.zeros(len(times), bool)
@@ -125,8 +128,9 @@ def drawn(kind: Kind, frames: list[FrameError], rng: np.random.Generator) -> Dra
     for index, time_s in enumerate(times):
         if not (index and standing[index] and standing[index - 1]):
             points = _points(frames[0].rig, rng)  # all is new that is seen
-        # Clocks start far from zero.
-        common = CalibrationResult("", stamp_s=1000.0 + float(time_s), landmarks=_seen(points, rng))
+        # Clocks start far from zero. Matching points takes time: only cars that stand need any.
+        seen = _seen(points, rng) if standing.any() else None
+        common = CalibrationResult("", stamp_s=1000.0 + float(time_s), landmarks=seen)
         if refused[index]:
             results.append(replace(common, message=REFUSAL.message, rejection=REFUSAL))
             continue
@@ -203,6 +207,19 @@ def _errors_of_rig(frames: list[FrameError], shown: Array, rng: np.random.Genera
             per_frame[index] += _root(unit @ term.covariance @ unit) @ hidden[term.name]
     errors: Array = per_frame[shown] / READABLE
     return errors
+
+
+def _errors_of_delay(frames: list[FrameError], shown: Array, way_m: Array, rng: np.random.Generator) -> Array:
+    """Return the errors (T, 3) by a delay of one camera."""
+    unit = np.diag(READABLE)
+    drift = _lasting(way_m, _DRIFT_LENGTH_M, rng)
+    hidden = np.sqrt(1.0 - _DRIFTS_PART) * rng.normal(size=3) + np.sqrt(_DRIFTS_PART) * drift
+    errors = np.zeros((len(shown), 3))
+    for index in np.unique(shown):
+        for term in frames[index].of_delay:
+            mine = shown == index
+            errors[mine] += hidden[mine] @ _root(unit @ term.covariance @ unit).T
+    return errors / READABLE
 
 
 def _root(covariance: Array) -> Array:

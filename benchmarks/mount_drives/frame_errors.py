@@ -41,6 +41,8 @@ MOUNTS = {
 RECORDED = "kitti recorded"
 RIG_NAMES = (RECORDED, *MOUNTS)
 FRAMES_CSV = RESULTS / "mount_frames.csv"
+# What a pair of cameras has, and a rendered one has not: errors of the rig, and a delay of one camera.
+OF_PAIR = RIG_TERMS | {"synchronisation"}
 _SEED = 21
 # Frames of the quick run.
 _FEW, _MANY = 3, 24
@@ -75,12 +77,17 @@ class FrameError:
     @cached_property
     def of_road(self) -> tuple[UncertaintyTerm, ...]:
         """The causes that change from road to road."""
-        return tuple(term for term in self.terms if term.name not in RIG_TERMS)
+        return tuple(term for term in self.terms if term.name not in OF_PAIR)
 
     @cached_property
     def of_rig(self) -> tuple[UncertaintyTerm, ...]:
         """The causes that stay as long as the rig does."""
         return tuple(term for term in self.terms if term.name in RIG_TERMS)
+
+    @cached_property
+    def of_delay(self) -> tuple[UncertaintyTerm, ...]:
+        """The causes that depend on a delay, and on how the car drives."""
+        return tuple(term for term in self.terms if term.name in OF_PAIR - RIG_TERMS)
 
     @property
     def sigmas(self) -> Array:
