@@ -150,7 +150,7 @@ def fuse_frames(frames: Sequence[AcceptedFrame], rig: StereoRig) -> CalibrationR
     good = [frame for frame, use in zip(frames, series.used, strict=True) if use]
     terms = [each for each, use in zip(terms, series.used, strict=True) if use]
     series, whole = series.good(), whole[series.used]
-    weights = _not_worse_than_one(_weights(series, whole, motion), good, terms, series, whole, motion)
+    weights = _between_all_and_best(_weights(series, whole, motion), good, terms, series, whole, motion)
     mean = (weights * series.values).sum(axis=0)
     of_motion, _ = motion.of_mean(series, weights)
     uncertainty = merge_terms(
@@ -211,7 +211,7 @@ def _weights(series: FrameSeries, whole: Array, motion: CarMotion) -> Array:
     return np.asarray(weights / weights.sum(axis=0))
 
 
-def _not_worse_than_one(
+def _between_all_and_best(
     weights: Array,
     good: Sequence[AcceptedFrame],
     terms: Sequence[tuple[UncertaintyTerm, ...]],
@@ -219,9 +219,10 @@ def _not_worse_than_one(
     whole: Array,
     motion: CarMotion,
 ) -> Array:
-    """Return the weights (N, 3), or those of the best frame alone where the mean would be worse than it.
+    """Return weights (N, 3) between those of a mean and of its best frame alone, where they are best.
 
-    Two frames of one moment share the motion; so the mean of a good frame and a bad one may be worse.
+    Two frames of one moment share the motion; so the mean of a good frame and a bad one may be worse than the
+    good one.
 
     Args:
         weights: (N, 3) weights of a mean.
@@ -233,12 +234,17 @@ def _not_worse_than_one(
     """
     best = np.zeros_like(weights)
     best[np.argmin(whole, axis=0), np.arange(3)] = 1.0
-    of_mean, of_best = (
+    of_all, of_both, of_best = (
         total_covariance(_terms_of_mean(good, terms, series, each)).diagonal()
         + motion.of_mean(series, each)[0]
-        for each in (weights, best)
+        for each in (weights, (weights + best) / 2.0, best)
     )
-    return np.where(of_best < of_mean, best, weights)
+    # On the way from one to the other, the variance is a parabola.
+    bend = 2.0 * (of_all - 2.0 * of_both + of_best)
+    slope = of_best - of_all - bend
+    lowest = np.clip(-slope / np.where(bend > 0.0, 2.0 * bend, 1.0), 0.0, 1.0)
+    share = np.where(bend > 0.0, lowest, of_best < of_all)
+    return np.asarray(weights + share * (best - weights))
 
 
 def _evidence(
