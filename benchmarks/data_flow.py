@@ -217,7 +217,9 @@ NOT_ON_THE_WAY = {
     "geometry/alignment, alignment_verdict, delay_report": "how the right camera is turned, whether its "
     "images are late, and what is to be done",
     "drive/drive, drive/changes, drive/time_blocks": "the whole of a drive, and moves of the mount in it",
-    "drive/motion, numerics/gauss_markov, drive/standing": "how the car moves its camera, or stands",
+    "drive/frame_series, drive/motion, numerics/gauss_markov, drive/standing": (
+        "how the car moves its camera, or stands"
+    ),
     "geometry/mount, drive/targets": "how an estimate of the mount was reached, and when it is good enough",
     "estimators/landmarks, drive/landmark_matches, drive/motion_between_frames, drive/travel, "
     "geometry/travel": "how the car moves between frames",

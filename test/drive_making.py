@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from stereo_selfcal.core.drive.motion import FrameSeries
+from stereo_selfcal.core.drive.frame_series import FrameSeries
 
 # Of a frame: what the camera does while the car pitches and rolls, and the noise of its estimate; height [m],
 # pitch, roll [rad].

@@ -113,7 +113,7 @@ class Calibrator:
             previous, place = self._previous, self._place
         step = None if previous is None else fitted(step_between(previous, result, self.rig))
         place = place.followed_by(result.landmarks, self.rig)
-        kept = replace(kept, stood=not place.moved)
+        kept = replace(kept, stood=place.stands)
         with self._lock:
             self._place = place.accepted() if kept.accepted else place
             if kept.accepted:

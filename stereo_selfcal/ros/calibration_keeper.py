@@ -199,7 +199,7 @@ class CalibrationKeeper:
             self._watched_rig = rig
             place = self._place.followed_by(result.landmarks, rig)
             self._place = place.accepted() if result.accepted else place
-            result = replace(result, stood=not place.moved)
+            result = replace(result, stood=place.stands)
             self._alignment_watch.add(result.alignment, result.stamp_s)
             event = event_of(self._watch.add(result), self._machine.state)
             if event is not None:

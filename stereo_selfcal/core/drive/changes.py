@@ -21,7 +21,8 @@ import numpy as np
 from ..numerics.statistics import OUTLIER_SIGMAS, SIGMA_OVER_MAD
 from ..tolerances import LEAST_SHIFT
 from ..types import Array
-from .motion import FrameSeries, mark_outliers
+from .frame_series import FrameSeries
+from .motion import mark_outliers
 from .time_blocks import (
     BLOCK_S,
     BlockScatter,

@@ -14,7 +14,8 @@ import numpy as np
 
 from ..tolerances import WANDER_STD
 from ..types import Array, Indices
-from .motion import FrameSeries, measure_motion
+from .frame_series import FrameSeries
+from .motion import measure_motion
 
 # Fewest frames and shortest time of a change that can be distinguished from a long braking.
 LEAST_FRAMES = 5

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -13,11 +13,13 @@ from ..evidence.rig_unknowns import RIG_TERMS, response_of_surface, rig_terms
 from ..geometry.mount import MountEvidence
 from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, merge_terms, total_covariance
+from ..numerics.gauss_markov import variance_of_mean
 from ..reservations import Reservation, merge_reservations
 from ..results import CalibrationResult, announce
+from ..road.priors import LEAN_STD_RAD
 from ..types import Array, Mask
-from .mean_over_time import MeanOverTime
-from .motion import CarMotion, FrameSeries, weights_of_mean, without_outliers
+from .frame_series import FrameSeries
+from .motion import CarMotion, weights_of_mean, without_outliers
 
 # Terms that are new in every frame, because its pixels are.
 _OF_PIXELS = frozenset({"noise"})
@@ -107,12 +109,16 @@ def scatter_variances(frame: AcceptedFrame) -> Array:
     Args:
         frame: An accepted frame.
     """
-    return np.asarray(
-        sum(
-            ((1.0 - _lasting_part(each.name)) * each.covariance.diagonal() for each in _terms(frame)),
-            np.zeros(3),
-        )
-    )
+    return _scatter(frame, lambda name: True)
+
+
+def _scatter(frame: AcceptedFrame, counts: Callable[[str], bool]) -> Array:
+    """Return the variances (3,) of what is new in a frame, by the terms that count."""
+    total = np.zeros(3)
+    for term in _terms(frame):
+        if counts(term.name):
+            total += (1.0 - _lasting_part(term.name)) * term.covariance.diagonal()
+    return total
 
 
 def _lasting_part(name: str) -> float:
@@ -129,6 +135,7 @@ def frame_series(frames: Sequence[AcceptedFrame]) -> FrameSeries:
         np.array([frame.extrinsics.as_array() for frame in frames if frame.extrinsics is not None]),
         np.array([scatter_variances(frame) for frame in frames]),
         np.array([frame.stood for frame in frames], dtype=bool),
+        np.array([_scatter(frame, lambda name: name not in _OF_PIXELS) for frame in frames]),
     )
 
 
@@ -157,6 +164,7 @@ def fuse_frames(frames: Sequence[AcceptedFrame], rig: StereoRig) -> CalibrationR
         (
             *_terms_of_mean(good, terms, series, weights),
             UncertaintyTerm("standing" if series.all_stood else "motion", np.diag(of_motion)),
+            UncertaintyTerm("lean", np.diag([0.0, 0.0, LEAN_STD_RAD**2])),
         )
     )
     yaws = [frame.lane_yaw_rad for frame in good if frame.lane_yaw_rad is not None]
@@ -297,7 +305,7 @@ def _terms_of_mean(
         series: The same frames.
         weights: (N, 3) their weights.
     """
-    of_profile = MeanOverTime(float(series.gaps_s[1:].sum()), _PROFILE_MEMORY_S).of_mean
+    of_profile = variance_of_mean(series.gaps_s, weights, np.full((1, 3), _PROFILE_MEMORY_S))[0]
     cold = np.array([not frame.known_start for frame in frames])
     found = []
     for name, covariances in _by_name(terms).items():
@@ -308,9 +316,9 @@ def _terms_of_mean(
         else:
             # One error in all frames, as large as in a mean frame.
             part = np.sqrt(weights)
-            of_mean = np.einsum("ni,nij,nj->ij", part, covariances, part)
             lasting = _lasting_part(name)
-            of_mean *= lasting + (1.0 - lasting) * of_profile
+            left = np.sqrt(lasting + (1.0 - lasting) * np.minimum(of_profile, 1.0))
+            of_mean = np.outer(left, left) * np.einsum("ni,nij,nj->ij", part, covariances, part)
         found.append(UncertaintyTerm(name, of_mean))
     return found
 

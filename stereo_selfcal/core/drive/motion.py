@@ -9,7 +9,6 @@ motion: all frames of a stop are one moment.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -17,27 +16,20 @@ import numpy as np
 
 from ..numerics.gauss_markov import likelihood, linear_mean, variance_of_mean
 from ..numerics.statistics import OUTLIER_SIGMAS, SIGMA_OVER_MAD
+from ..road.priors import RIDE_MEMORY_S, RIDE_STD, STANDING_STD
 from ..types import Array, Mask
+from .frame_series import FrameSeries
 
-# Size of the usual motion: height [m], pitch [rad], roll [rad]. Springs move a car by millimetres, braking
-# and driving off pitch it by tenths of a degree, cambers roll it. Calm rides have half of it, rough ones
-# twice as much: so the logarithm of the size is normal.
-USUAL_STD: Array = np.array([0.005, math.radians(0.15), math.radians(0.2)])
-_SIZE_LOG_STD = 0.6
-# Bodies of cars ring at 1 to 2 Hz and are damped within one or two periods; brakes are applied for seconds,
-# and cambers last as long.
-_USUAL_MEMORY_S = 1.5
-_MEMORY_LOG_STD = 0.8
+USUAL_STD: Array = np.array(RIDE_STD)
+# Of calm and rough rides, which pitch by 0.05 to 0.4 deg and remember for 0.5 to 5 s, nearly all lie within
+# two standard deviations of the logarithms.
+_SIZE_LOG_STD, _MEMORY_LOG_STD = 0.5, 0.6
 # Candidates: 1/32 to 8 times the usual size, and 1/4 to 32 s. Their likelihood is computed in steps of the
 # root of two and in octaves, and interpolated to steps that are a quarter of these: a long drive tells both
 # better than the steps are apart.
 _SIZES: Array = 2.0 ** np.arange(-5.0, 3.1, 0.5)
 _MEMORIES_S: Array = 2.0 ** np.arange(-2.0, 5.1)
 _FINER = 4
-# What the place of a standing car does, whose springs rest: unevenness of 3 mm under wheels that are 2.7 m
-# and 1.6 m apart (0.06, 0.1 deg), and a vertical curve of 10 km radius up to the road ahead (0.07 deg).
-STANDING_STD: Array = np.array([0.003, math.radians(0.1), math.radians(0.1)])
-
 # Of longer series, stretches of so many frames are taken to measure their motion.
 _MOST_VALUES = 1200
 _STRETCH = 200
@@ -46,92 +38,6 @@ _STRETCH = 200
 _NEIGHBOURS = 5
 _FEWEST_FOR_OUTLIERS = 4  # with three frames, one of them decides the median deviation
 _OUTLIER_ROUNDS = 2
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FrameSeries:
-    """Frames in the order of time.
-
-    Attributes:
-        times_s: (N,) times [s], rising.
-        values: (N, 3) height_m, pitch_rad, roll_rad.
-        variances: (N, 3) variances of their noise.
-        used: (N,) False for outliers.
-        stood: (N,) whether the car stood since the frame before.
-    """
-
-    times_s: Array
-    values: Array
-    variances: Array
-    used: Mask
-    stood: Mask
-
-    @classmethod
-    def of(cls, times_s: Array, values: Array, variances: Array, stood: Mask | None = None) -> FrameSeries:
-        """Return a series without outliers; a car that is not known to stand moves."""
-        n = len(times_s)
-        none = np.zeros(n, dtype=bool)
-        return cls(times_s, values, variances, np.ones(n, dtype=bool), none if stood is None else stood)
-
-    def __len__(self) -> int:
-        return len(self.times_s)
-
-    def part(self, which: slice | Mask) -> FrameSeries:
-        """Return some of the frames."""
-        return FrameSeries(
-            self.times_s[which],
-            self.values[which],
-            self.variances[which],
-            self.used[which],
-            self.stood[which],
-        )
-
-    def joined(self, other: FrameSeries) -> FrameSeries:
-        """Return these frames and later ones."""
-        return FrameSeries(
-            np.concatenate([self.times_s, other.times_s]),
-            np.concatenate([self.values, other.values]),
-            np.concatenate([self.variances, other.variances]),
-            np.concatenate([self.used, other.used]),
-            np.concatenate([self.stood, other.stood]),
-        )
-
-    def good(self) -> FrameSeries:
-        """Return the frames that are used; a stop goes on over an outlier."""
-        kept = np.flatnonzero(self.used)
-        moved = np.concatenate([[0], np.cumsum(~self.stood)])
-        stood = self.stood[kept].copy()
-        if len(kept):
-            stood[1:] = moved[kept[1:] + 1] == moved[kept[:-1] + 1]
-        return replace(self.part(self.used), stood=stood)
-
-    @property
-    def gaps_s(self) -> Array:
-        """(N,) time of motion since the frame before [s]: none while the car stood."""
-        gaps_s: Array = np.where(self.stood, 0.0, np.maximum(np.diff(self.times_s, prepend=0.0), 0.0))
-        return gaps_s
-
-    @property
-    def at_rest(self) -> Mask:
-        """(N,) whether the car stood at a frame: before it or after it."""
-        rest: Mask = self.stood.copy()
-        rest[:-1] |= self.stood[1:]
-        return rest
-
-    @property
-    def forgets_s(self) -> Array:
-        """(N,) time in which the motion forgets the frame before [s].
-
-        A place where the car stands, and its motion before and after that, have nothing in common.
-        """
-        rest = self.at_rest
-        forgets_s: Array = np.where(np.diff(rest, prepend=rest[:1]), np.inf, self.gaps_s)
-        return forgets_s
-
-    @property
-    def all_stood(self) -> bool:
-        """Whether all frames are of one stop."""
-        return len(self) > 1 and bool(np.all(self.stood[1:]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,7 +63,7 @@ class _Candidates:
         """Return the candidates of these sizes and memories."""
         size, memory_s = (each.ravel() for each in np.meshgrid(sizes, memories_s))
         prior = -0.5 * (
-            (np.log(size) / _SIZE_LOG_STD) ** 2 + (np.log(memory_s / _USUAL_MEMORY_S) / _MEMORY_LOG_STD) ** 2
+            (np.log(size) / _SIZE_LOG_STD) ** 2 + (np.log(memory_s / RIDE_MEMORY_S) / _MEMORY_LOG_STD) ** 2
         )
         return cls(
             sizes,
@@ -271,8 +177,8 @@ def measure_motion(*parts: FrameSeries) -> CarMotion:
     for series in (stretch for part in parts for stretch in _stretches(part.good())):
         if len(series) < 2:
             continue
-        sizes = np.where(series.at_rest[:, None, None], STANDING_STD, size)
-        total += likelihood(series.forgets_s, series.values, _positive(series.variances), sizes, memory_s).log
+        noise = _positive(series.alone(series.variances))
+        total += likelihood(series.forgets_s, series.values, noise, series.response(size), memory_s).log
     return _weighed(total)
 
 
@@ -306,8 +212,8 @@ def weights_of_mean(series: FrameSeries, variances: Array, motion: CarMotion) ->
         The weights, whose sum is 1; and each frame less what all others predict for it, over its standard
         deviation.
     """
-    sizes = np.where(series.at_rest[:, None], STANDING_STD, np.sqrt(motion.variance))
-    found = linear_mean(series.forgets_s, series.values, _positive(variances), sizes, motion.memory_s)
+    sizes, noise = series.response(np.sqrt(motion.variance)), _positive(series.alone(variances))
+    found = linear_mean(series.forgets_s, series.values, noise, sizes, motion.memory_s)
     return found.weights, found.residuals
 
 

@@ -19,30 +19,54 @@ class PlaceOfCar:
 
     Attributes:
         landmarks: Landmarks of the first frame at this place; None where none were looked for.
+        latest: Landmarks of the frame before; None where none were looked for.
         moved: Whether the car has moved since the last accepted frame; before the first one it has.
+        recognised: Whether the frame before was recognised as one of this place, or began it.
     """
 
     landmarks: Landmarks | None = None
+    latest: Landmarks | None = None
     moved: bool = True
+    recognised: bool = True
 
     def followed_by(self, landmarks: Landmarks | None, rig: StereoRig) -> PlaceOfCar:
         """Return the place after another frame: the same one, where the car has not moved away from it.
 
         A slow car moves little from frame to frame. So a frame is compared with the first one of the place.
+        One that shows nothing of it, as behind a lorry, does not say that the car has moved. The car has left
+        the place where the frame continues the one before and is not at the place.
 
         Args:
             landmarks: Landmarks of the frame; None where none were looked for.
             rig: The rig of all frames.
         """
-        if self.landmarks is not None and landmarks is not None:
-            # Where nothing moves at all, as in a simulation without noise, no errors of a motion are left.
-            if len(landmarks.left) and np.array_equal(self.landmarks.left, landmarks.left):
-                return self
-            motion = estimate_motion(self.landmarks, landmarks, rig)
-            if not isinstance(motion, NotFitted) and np.linalg.norm(motion.moved_m) < LEAST_STEP_M:
-                return self
-        return PlaceOfCar(landmarks, moved=True)
+        if landmarks is None:
+            return replace(self, latest=None, recognised=False)
+        way_m = _way_m(self.landmarks, landmarks, rig)
+        if way_m is not None and way_m < LEAST_STEP_M:
+            return replace(self, latest=landmarks, recognised=True)
+        if self.landmarks is not None and way_m is None:
+            continues = not self.recognised and _way_m(self.latest, landmarks, rig) is not None
+            if not continues:
+                return replace(self, latest=landmarks, recognised=False)
+        return PlaceOfCar(landmarks, landmarks)
+
+    @property
+    def stands(self) -> bool:
+        """Whether the car is seen to stand where it stood at the last accepted frame."""
+        return self.recognised and not self.moved
 
     def accepted(self) -> PlaceOfCar:
         """Return the same place, for the frames after an accepted one."""
         return replace(self, moved=False)
+
+
+def _way_m(before: Landmarks | None, after: Landmarks, rig: StereoRig) -> float | None:
+    """Return how far the car has moved between two frames [m]; None where that is not seen."""
+    if before is None:
+        return None
+    # Where nothing moves at all, as in a simulation without noise, no errors of a motion are left.
+    if len(after.left) and np.array_equal(before.left, after.left):
+        return 0.0
+    motion = estimate_motion(before, after, rig)
+    return None if isinstance(motion, NotFitted) else float(np.linalg.norm(motion.moved_m))

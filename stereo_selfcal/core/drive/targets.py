@@ -143,6 +143,7 @@ _CAUSES = {
     **dict.fromkeys(("stage_disagreement", "combination_disagreement"), _Cause.FEW_FRAMES),
     "motion": _Cause.MOTION,
     "standing": _Cause.STANDING,
+    "lean": _Cause.ROAD,
     **dict.fromkeys(("roughness", "camber", "paint_angle", "crown", "kerb"), _Cause.ROAD),
     **dict.fromkeys(("slope_seen", "slope_unseen", "part_of_road"), _Cause.ROAD),
     **dict.fromkeys(("vergence", "rectification", "row_offset"), _Cause.RIG),

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from ..numerics.statistics import OUTLIER_SIGMAS, SIGMA_OVER_MAD
 from ..types import Array, Indices
-from .motion import FrameSeries, measure_motion
+from .frame_series import FrameSeries
+from .motion import measure_motion
 
 # Length of a block. Bodies ring for a second or two, and brakes are applied for some seconds: means over ten
 # seconds are hardly correlated.
@@ -103,9 +104,7 @@ def measure_scatter_of_blocks(series: FrameSeries, blocks: TimeBlocks) -> BlockS
     levels = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=0), axis=2)
     number = np.floor((series.times_s - series.times_s[0]) / BLOCK_S).astype(np.intp)
     nearest = np.clip(np.searchsorted(blocks.number, number), 0, len(blocks) - 1)
-    about = FrameSeries(
-        series.times_s, series.values - levels[nearest], series.variances, series.used, series.stood
-    )
+    about = replace(series, values=series.values - levels[nearest])
     per_block = np.count_nonzero(series.used) / len(np.unique(number))
     noise = np.median(series.variances, axis=0) / per_block
     return BlockScatter(np.sqrt(measure_motion(about).of_block(BLOCK_S) + noise))

@@ -26,8 +26,9 @@ from .drift import (
     measure_scatter,
     reference_variance,
 )
+from .frame_series import FrameSeries
 from .fusion import frame_series, fuse_frames, own_covariance
-from .motion import FrameSeries, mark_outliers, settled_outliers
+from .motion import mark_outliers, settled_outliers
 from .states import WatchVerdict
 
 # Least |z| that raises an alarm: one false alarm in some hundred hours of good road.

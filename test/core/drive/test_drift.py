@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from stereo_selfcal.core.drive.drift import Reference, Scatter, find_change, measure_scatter
-from stereo_selfcal.core.drive.motion import FrameSeries
+from stereo_selfcal.core.drive.frame_series import FrameSeries
 from stereo_selfcal.core.tolerances import WANDER_STD
 
 STEP_S = 30.0  # farther apart than motion lasts

@@ -84,7 +84,8 @@ def test_one_frame_of_a_moving_car_has_the_usual_motion():
     assert 0.2 < math.degrees(fused.std.roll_rad) < 0.45
     assert 0.005 < fused.std.height_m < 0.012
     np.testing.assert_allclose(std_of(fused, "noise"), NOISE)
-    np.testing.assert_allclose(std_of(fused) ** 2, NOISE**2 + std_of(fused, "motion") ** 2)
+    known = NOISE**2 + std_of(fused, "motion") ** 2 + std_of(fused, "lean") ** 2
+    np.testing.assert_allclose(std_of(fused) ** 2, known)
     assert (fused.n_frames, fused.mount.n_outliers, fused.mount.duration_s) == (1, 0, 0.0)
     assert not fused.mount.stood
     np.testing.assert_allclose(fused.mount.looks, 1.0)

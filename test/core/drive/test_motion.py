@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stereo_selfcal.core.drive.frame_series import FrameSeries
 from stereo_selfcal.core.drive.motion import (
-    STANDING_STD,
-    FrameSeries,
     mark_outliers,
     measure_motion,
     settled_outliers,
@@ -16,7 +15,9 @@ from stereo_selfcal.core.drive.motion import (
     weights_of_mean,
     without_outliers,
 )
+from stereo_selfcal.core.road import priors
 
+STANDING_STD = np.array(priors.STANDING_STD)
 NOISE = np.array([1e-3, math.radians(0.02), math.radians(0.03)])
 # What brakes and springs do to cars on usual roads: millimetres, and tenths of a degree.
 MOTION = np.array([0.005, math.radians(0.15), math.radians(0.2)])

@@ -24,7 +24,7 @@ def stood(world, ways_m, refused=(), unseen=()):
     for index, way_m in enumerate(ways_m):
         landmarks = seen(world, RIG, along(START, way_m), np.random.default_rng(index))
         place = place.followed_by(None if index in unseen else landmarks, RIG)
-        told.append(not place.moved)
+        told.append(place.stands)
         if index not in refused:
             place = place.accepted()
     return told
@@ -53,23 +53,36 @@ def test_refused_frames_neither_end_nor_hide_a_stop(world):
     assert stood(world, [0.0, 2.0, 0.0, 0.0], refused=[1]) == [False, False, False, True]
 
 
-def test_a_car_that_was_not_seen_may_have_moved(world):
-    assert stood(world, [0.0, 0.0, 0.0, 0.0], unseen=[1]) == [False, False, False, True]
+def test_a_car_is_not_said_to_stand_at_a_frame_that_does_not_show_it(world):
+    """A lorry before the camera does not move the car; what is seen after it, and before, does."""
+    assert stood(world, [0.0, 0.0, 0.0, 0.0], unseen=[1]) == [False, False, True, True]
+    assert stood(world, [0.0, 1.0, 1.0, 1.0], unseen=[1]) == [False, False, False, True]
     assert stood(world, [0.0] * 3, unseen=[0, 1, 2]) == [False] * 3
+
+
+def test_a_car_that_leaves_its_place_unseen_does_not_stand_elsewhere(world):
+    """Each frame shows something else than the first one; the third one continues the second one."""
+    other = world.moved(1.0, 30.0)
+    place = PlaceOfCar().followed_by(seen(world, RIG, START, np.random.default_rng(0)), RIG).accepted()
+    for index, way_m in enumerate((0.0, 1.0, 1.0)):
+        there = seen(other, RIG, along(START, way_m), np.random.default_rng(1 + index))
+        place = place.followed_by(there, RIG)
+        assert place.stands == (index == 2)
+        place = place.accepted()
 
 
 def test_the_same_image_again_is_of_a_standing_car(world):
     """As of a simulation without noise: landmarks that did not move at all leave no error to go by."""
     there = seen(world, RIG, START, np.random.default_rng(1))
     place = PlaceOfCar().followed_by(there, RIG).accepted()
-    assert not place.followed_by(copy.deepcopy(there), RIG).moved
+    assert place.followed_by(copy.deepcopy(there), RIG).stands
 
 
 def test_other_cars_do_not_move_this_one(world):
     place = PlaceOfCar().followed_by(seen(world, RIG, START, np.random.default_rng(1)), RIG).accepted()
     for part, still in ((0.25, True), (1.0, False)):
         there = seen(world.moved(part, 1.5), RIG, START, np.random.default_rng(2))
-        assert place.followed_by(there, RIG).moved != still
+        assert place.followed_by(there, RIG).stands == still
 
 
 # --- images ----------------------------------------------------------------------------------------------
