@@ -160,6 +160,19 @@ class AlignmentConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class KnownConfig:
+    """Frames that start from the known camera, as the frame before has it, instead of from nothing."""
+
+    cold_every_s: float = _setting(
+        1.0,
+        "Time after which a frame is again looked at without knowing the camera; 0: every frame",
+        "s",
+        0,
+        60,
+    )
+
+
+@dataclass(frozen=True, slots=True)
 class CalibratorConfig:
     """All settings of a :class:`~stereo_selfcal.core.calibrator.Calibrator`.
 
@@ -175,6 +188,7 @@ class CalibratorConfig:
     texture: TextureConfig = field(default_factory=TextureConfig)
     refinement: RefinementConfig = field(default_factory=RefinementConfig)
     alignment: AlignmentConfig = field(default_factory=AlignmentConfig)
+    known: KnownConfig = field(default_factory=KnownConfig)
 
     def __post_init__(self) -> None:
         for name, value, setting in self.settings():

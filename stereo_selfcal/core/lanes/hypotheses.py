@@ -67,7 +67,7 @@ def find_hypotheses(
     images: tuple[Image, Image],
     rig: StereoRig,
     config: CalibratorConfig,
-    detector: LineDetector = detect_by_hough,
+    detectors: tuple[LineDetector, LineDetector] = (detect_by_hough, detect_by_hough),
 ) -> LaneHypotheses:
     """Find the pairs of lane boundaries that both cameras see.
 
@@ -76,9 +76,11 @@ def find_hypotheses(
         images: Both images, (H, W) uint8.
         rig: Intrinsics and baseline.
         config: Settings of the extraction.
-        detector: Detector of the lines of an image.
+        detectors: Detectors of the lines of the left and of the right image.
     """
-    left, right = (detector(each, image) for each, image in zip(points, images, strict=True))
+    left, right = (
+        detector(each, image) for detector, each, image in zip(detectors, points, images, strict=True)
+    )
     matches = match_lines(left, right, images, rig, config)
     refusal = frame_checks.check_lines_found([left, right], config)
     if refusal:
