@@ -40,7 +40,7 @@ from .types import Image
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Look:
+class _FrameLook:
     """One look at a frame: its observations, the hypotheses about it, and what became of them."""
 
     frame: FrameObservations
@@ -228,7 +228,7 @@ class Calibrator:
         stamp_s: float,
         stamp_difference_s: float,
         known: KnownCamera | None,
-    ) -> _Look:
+    ) -> _FrameLook:
         """Look at a frame; once more where only the pose over the road shows how the camera has turned."""
         observed = partial(
             FrameObservations.from_images,
@@ -248,7 +248,7 @@ class Calibrator:
             look = self._search(observed(look.frame.turn, yaw.yaw_rad), known, stamp_s)
         return look
 
-    def _search(self, frame: FrameObservations, known: KnownCamera | None, stamp_s: float) -> _Look:
+    def _search(self, frame: FrameObservations, known: KnownCamera | None, stamp_s: float) -> _FrameLook:
         """Solve the hypotheses about a frame, one after the other, until one is accepted.
 
         The lines of the known camera come first. Where they are not confirmed, all else is as without them.
@@ -258,12 +258,12 @@ class Calibrator:
         if known is not None and followed is not None:
             attempt = solve(followed, frame, self.rig, self.config)
             if known.is_confirmed_by(attempt, stamp_s):
-                return _Look(frame, search, [attempt], known_start=True)
+                return _FrameLook(frame, search, [attempt], known_start=True)
             search = FrameSearch(frame, self.rig, self.config)
         attempts: list[Attempt] = []
         for hypothesis in search.hypotheses(attempts):
             attempts.append(solve(hypothesis, frame, self.rig, self.config))
-        return _Look(frame, search, attempts)
+        return _FrameLook(frame, search, attempts)
 
     def extract(self, left: Image, right: Image) -> LanePattern | NoPattern:
         """Extract the calibration pattern of one frame (paper section 2.2).

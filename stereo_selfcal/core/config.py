@@ -161,14 +161,13 @@ class AlignmentConfig:
 
 @dataclass(frozen=True, slots=True)
 class KnownConfig:
-    """Frames that start from the known camera, as the frame before has it, instead of from nothing."""
+    """Frames whose lines are followed from the frame before, instead of looked for.
+
+    The default is the time after which no line is followed anyway, had all frames between been lost.
+    """
 
     cold_every_s: float = _setting(
-        1.0,
-        "Time after which a frame is again looked at without knowing the camera; 0: every frame",
-        "s",
-        0,
-        60,
+        0.5, "Time after which lines are looked for anew and not followed; 0: in every frame", "s", 0, 10
     )
 
 

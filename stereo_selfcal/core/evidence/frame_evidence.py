@@ -214,7 +214,8 @@ class Evidence:
 
     Attributes:
         config: Settings.
-        fittest: Pose of the greatest fitness; None where the pose is estimated from the surface alone.
+        genetic: Pose of the greatest fitness, by the genetic algorithm, or from the closed form on where lines
+            were followed; None where the pose is estimated from the surface alone.
         fitness: Its fitness.
         misfit_px: Misfit of the lines under it.
         below: How deep another line that both cameras see lies below the plane of the pattern.
@@ -250,7 +251,7 @@ class Evidence:
     """
 
     config: CalibratorConfig
-    fittest: Extrinsics | None = None
+    genetic: Extrinsics | None = None
     fitness: float = 0.0
     misfit_px: float = 0.0
     below: BelowPlane | None = None
@@ -282,4 +283,4 @@ class Evidence:
     @property
     def line_pose(self) -> Extrinsics | None:
         """The best pose from lines so far."""
-        return self.fittest if self.refined is None else self.refined.extrinsics
+        return self.genetic if self.refined is None else self.refined.extrinsics

@@ -90,7 +90,7 @@ class Reading:
 
 def read_search_edge(evidence: Evidence) -> Reading | None:
     """Read the component of the pose that is nearest to an end of its search range, and that end."""
-    estimate = evidence.fittest or (evidence.texture.extrinsics if evidence.texture else None)
+    estimate = evidence.genetic or (evidence.texture.extrinsics if evidence.texture else None)
     if estimate is None:
         return None
     lower, upper = (np.array(bound) for bound in evidence.config.search.bounds())
@@ -112,7 +112,7 @@ def read_search_edge(evidence: Evidence) -> Reading | None:
 
 def read_fitness(evidence: Evidence) -> Reading | None:
     """Read the fitness of the lines under the estimate."""
-    if evidence.fittest is None:
+    if evidence.genetic is None:
         return None
     limit_px = evidence.config.fitness.max_misfit_px
     threshold = 1.0 / (limit_px**2 + evidence.config.fitness.k)
@@ -193,11 +193,11 @@ def pose_difference(what: str, difference: Array, limits: Array) -> Reading:
 
 def read_stage_difference(evidence: Evidence) -> Reading | None:
     """Read how far the fit of the stripes differs from the estimate from the lines."""
-    if evidence.refined is None or evidence.lines is None or evidence.fittest is None:
+    if evidence.refined is None or evidence.lines is None or evidence.genetic is None:
         return None
     sigmas = np.sqrt(np.diag(evidence.lines.covariance) + np.diag(evidence.refined.covariance))
     limits = np.maximum(AGREEMENT, _MAX_STAGE_SIGMAS * sigmas)
-    change = evidence.refined.extrinsics.as_array() - evidence.fittest.as_array()
+    change = evidence.refined.extrinsics.as_array() - evidence.genetic.as_array()
     what = "the lines and the grey values of their stripes differ in {axis} by {value}"
     return pose_difference(what, change, limits)
 

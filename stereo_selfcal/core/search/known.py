@@ -15,9 +15,9 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..geometry.homography import SIDES, image_from_road, road_from_image
 from ..geometry.pose import Extrinsics
-from ..lanes.detector import LineDetector
 from ..lanes.following import follow_lines, moved_line
-from ..lanes.matching import Matches
+from ..lanes.matching import Candidates, Matches
+from ..lanes.stripe_points import StripePoints
 from ..road.priors import RIDE_MEMORY_S, RIDE_STD, SIDEWAYS_MPS
 from ..types import Array
 from .attempt import Attempt
@@ -80,11 +80,12 @@ class KnownCamera:
         difference = attempt.estimate.pose.as_array() - self.pose.as_array()
         return bool(np.all(np.abs(difference) <= _MOST_SIGMAS * np.sqrt(variance)))
 
-    def detector(self, camera: int, pose: Extrinsics, rig: StereoRig) -> LineDetector:
-        """Return what finds the lines of one image near those of the frame before, as they lay on the road.
+    def follow(self, camera: int, points: StripePoints, pose: Extrinsics, rig: StereoRig) -> Candidates:
+        """Return the lines of one image near those of the frame before, as these lay on the road.
 
         Args:
             camera: 0 for the left image, 1 for the right one.
+            points: Stripe points of the image.
             pose: Pose over the road of the frame, as far as it is known.
             rig: Intrinsics and baseline.
         """
@@ -94,7 +95,7 @@ class KnownCamera:
         expected = [
             [moved for line in lines if (moved := moved_line(line, mapping)) is not None] for lines in before
         ]
-        return lambda points, _: follow_lines(points, expected)
+        return follow_lines(points, expected)
 
 
 def has_clear_lines(attempt: Attempt) -> bool:
@@ -131,7 +132,7 @@ class KnownStarts:
         if part is None or self._part not in (None, part):
             self._known = None
         self._part = part
-        known = self._known
+        known, self._known = self._known, None
         return known if known is not None and known.reaches(stamp_s) else None
 
     def note(self, known: KnownCamera | None) -> None:

@@ -60,7 +60,7 @@ def candidates_on_road(
     points: StripePoints,
     image: Image,
     rig: StereoRig,
-    detector: LineDetector = detect_by_hough,
+    detector: LineDetector | None = None,
 ) -> Candidates:
     """Return the lines of the left image through stripe points that lie on the road.
 
@@ -69,7 +69,7 @@ def candidates_on_road(
         points: Stripe points of the left image.
         image: The left image.
         rig: Intrinsics and baseline.
-        detector: Finds the lines among these points.
+        detector: Finds the lines among these points; None for the Hough transform.
     """
     plane = plane_from_pose(road_pose, rig, PlaneCamera.LEFT)
     rays = pixel_rays(rig, points.columns, points.rows)
@@ -77,7 +77,7 @@ def candidates_on_road(
     # At a disparity d, a metre is d / baseline pixels wide.
     half_px = disparity * (_HALF_WIDTH_M / rig.baseline_m)
     on_road = (disparity > LEAST_DISPARITY_PX) & (np.abs(rays[:, 1]) * rig.fx < half_px)
-    return detector(points.chosen(on_road), image)
+    return (detector or detect_by_hough)(points.chosen(on_road), image)
 
 
 def lines_on_road(
@@ -86,7 +86,7 @@ def lines_on_road(
     images: tuple[Image, Image],
     rig: StereoRig,
     config: CalibratorConfig,
-    detector: LineDetector = detect_by_hough,
+    detector: LineDetector | None = None,
 ) -> LaneHypotheses:
     """Return the lines that lie on a road, and the pairs of them that meet at its horizon.
 
@@ -96,7 +96,7 @@ def lines_on_road(
         images: Left and right image.
         rig: Intrinsics and baseline.
         config: Settings of the extraction.
-        detector: Detector of the lines of the left image.
+        detector: Detector of the lines of the left image; None for the Hough transform.
     """
     plane = plane_from_pose(road_pose, rig)
     candidates = candidates_on_road(road_pose, points[0], images[0], rig, detector)

@@ -18,7 +18,14 @@ from ..evidence.camera_yaw import yaw_of_matches
 from ..evidence.cross_checks import remaining_turn
 from ..evidence.frame_evidence import FoundBy, FrameObservations, Hypothesis
 from ..lanes.extra_lines import find_extra_lines
-from ..lanes.hypotheses import LaneHypotheses, NoPattern, cross, find_hypotheses, lines_below_plane
+from ..lanes.hypotheses import (
+    LaneHypotheses,
+    NoPattern,
+    cross,
+    find_hypotheses,
+    lines_below_plane,
+    pair_candidates,
+)
 from ..lanes.lane_pair import LanePattern
 from ..rejection import Rejection, RejectReason
 from .attempt import Attempt, Verdict, coarse_pose
@@ -105,11 +112,18 @@ class FrameSearch:
         texture = None if frame.surface is None else frame.surface.located
         if texture is None:
             pose = coarse_pose(frame).coarse or known.pose
-            detectors = known.detector(0, pose, rig), known.detector(1, pose, rig)
-            found = find_hypotheses(frame.points, frame.images, rig, config, detectors)
+            left, right = (known.follow(camera, frame.points[camera], pose, rig) for camera in (0, 1))
+            found = pair_candidates((left, right), frame.points, frame.images, rig, config)
         else:
-            detector = known.detector(0, texture.extrinsics, rig)
-            found = lines_on_road(texture.extrinsics, frame.points, frame.images, rig, config, detector)
+            on_road = texture.extrinsics
+            found = lines_on_road(
+                on_road,
+                frame.points,
+                frame.images,
+                rig,
+                config,
+                lambda points, _: known.follow(0, points, on_road, rig),
+            )
         if not isinstance(found.patterns, list):
             return None
         pattern = found.patterns[0]

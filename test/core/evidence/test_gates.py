@@ -74,7 +74,7 @@ def over(*values_m, std_m=0.0):
 
 GOOD = Evidence(
     config=CONFIG,
-    fittest=POSE,
+    genetic=POSE,
     fitness=9000.0,
     misfit_px=0.01,
     below=BelowPlane(),
