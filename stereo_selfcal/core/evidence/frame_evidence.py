@@ -214,7 +214,7 @@ class Evidence:
 
     Attributes:
         config: Settings.
-        genetic: Pose of the greatest fitness, by the genetic algorithm, or from the closed form on where lines
+        genetic: Pose of the greatest fitness, by the genetic algorithm, or from the closed form where lines
             were followed; None where the pose is estimated from the surface alone.
         fitness: Its fitness.
         misfit_px: Misfit of the lines under it.
