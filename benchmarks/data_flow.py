@@ -110,7 +110,7 @@ ROWS = (
             Box(
                 "lanes/detector",
                 ("lines of the whole", "image"),
-                ("hough", "line_fit"),
+                ("hough", "following", "line_fit"),
                 alternative=True,
             ),
             Box(
@@ -126,7 +126,7 @@ ROWS = (
         ("4 Hypotheses",),
         (
             Box("core/calibrator", ("one loop over the", "hypotheses of a frame")),
-            Box("search/strategy", ("which hypotheses,", "in which order")),
+            Box("search/strategy", ("which hypotheses,", "in which order"), ("known",)),
         ),
     ),
     Row(
@@ -134,7 +134,7 @@ ROWS = (
         (
             Box("search/solve", ("one hypothesis through", "all stages")),
             Box("estimators/fitness", ("misfit of a pose",)),
-            Box("numerics/genetic", ("the best pose in", "the search box")),
+            Box("numerics/genetic", ("the best pose in", "the search box"), ("estimators/fittest_nearby",)),
             Box(
                 "estimators/line_covariance", ("its covariance,", "bends of the road"), ("road/stripe_model",)
             ),

@@ -32,7 +32,7 @@ class FakeCalibrator:
     def remember(self, result):
         return result
 
-    def calibrate_frame(self, left, right, stamp_s=0.0, stamp_difference_s=0.0):
+    def calibrate_next(self, left, right, stamp_s=0.0, stamp_difference_s=0.0):
         self.stamps.append(stamp_s)
         if not self.accept(len(self.stamps) - 1):
             return refusal(stamp_s)

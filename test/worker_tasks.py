@@ -9,11 +9,11 @@ import numpy as np
 PATIENCE_S = 30.0
 
 
-def die(frame):
+def die(stretch):
     os._exit(1)
 
 
-def fail(frame):
+def fail(stretch):
     raise ZeroDivisionError("a bug")
 
 
@@ -25,19 +25,20 @@ class Faulty(np.ndarray):
         raise ZeroDivisionError("a bug")
 
 
-def meet(frame):
+def meet(stretch):
     """Return the process that has this frame, once another process has one at the same time; else None.
 
-    Frames have paths for names, all in one folder.
+    Frames are alone in their stretch, and have paths for names, all in one folder.
     """
+    (frame,) = stretch
     name = Path(frame.name)
     name.with_suffix(f".{os.getpid()}").touch()
     end_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < end_s:
         if len({path.suffix for path in name.parent.iterdir()}) > 1:
-            return os.getpid()
+            return [os.getpid()]
         time.sleep(0.01)
-    return None
+    return [None]
 
 
 def start_slowly(*_):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import numbers
 import threading
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -20,7 +20,7 @@ from .drive.right_delay import seen_ahead
 from .drive.standing import PlaceOfCar
 from .drive.travel import SeenLandmarks, TravelStep, step_between
 from .errors import shortened
-from .evidence.frame_evidence import FoundBy, FrameObservations
+from .evidence.frame_evidence import FrameObservations
 from .evidence.road_surface import SurfaceCells
 from .geometry.alignment import Alignment
 from .lanes import frame_checks
@@ -31,11 +31,22 @@ from .numerics.linear import is_covariance
 from .rejection import fitted
 from .results import CalibrationResult, caught, rejected, result_of
 from .road.priors import STRIPES_PARALLEL_PART, TURNED_STD_RAD
-from .search.attempt import Attempt
+from .search.attempt import Attempt, coarse_pose
 from .search.diagnosis import diagnose, lateness_of_refused, not_synchronised
-from .search.solve import coarse_pose, solve
+from .search.known import KnownCamera, KnownStarts
+from .search.solve import solve
 from .search.strategy import FrameSearch, choose, turn_under_pose
 from .types import Image
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _FrameLook:
+    """One look at a frame: its observations, the hypotheses about it, and what became of them."""
+
+    frame: FrameObservations
+    search: FrameSearch
+    attempts: list[Attempt]
+    known_start: bool = False
 
 
 class Calibrator:
@@ -49,6 +60,7 @@ class Calibrator:
     def __init__(self, rig: StereoRig, config: CalibratorConfig | None = None) -> None:
         self.rig = rig
         self.config = config or CalibratorConfig()
+        self._starts = KnownStarts(self.config.known.cold_every_s)
         self._accepted: list[CalibrationResult] = []
         self._steps: list[TravelStep] = []
         self._seen: list[SeenAlignment] = []
@@ -74,9 +86,11 @@ class Calibrator:
     ) -> CalibrationResult:
         """Calibrate one frame and remember it when it is accepted.
 
-        The result depends on this frame alone: the random numbers start from the seed for each frame. What
-        was not foreseen refuses the frame (``internal_error``), and the result has its traceback. Several
-        threads may add frames and read the estimate.
+        A frame soon after an accepted one starts from that one's result (:class:`.KnownCamera`), and
+        otherwise the result depends on this frame alone; with the setting ``known.cold_every_s`` of 0 it
+        always does. The random numbers start from the seed for each frame. What was not foreseen refuses the
+        frame (``internal_error``), and the result has its traceback. Several threads may add frames and read
+        the estimate.
 
         Args:
             left: (H, W) uint8 rectified image of the left camera.
@@ -90,8 +104,23 @@ class Calibrator:
         """
         stamp_s = _checked_time("stamp_s", stamp_s)
         apart_s = _checked_time("stamp_difference_s", stamp_difference_s)
-        result = caught(lambda: self.calibrate_frame(left, right, stamp_s, apart_s), stamp_s)
+        result = caught(lambda: self.calibrate_next(left, right, stamp_s, apart_s), stamp_s)
         return replace(result, stood=self.remember(result).stood)
+
+    def calibrate_next(
+        self, left: Image, right: Image, stamp_s: float = 0.0, stamp_difference_s: float = 0.0
+    ) -> CalibrationResult:
+        """Calibrate the next frame of a recording, from the frame before where that one tells the camera.
+
+        Arguments and result are those of :meth:`add`. It is not added to the estimate, and every exception
+        passes.
+        """
+        with self._lock:
+            known = self._starts.of_next(stamp_s)
+        result = self.calibrate_frame(left, right, stamp_s, stamp_difference_s, known)
+        with self._lock:
+            self._starts.note(KnownCamera.after(choose(result.attempts), stamp_s))
+        return result
 
     def remember(self, result: CalibrationResult) -> CalibrationResult:
         """Add the result of a frame of this rig to the estimate, in whichever process it was calibrated.
@@ -147,36 +176,32 @@ class Calibrator:
         return with_doubt_of_rig(fused, self.rig) if accepted else fused
 
     def calibrate_frame(
-        self, left: Image, right: Image, stamp_s: float = 0.0, stamp_difference_s: float = 0.0
+        self,
+        left: Image,
+        right: Image,
+        stamp_s: float = 0.0,
+        stamp_difference_s: float = 0.0,
+        known: KnownCamera | None = None,
     ) -> CalibrationResult:
         """Calibrate one frame without adding it to the estimate, and let every exception pass.
 
-        Arguments and result are those of :meth:`add`. The hypotheses about its lines are solved one after the
-        other, until one is accepted.
+        The other arguments and the result are those of :meth:`add`. The hypotheses about its lines are solved
+        one after the other, until one is accepted.
+
+        Args:
+            left: (H, W) uint8 rectified image of the left camera.
+            right: The same of the right camera.
+            stamp_s: Time stamp of the frame [s].
+            stamp_difference_s: Stamp of the right image minus that of the left one [s].
+            known: What is known of the camera before; None to look at the frame alone. Where the frame does
+                not confirm it, it is looked at alone as well, and that is the result.
         """
         refusal = frame_checks.check_images(left, right, self.rig)
         if refusal:
             return rejected(refusal, stamp_s)
-        left, right = np.asarray(left), np.asarray(right)  # of plain arrays, whatever was derived from them
-        observed = partial(
-            FrameObservations.from_images,
-            (left, right),
-            self.rig,
-            self.config,
-            stamp_difference_s=stamp_difference_s,
-        )
-        frame = observed()
-        search, attempts = self._search(frame)
-        turn = turn_under_pose(attempts, frame, self.rig, self.config)
-        if turn is not None and turn.is_usual:
-            frame = replace(frame, turn=turn)
-        elif turn is not None:
-            frame = observed(turn)
-            search, attempts = self._search(frame)
-        if self.config.alignment.correct == CORRECT_ALL:
-            yaw = _as_told(frame, choose(attempts)).yaw_left(self.rig)
-            frame = observed(frame.turn, yaw.yaw_rad)
-            search, attempts = self._search(frame)
+        images = np.asarray(left), np.asarray(right)  # of plain arrays, whatever was derived from them
+        look = self._look(images, stamp_s, stamp_difference_s, known)
+        frame, search, attempts = look.frame, look.search, look.attempts
         chosen = choose(attempts)
         result = result_of(chosen, attempts, stamp_s)
         lines = search.lines
@@ -186,24 +211,59 @@ class Calibrator:
             late = lateness_of_refused(cause, chosen, frame, self.rig)
             cause = not_synchronised(cause, late)
             result = replace(result, rejection=cause, message=cause.message, pattern=pattern, lateness=late)
-        alignment = _alignment(frame, chosen, self.rig)
         result = replace(
             result,
-            alignment=alignment,
+            alignment=_alignment(frame, chosen, self.rig),
             landmarks=frame.turn.landmarks,
             stamp_difference_s=stamp_difference_s,
+            known_start=look.known_start,
         )
         if chosen is None:
             result = _with_what_was_seen(result, lines.matches, frame)
         return replace(result, unused_lines=unused_lines(lines, result.pattern, result.lane_line))
 
-    def _search(self, frame: FrameObservations) -> tuple[FrameSearch, list[Attempt]]:
-        """Solve the hypotheses about a frame, one after the other, until one is accepted."""
+    def _look(
+        self,
+        images: tuple[Image, Image],
+        stamp_s: float,
+        stamp_difference_s: float,
+        known: KnownCamera | None,
+    ) -> _FrameLook:
+        """Look at a frame; once more where only the pose over the road shows how the camera has turned."""
+        observed = partial(
+            FrameObservations.from_images,
+            images,
+            self.rig,
+            self.config,
+            stamp_difference_s=stamp_difference_s,
+        )
+        look = self._search(observed(), known, stamp_s)
+        turn = turn_under_pose(look.attempts, look.frame, self.rig, self.config)
+        if turn is not None and turn.is_usual:
+            look = replace(look, frame=replace(look.frame, turn=turn))
+        elif turn is not None:
+            look = self._search(observed(turn), known, stamp_s)
+        if self.config.alignment.correct == CORRECT_ALL:
+            yaw = _as_told(look.frame, choose(look.attempts)).yaw_left(self.rig)
+            look = self._search(observed(look.frame.turn, yaw.yaw_rad), known, stamp_s)
+        return look
+
+    def _search(self, frame: FrameObservations, known: KnownCamera | None, stamp_s: float) -> _FrameLook:
+        """Solve the hypotheses about a frame, one after the other, until one is accepted.
+
+        The lines of the known camera come first. Where they are not confirmed, all else is as without them.
+        """
         search = FrameSearch(frame, self.rig, self.config)
+        followed = None if known is None else search.followed(known)
+        if known is not None and followed is not None:
+            attempt = solve(followed, frame, self.rig, self.config)
+            if known.is_confirmed_by(attempt, stamp_s):
+                return _FrameLook(frame, search, [attempt], known_start=True)
+            search = FrameSearch(frame, self.rig, self.config)
         attempts: list[Attempt] = []
         for hypothesis in search.hypotheses(attempts):
             attempts.append(solve(hypothesis, frame, self.rig, self.config))
-        return search, attempts
+        return _FrameLook(frame, search, attempts)
 
     def extract(self, left: Image, right: Image) -> LanePattern | NoPattern:
         """Extract the calibration pattern of one frame (paper section 2.2).
@@ -226,7 +286,7 @@ class Calibrator:
 def _alignment(frame: FrameObservations, chosen: Attempt | None, rig: StereoRig) -> Alignment:
     """Return how the right camera is turned: by the rows, and by all that tells its yaw."""
     told = _as_told(frame, chosen)
-    if chosen is not None and chosen.accepted and chosen.found_by is FoundBy.HOUGH:
+    if chosen is not None and chosen.accepted and _in_whole_image(chosen):
         # Stripes that have passed all gates are paint on one road, and parallel as such.
         certain = tuple(
             replace(each, certainty=1.0) if each.certainty == STRIPES_PARALLEL_PART else each
@@ -248,6 +308,11 @@ def _alignment(frame: FrameObservations, chosen: Attempt | None, rig: StereoRig)
         unexplained_rad=unexplained_rad,
         yaw_corrected_rad=frame.yaw_corrected_rad,
     )
+
+
+def _in_whole_image(attempt: Attempt) -> bool:
+    """Whether an attempt is one at two lines that were found without the road surface."""
+    return attempt.pattern is not None and attempt.hypothesis.texture is None
 
 
 def _as_told(frame: FrameObservations, chosen: Attempt | None) -> FrameObservations:

@@ -160,6 +160,18 @@ class AlignmentConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class KnownConfig:
+    """Frames whose lines are followed from the frame before, instead of looked for.
+
+    The default is the time after which no line is followed anyway, had all frames between been lost.
+    """
+
+    cold_every_s: float = _setting(
+        0.5, "Time after which lines are looked for anew and not followed; 0: in every frame", "s", 0, 10
+    )
+
+
+@dataclass(frozen=True, slots=True)
 class CalibratorConfig:
     """All settings of a :class:`~stereo_selfcal.core.calibrator.Calibrator`.
 
@@ -175,6 +187,7 @@ class CalibratorConfig:
     texture: TextureConfig = field(default_factory=TextureConfig)
     refinement: RefinementConfig = field(default_factory=RefinementConfig)
     alignment: AlignmentConfig = field(default_factory=AlignmentConfig)
+    known: KnownConfig = field(default_factory=KnownConfig)
 
     def __post_init__(self) -> None:
         for name, value, setting in self.settings():

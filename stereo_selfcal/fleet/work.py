@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from .. import __version__
+from ..bags import StereoFrame
 from ..bags.remarks import remarks_on
 from ..core.calibrator import Calibrator
 from ..core.camera.pairing import PairCounts
@@ -23,8 +24,13 @@ from ..offline import BagSource, FrameSource, Replay, Selection, calibrate_recor
 from ..offline.frame import FrameHead
 from ..offline.opening import open_source
 from ..offline.pool import calibrate_in_order
+from ..offline.pool import stretches_of as parts_of
 from ..offline.run import assemble_replay
 from .workers import Failure, internal_error, progress
+
+# What is read before a stretch, over the part of the time in which frames may start from each other: that
+# part, and as much again, as times of recording differ from stamps.
+_LEAD = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,20 +211,52 @@ def calibrate_stretch(path: str, settings: FleetSettings, selection: Selection) 
         recording is to be done as a whole, so that it ends where it would have ended.
     """
     _be_a_worker()
-    settings = replace(settings, selection=selection)
+    whole = settings.selection
+    # Frames start from those before, as far as a part of the time reaches.
+    first_s = max(whole.start_s, selection.start_s - _LEAD * settings.config.known.cold_every_s)
+    settings = replace(settings, selection=replace(selection, start_s=min(first_s, selection.start_s)))
     try:
         with settings.open(Path(path)) as source:
             calibrator = Calibrator(source.rig, settings.config)
+            own_ns = source.start_ns + selection.start_ns
+            if first_s <= whole.start_s:
+                read = source.frames()
+            else:
+                read = _whole_stretches(source.frames(), settings.config, own_ns)
             frames = []
-            for frame in calibrate_in_order(source.frames(), calibrator, jobs=1):
-                frames.append(frame)
+            for head, result in calibrate_in_order(read, calibrator, jobs=1):
+                if head.recorded_ns >= own_ns or selection.whole:
+                    frames.append((head, result))
                 progress()
+            if not frames:
+                return Failure("a stretch without a frame")
             if isinstance(source, BagSource) and source.any_repeated:
                 return Failure("images are there twice: how many is known of the whole recording only")
             topics = source.left_name, source.right_name
             return Stretch(frames, source.rig, topics, source.n_images, source.remarks)
     except Exception as error:  # noqa: BLE001  (whatever it is, the whole recording shows it again)
         return Failure(one_line(error))
+
+
+def _whole_stretches(
+    frames: Iterator[StereoFrame], config: CalibratorConfig, own_ns: int
+) -> Iterator[StereoFrame]:
+    """Yield the frames on which those from a time on may depend, and these.
+
+    Args:
+        frames: Frames in order, from some time before on.
+        config: Settings.
+        own_ns: The time [ns].
+
+    Raises:
+        SelfcalError: The frames do not begin early enough: stamps and times of recording differ.
+    """
+    for index, stretch in enumerate(parts_of(frames, config)):
+        if stretch[-1].recorded_ns < own_ns:
+            continue
+        if index == 0 and stretch[0].recorded_ns < own_ns:
+            raise SelfcalError("where frames start from those before is known of the whole recording only")
+        yield from stretch
 
 
 def join(stretches: Sequence[Stretch], settings: FleetSettings) -> Calibrated:

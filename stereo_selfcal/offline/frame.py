@@ -37,17 +37,41 @@ class FrameHead:
         return cls(frame.stamp_s, frame.recorded_ns, frame.name, frame.cameras, frozen)
 
 
-def calibrate_frame(calibrator: Calibrator, frame: StereoFrame) -> CalibrationResult:
-    """Calibrate a frame with the rig of its own cameras; refuse one without images or without cameras.
+class FrameCalibrator:
+    """Calibrates the frames of a recording, one after the other, each with the rig of its own cameras.
 
-    One in which something comes up that was not foreseen is refused as well, and its result has the
-    traceback.
+    A frame may start from the one before (:meth:`.Calibrator.calibrate_next`), unless its cameras differ.
 
     Args:
         calibrator: Has the settings, and the rig of frames that come without cameras of their own.
-        frame: The frame.
     """
-    return caught(lambda: _calibrate_frame(calibrator, frame), frame.stamp_s)
+
+    def __init__(self, calibrator: Calibrator) -> None:
+        self._of_recording = self._current = calibrator
+
+    def calibrate(self, frame: StereoFrame) -> CalibrationResult:
+        """Calibrate the next frame; refuse one without images or without cameras.
+
+        One in which something comes up that was not foreseen is refused as well, and its result has the
+        traceback.
+        """
+        return caught(lambda: _calibrate_frame(self._of(frame), frame), frame.stamp_s)
+
+    def calibrate_slim(self, frame: StereoFrame) -> CalibrationResult:
+        """Calibrate the next frame; keep everything but points and lines, which weigh as much as an image.
+
+        The landmarks stay, which tell the motion to the next frame.
+        """
+        result = self.calibrate(frame)
+        attempts = tuple(attempt.slim() for attempt in result.attempts)
+        return replace(result.slim(), attempts=attempts, landmarks=result.landmarks)
+
+    def _of(self, frame: StereoFrame) -> Calibrator:
+        """Return the calibrator of the rig of a frame; a new one where it is not that of the frame before."""
+        rig = self._of_recording.rig if frame.cameras is None else frame.cameras.rig
+        if rig != self._current.rig:
+            self._current = Calibrator(rig, self._of_recording.config)
+        return self._current
 
 
 def _calibrate_frame(calibrator: Calibrator, frame: StereoFrame) -> CalibrationResult:
@@ -68,9 +92,7 @@ def _calibrate_frame(calibrator: Calibrator, frame: StereoFrame) -> CalibrationR
         frozen = refuse_frozen(frame.frozen, frame.left, frame.right)
         if frozen is not None:
             return rejected(frozen, frame.stamp_s)
-        if frame.cameras is not None and frame.cameras.rig != calibrator.rig:
-            calibrator = Calibrator(frame.cameras.rig, calibrator.config)
-        return calibrator.calibrate_frame(frame.left, frame.right, frame.stamp_s, frame.stamp_difference_s)
+        return calibrator.calibrate_next(frame.left, frame.right, frame.stamp_s, frame.stamp_difference_s)
     rejection = Rejection(
         RejectReason.IMAGE_UNREADABLE,
         f"{{value}} of {{limit}} pairs of images could be read ({frame.problem})",
@@ -81,13 +103,3 @@ def _calibrate_frame(calibrator: Calibrator, frame: StereoFrame) -> CalibrationR
         "check the camera driver and the disk the recording was made on",
     )
     return rejected(rejection, frame.stamp_s)
-
-
-def calibrate_frame_slim(calibrator: Calibrator, frame: StereoFrame) -> CalibrationResult:
-    """Calibrate a frame; keep everything but points and lines, which weigh as much as an image.
-
-    The landmarks stay, which tell the motion to the next frame.
-    """
-    result = calibrate_frame(calibrator, frame)
-    attempts = tuple(attempt.slim() for attempt in result.attempts)
-    return replace(result.slim(), attempts=attempts, landmarks=result.landmarks)

@@ -7,11 +7,10 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from itertools import islice
 from multiprocessing import resource_tracker
 
 import cv2
@@ -23,13 +22,15 @@ from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
 from ..core.errors import SelfcalError
 from ..core.results import CalibrationResult
+from ..core.search.known import part_of
 from ..search_path import SAFE_PATH
-from .frame import FrameHead, calibrate_frame_slim
+from .frame import FrameCalibrator, FrameHead
 
 # A worker is ready after about a second, in which as many frames are done here. Recordings of at most twice
 # as many do not pay for processes.
 _ALONE_FRAMES = 12
-# Frames that wait for a free worker, each: none of them idles, and few frames are in memory.
+# Frames that wait for a free worker, each, and at least one stretch more than there are workers: none of them
+# idles, and few frames are in memory.
 _AHEAD = 3
 # The C library gives memory back after every frame and asks for it again, page by page: a tenth of the time
 # of a frame. Workers keep it: arrays of up to 32 MiB (glibc takes no more), 256 MiB in all.
@@ -54,8 +55,9 @@ def calibrate_in_order(
 ) -> Generator[tuple[FrameHead, CalibrationResult], None, None]:
     """Yield the result of every frame, in their order, without the points behind it.
 
-    Reading goes on here while the workers calibrate. An error of reading is raised when the frames
-    before it are done.
+    Reading goes on here while the workers calibrate. Frames that may start from each other, those of one part
+    of the time (:class:`.KnownStarts`), go to one worker together. An error of reading is raised when the
+    frames before it are done.
 
     Args:
         frames: Frames of the calibrator's rig.
@@ -66,49 +68,94 @@ def calibrate_in_order(
     Raises:
         WorkerError: A worker died.
     """
+    here = FrameCalibrator(calibrator)
     if jobs == 1 or (expected is not None and expected <= 2 * _ALONE_FRAMES):
         for frame in frames:
-            yield FrameHead.of(frame), calibrate_frame_slim(calibrator, frame)
+            yield FrameHead.of(frame), here.calibrate_slim(frame)
         return
+    stretches = stretches_of(frames, calibrator.config)
     with _workers(jobs, calibrator.rig, calibrator.config) as workers:
         with for_workers():
             for _ in range(jobs):
                 workers.submit(_get_ready)
-        for frame in islice(frames, _ALONE_FRAMES):
-            yield FrameHead.of(frame), calibrate_frame_slim(calibrator, frame)
-        yield from _by_workers(frames, workers, jobs)
+        done = 0
+        while done < _ALONE_FRAMES and (stretch := next(stretches, None)) is not None:
+            done += len(stretch)
+            for frame in stretch:
+                yield FrameHead.of(frame), here.calibrate_slim(frame)
+        yield from _by_workers(stretches, workers, jobs)
 
 
-def _by_workers(
-    frames: Iterator[StereoFrame], workers: ProcessPoolExecutor, jobs: int
-) -> Iterator[tuple[FrameHead, CalibrationResult]]:
-    waiting: deque[tuple[FrameHead, Future[CalibrationResult]]] = deque()
+def stretches_of(frames: Iterable[StereoFrame], config: CalibratorConfig) -> Iterator[list[StereoFrame]]:
+    """Yield the frames in stretches whose results do not depend on each other, each in its order.
+
+    Args:
+        frames: Frames in order.
+        config: Settings.
+
+    Raises:
+        SelfcalError: The frames could not be read; those before it are yielded first.
+    """
+    stretch: list[StereoFrame] = []
     failure: SelfcalError | None = None
-    while True:
+    of_stretch: int | None = None
+    iterator = iter(frames)
+    while failure is None:
         try:
-            frame = next(frames, None)
+            frame = next(iterator, None)
         except SelfcalError as error:
             frame, failure = None, error
         if frame is None:
             break
-        head = FrameHead.of(frame)
-        with _death_reported(head), for_workers():
-            waiting.append((head, workers.submit(_calibrate, frame)))
-        del frame
-        while len(waiting) > _AHEAD * jobs or (waiting and waiting[0][1].done()):
-            yield _next(waiting)
-    while waiting:
-        yield _next(waiting)
+        part = part_of(frame.stamp_s, config.known.cold_every_s)
+        if stretch and (part is None or part != of_stretch):
+            yield stretch
+            stretch = []
+        stretch.append(frame)
+        of_stretch = part
+    if stretch:
+        yield stretch
     if failure is not None:
         raise failure
 
 
-def _next(
-    waiting: deque[tuple[FrameHead, Future[CalibrationResult]]],
-) -> tuple[FrameHead, CalibrationResult]:
-    head, future = waiting.popleft()
-    with _death_reported(head):
-        return head, future.result()
+_Waiting = deque[tuple[list[FrameHead], Future[list[CalibrationResult]]]]
+
+
+def _by_workers(
+    stretches: Iterator[list[StereoFrame]], workers: ProcessPoolExecutor, jobs: int
+) -> Iterator[tuple[FrameHead, CalibrationResult]]:
+    waiting: _Waiting = deque()
+    failure: SelfcalError | None = None
+    while True:
+        try:
+            stretch = next(stretches, None)
+        except SelfcalError as error:
+            stretch, failure = None, error
+        if stretch is None:
+            break
+        heads = [FrameHead.of(frame) for frame in stretch]
+        with _death_reported(heads[0]), for_workers():
+            waiting.append((heads, workers.submit(_calibrate, stretch)))
+        del stretch
+        while _enough(waiting, jobs) or (waiting and waiting[0][1].done()):
+            yield from _next(waiting)
+    while waiting:
+        yield from _next(waiting)
+    if failure is not None:
+        raise failure
+
+
+def _enough(waiting: _Waiting, jobs: int) -> bool:
+    """Whether so many frames wait that no worker idles soon."""
+    return len(waiting) > jobs and sum(len(heads) for heads, _ in waiting) > _AHEAD * jobs
+
+
+def _next(waiting: _Waiting) -> Iterator[tuple[FrameHead, CalibrationResult]]:
+    heads, future = waiting.popleft()
+    with _death_reported(heads[0]):
+        results = future.result()
+    yield from zip(heads, results, strict=True)
 
 
 @contextmanager
@@ -182,7 +229,8 @@ def _get_ready() -> None:
     """Do nothing; submitting this starts a process."""
 
 
-def _calibrate(frame: StereoFrame) -> CalibrationResult:
+def _calibrate(stretch: list[StereoFrame]) -> list[CalibrationResult]:
     if _calibrator is None:
         raise RuntimeError("this worker was not started by its initializer")
-    return calibrate_frame_slim(_calibrator, frame)
+    calibrator = FrameCalibrator(Calibrator(_calibrator.rig, _calibrator.config))
+    return [calibrator.calibrate_slim(frame) for frame in stretch]

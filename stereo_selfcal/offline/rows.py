@@ -80,6 +80,8 @@ class FrameRow:
         confirmed_by_texture: Whether the texture of the road surface has confirmed the lines.
         alignment: How the right camera is turned, of refused frames too; None where nothing tells.
         known_start: Whether the frame started from the known camera, without a search.
+        started_from: When the frames were recorded that it started from, each from the one before, the first
+            one cold [ns]; :func:`.look_again` needs them.
         stood: Whether the car stood since the frame before.
     """
 
@@ -100,11 +102,17 @@ class FrameRow:
     confirmed_by_texture: bool = False
     alignment: Alignment | None = None
     known_start: bool = False
+    started_from: tuple[int, ...] = ()
     stood: bool = False
 
     @classmethod
     def from_result(
-        cls, result: CalibrationResult, stamp_s: float, recorded_ns: int = 0, name: str = ""
+        cls,
+        result: CalibrationResult,
+        stamp_s: float,
+        recorded_ns: int = 0,
+        name: str = "",
+        started_from: tuple[int, ...] = (),
     ) -> FrameRow:
         """Return the parts of a result that reports need."""
         accepted = result.accepted
@@ -126,6 +134,7 @@ class FrameRow:
             result.confirmed_by_texture,
             result.alignment,
             result.known_start,
+            started_from if result.known_start else (),
             result.stood,
         )
 

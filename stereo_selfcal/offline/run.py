@@ -18,7 +18,7 @@ from ..core.drive.targets import Targets
 from ..core.faults import FaultLog
 from ..core.rejection import RejectReason
 from ..core.results import CalibrationResult
-from .frame import FrameHead, calibrate_frame
+from .frame import FrameCalibrator, FrameHead
 from .pool import calibrate_in_order
 from .recording import FrameSource
 from .rows import FrameRow
@@ -142,6 +142,7 @@ def assemble_replay(
     damage = None
     frozen: dict[str, list[float]] = {}
     follower = CameraFollower()
+    chain: tuple[int, ...] = ()  # frames that started from each other
     faults = FaultLog(logging.getLogger(__name__).error)
     watch = GoalWatch(until) if until else None
     stopped = False
@@ -163,7 +164,9 @@ def assemble_replay(
             faults.note(result.fault, head.stamp_s)
             if result.reason is RejectReason.IMAGE_FROZEN:
                 frozen.setdefault(head.frozen, []).append(head.stamp_s)
-            rows.append(FrameRow.from_result(kept, head.stamp_s, head.recorded_ns, head.name))
+            chain = chain if kept.known_start or not kept.accepted else ()
+            rows.append(FrameRow.from_result(kept, head.stamp_s, head.recorded_ns, head.name, chain))
+            chain = (*chain, head.recorded_ns) if kept.accepted else chain
             on_row(rows[-1])
             if watch is not None and result.accepted:
                 stopped = watch.is_reached(lambda: drive_so_far().estimate)
@@ -206,11 +209,15 @@ def look_again(
 ) -> tuple[StereoFrame, CalibrationResult]:
     """Read a frame again and calibrate it again, for pictures: the images and all that was found in them.
 
+    Where it started from frames before, these are calibrated again as well.
+
     Args:
         source: The recording the row is of, open.
         row: The row.
         config: The settings it was calibrated with; same settings, same result.
     """
+    calibrator = FrameCalibrator(Calibrator(source.rig, config))
+    for recorded_ns in row.started_from:
+        calibrator.calibrate(source.frame_at(recorded_ns))
     frame = source.frame_at(row.recorded_ns)
-    calibrator = Calibrator(source.rig, config)
-    return frame, calibrate_frame(calibrator, frame)
+    return frame, calibrator.calibrate(frame)

@@ -15,6 +15,7 @@ FOUND_BY_IN_WORDS = {
     FoundBy.ROAD: "two lane lines on the road surface",
     FoundBy.SURFACE: "the road surface, without a pair of lines",
     FoundBy.HOUGH: "two lane lines of the whole image",
+    FoundBy.KNOWN: "two lane lines, followed from the frame before",
 }
 VERDICT_IN_WORDS = {
     Verdict.ACCEPTED: "accepted",

@@ -13,7 +13,7 @@ from stereo_selfcal.core.calibrator import Calibrator
 from stereo_selfcal.core.rejection import RejectReason
 from stereo_selfcal.offline import BagSource, Selection, calibrate_recording
 from stereo_selfcal.offline.folder import FolderSource
-from stereo_selfcal.offline.frame import calibrate_frame
+from stereo_selfcal.offline.frame import FrameCalibrator
 
 STEP_S = PERIOD_NS * 1e-9
 
@@ -133,4 +133,4 @@ def test_covered_cameras_repeat_themselves_and_are_told_by_what_they_show(tmp_pa
     with StereoBag(make_bag(tmp_path / "bag", cameras(), n_frames=2)) as bag:
         (_, frame) = bag.frames()
     assert frame.frozen is not None
-    assert calibrate_frame(Calibrator(RIG), frame).reason is not RejectReason.IMAGE_FROZEN
+    assert FrameCalibrator(Calibrator(RIG)).calibrate(frame).reason is not RejectReason.IMAGE_FROZEN

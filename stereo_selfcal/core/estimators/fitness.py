@@ -30,7 +30,10 @@ from ..geometry.plane import DisparityPlane, PlaneCamera
 from ..geometry.rays import pixel_rays
 from ..lanes.closed_form import disparity_model, point_weights
 from ..lanes.lane_pair import LanePattern
+from ..numerics.derivatives import linearise
 from ..types import Array
+
+_STEP = 1e-6  # of numerical derivatives, in height [m], pitch and roll [rad]
 
 
 class PatternFitness:
@@ -116,6 +119,30 @@ class PatternFitness:
         # Rounding may leave a perfect fit just below zero.
         error: Array = np.maximum(square + self._square, 0.0)
         return error
+
+    def normal_equations(
+        self, camera: int, candidate: Array
+    ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Return the normal equations (3, 3) and (3,) of a step of a candidate (3,), of E1 and of E2.
+
+        Args:
+            camera: The camera of E2, 0 or 1.
+            candidate: height_m, pitch_rad, roll_rad.
+        """
+
+        def planes(candidates: Array) -> Array:
+            return self._plane(candidates[:, 0], *_trigonometry(candidates))
+
+        def angles(candidates: Array) -> Array:
+            return _angles_between(self._normals[camera], *_trigonometry(candidates))
+
+        plane, jac_plane = linearise(planes, candidate, _STEP)
+        angle, jac_angle = linearise(angles, candidate, _STEP)
+        weighted = jac_angle * self._pair_weights
+        return (
+            (jac_plane @ self._gram @ jac_plane.T, jac_plane @ (self._moment - self._gram @ plane)),
+            (weighted @ jac_angle.T, -weighted @ angle),
+        )
 
     def plane(self, candidate: Array) -> DisparityPlane:
         """Return the road plane of a candidate (3,), by the rays of the left camera."""

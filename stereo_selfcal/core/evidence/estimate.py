@@ -17,6 +17,8 @@ class StagePoses:
     Attributes:
         coarse: By dense disparities at low resolution: the start of the alignment of the texture.
         genetic: By the genetic algorithm, from the sampled lines (paper section 2.3).
+        nearby: By Gauss-Newton steps to the greatest fitness, in place of the genetic algorithm where the
+            camera is known.
         closed_form: By linear least squares, from the same lines.
         refined: By the fit of the stripes' grey values.
         textured: By the texture of the road surface.
@@ -25,6 +27,7 @@ class StagePoses:
 
     coarse: Extrinsics | None = None
     genetic: Extrinsics | None = None
+    nearby: Extrinsics | None = None
     closed_form: Extrinsics | None = None
     refined: Extrinsics | None = None
     textured: Extrinsics | None = None
@@ -33,7 +36,7 @@ class StagePoses:
     @property
     def by_lines(self) -> Extrinsics | None:
         """The best pose from lines alone."""
-        return self.refined or self.genetic
+        return self.refined or self.nearby or self.genetic
 
     def as_dict(self) -> dict[str, Extrinsics]:
         """Return the stages that ran, by name, in their order."""

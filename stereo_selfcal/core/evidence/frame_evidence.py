@@ -161,6 +161,7 @@ class FoundBy(Enum):
     ROAD = "road"
     SURFACE = "surface"
     HOUGH = "hough"
+    KNOWN = "known"
 
     def __str__(self) -> str:
         return self.value
@@ -172,11 +173,13 @@ class Hypothesis:
 
     Attributes:
         found_by: ``road``: the lines were looked for on the road that its surface shows; ``surface``: that
-            road without a pair of lines; ``hough``: points of the whole image have voted for the lines.
+            road without a pair of lines; ``hough``: points of the whole image have voted for the lines;
+            ``known``: they were followed from the frame before.
         pattern: The lines; None for ``surface``.
         other_lines: Lines that both cameras see, those of the pattern included.
         below: How deep another line lies below the plane of the pattern; None where it was not measured.
-        texture: The alignment of the road surface on which the lines were looked for; None for ``hough``.
+        texture: The alignment of the road surface on which the lines were looked for; None where they were
+            looked for in the whole image.
         yaw_told: The yaw of the right camera by the clearest two of these lines; None without two.
     """
 
@@ -211,7 +214,8 @@ class Evidence:
 
     Attributes:
         config: Settings.
-        genetic: Pose by the genetic algorithm; None where the pose is estimated from the surface alone.
+        genetic: Pose of the greatest fitness, by the genetic algorithm, or from the closed form where lines
+            were followed; None where the pose is estimated from the surface alone.
         fitness: Its fitness.
         misfit_px: Misfit of the lines under it.
         below: How deep another line that both cameras see lies below the plane of the pattern.

@@ -78,18 +78,19 @@ def solve_plane(pattern: LanePattern, rig: StereoRig) -> ClosedForm | NotFitted:
     return ClosedForm(pose_from_plane(plane, rig), covariance)
 
 
-def contradictions(closed: ClosedForm, genetic: Extrinsics, covariance: Array) -> tuple[Reservation, ...]:
-    """Return where the closed form contradicts the genetic algorithm.
+def contradictions(closed: ClosedForm, fittest: Extrinsics, covariance: Array) -> tuple[Reservation, ...]:
+    """Return where the closed form contradicts the pose of the greatest fitness.
 
     Args:
         closed: The closed form.
-        genetic: Result of the genetic algorithm, from the same lines.
+        fittest: The pose of the greatest fitness of the same lines, by the genetic algorithm or from the
+            closed form on.
         covariance: (3, 3) of it.
 
     Returns:
         A reservation for each of height, pitch and roll that differs by more than both uncertainties.
     """
-    difference = closed.extrinsics.as_array() - genetic.as_array()
+    difference = closed.extrinsics.as_array() - fittest.as_array()
     # Both are estimated from the same lines, so the sum of their variances is an upper bound.
     std = np.sqrt(np.diag(closed.covariance) + np.diag(covariance))
     return tuple(

@@ -49,6 +49,9 @@ _MIN_VOTES = 2.0
 # Points this close to a peak are taken as points of its line. Their votes are withdrawn before the next peak
 # is searched. It is the half diagonal of a cell over the length of a line.
 _SUPPORT_PX = 6.0
+# Points this close to a line of the frame before may be points of it: a car drifts and turns by as much in a
+# tenth of a second (0.3 m/s and 0.5 deg, seen with a focal length of 700 px, are 4 px and 6 px).
+_FOLLOWED_PX = 10.0
 # Share of the votes of a line that may lie beyond the rows it is measured in, at either end: stray points of
 # a tree behind it.
 _TAIL_SHARE = 0.02
@@ -139,6 +142,49 @@ def hough_peaks(points: StripePoints, shape: tuple[int, int]) -> tuple[list[Houg
             weights[support] = 0.0
             table[best] = 0.0  # rounding, or points at the border of the support, may have left votes
     return sides
+
+
+def peak_near(points: StripePoints, u_mid: float, slope: float, v_mid: float) -> HoughPeak | None:
+    """Return the line through the stripe points near a line, as a peak; None where they have too few votes.
+
+    Its votes are those of points that are as close as those of one cell of the accumulator.
+
+    Args:
+        points: Marked points of one image.
+        u_mid: Column of the line at row ``v_mid`` [px].
+        slope: Its du/dv.
+        v_mid: Row [px].
+    """
+    vote, theta, half_width = _votes(points)
+    for reach_px in (_FOLLOWED_PX, _SUPPORT_PX):
+        distance = (points.columns - u_mid - slope * (points.rows - v_mid)) / math.hypot(1.0, slope)
+        along = np.abs(theta - math.degrees(math.atan(-slope))) <= half_width
+        support = np.flatnonzero((np.abs(distance) < reach_px) & along & (vote > 0.0))
+        if not len(support):
+            return None
+        rows = points.rows[support]
+        v_mid_new = float(np.median(rows))
+        found = _line_through(
+            points.columns[support],
+            rows - v_mid_new,
+            vote[support],
+            (u_mid + slope * (v_mid_new - v_mid), slope),
+        )
+        (u_mid, slope), v_mid = found, v_mid_new
+    distance = (points.columns - u_mid - slope * (points.rows - v_mid)) / math.hypot(1.0, slope)
+    votes = float(vote[support] @ (np.abs(distance[support]) < _RHO_STEP_PX / 2.0))
+    if votes <= _MIN_VOTES:
+        return None
+    return HoughPeak(
+        u_mid=u_mid,
+        slope=slope,
+        v_mid=v_mid,
+        votes=votes,
+        contrast=float(np.median(points.contrast[support])),
+        width_px=float(np.median(points.widths[support])),
+        first_row=int(_row_range(rows, vote[support])[0]),
+        last_row=points.gradient.shape[0] - 1,
+    )
 
 
 def _votes(points: StripePoints) -> tuple[Array, Array, Array]:

@@ -79,6 +79,26 @@ def find_hypotheses(
         detector: Detector of the lines of an image.
     """
     left, right = (detector(each, image) for each, image in zip(points, images, strict=True))
+    return pair_candidates((left, right), points, images, rig, config)
+
+
+def pair_candidates(
+    candidates: tuple[Candidates, Candidates],
+    points: Points,
+    images: tuple[Image, Image],
+    rig: StereoRig,
+    config: CalibratorConfig,
+) -> LaneHypotheses:
+    """Find the pairs of lane boundaries that both cameras see, among lines of both images.
+
+    Args:
+        candidates: Lines of the left and of the right image.
+        points: Stripe points of both images.
+        images: Both images, (H, W) uint8.
+        rig: Intrinsics and baseline.
+        config: Settings of the extraction.
+    """
+    left, right = candidates
     matches = match_lines(left, right, images, rig, config)
     refusal = frame_checks.check_lines_found([left, right], config)
     if refusal:

@@ -7,13 +7,13 @@ from enum import Enum
 
 from ..evidence.camera_yaw import YawTold
 from ..evidence.estimate import Estimate, StagePoses
-from ..evidence.frame_evidence import FoundBy, Hypothesis
+from ..evidence.frame_evidence import FoundBy, FrameObservations, Hypothesis
 from ..evidence.road_surface import SurfaceCells
 from ..evidence.synchronisation import Lateness
 from ..geometry.pose import Extrinsics
 from ..lanes.lane_pair import ImageLine, LanePattern
 from ..numerics.genetic import GeneticResult
-from ..rejection import GateReading, Rejection, RejectReason
+from ..rejection import GateReading, NotFitted, Rejection, RejectReason
 
 
 class Verdict(Enum):
@@ -94,3 +94,14 @@ class Attempt:
     def slim(self) -> Attempt:
         """Return the attempt without points and lines, which take as much memory as an image."""
         return replace(self, hypothesis=self.hypothesis.slim(), genetic=None, surface=None, lane_line=None)
+
+
+def coarse_pose(frame: FrameObservations) -> StagePoses:
+    """Return the poses that are known before a hypothesis: that of the dense disparities.
+
+    Args:
+        frame: Images, and what is known of them without a hypothesis.
+    """
+    if frame.surface is None or isinstance(frame.surface.coarse, NotFitted):
+        return StagePoses()
+    return StagePoses(coarse=frame.surface.coarse.extrinsics)

@@ -18,7 +18,7 @@ from ..geometry.plane import DisparityPlane, PlaneCamera, plane_from_pose
 from ..geometry.pose import Extrinsics
 from ..geometry.rays import LEAST_DISPARITY_PX, pixel_rays
 from ..lanes import frame_checks
-from ..lanes.detector import detect_by_hough
+from ..lanes.detector import LineDetector, detect_by_hough
 from ..lanes.hypotheses import LaneHypotheses, NoPattern, Points
 from ..lanes.lane_pair import ImageLine
 from ..lanes.line_fit import refit_line
@@ -56,7 +56,11 @@ _MOST_PATTERNS = 3
 
 
 def candidates_on_road(
-    road_pose: Extrinsics, points: StripePoints, image: Image, rig: StereoRig
+    road_pose: Extrinsics,
+    points: StripePoints,
+    image: Image,
+    rig: StereoRig,
+    detector: LineDetector | None = None,
 ) -> Candidates:
     """Return the lines of the left image through stripe points that lie on the road.
 
@@ -65,6 +69,7 @@ def candidates_on_road(
         points: Stripe points of the left image.
         image: The left image.
         rig: Intrinsics and baseline.
+        detector: Finds the lines among these points; None for the Hough transform.
     """
     plane = plane_from_pose(road_pose, rig, PlaneCamera.LEFT)
     rays = pixel_rays(rig, points.columns, points.rows)
@@ -72,7 +77,7 @@ def candidates_on_road(
     # At a disparity d, a metre is d / baseline pixels wide.
     half_px = disparity * (_HALF_WIDTH_M / rig.baseline_m)
     on_road = (disparity > LEAST_DISPARITY_PX) & (np.abs(rays[:, 1]) * rig.fx < half_px)
-    return detect_by_hough(points.chosen(on_road), image)
+    return (detector or detect_by_hough)(points.chosen(on_road), image)
 
 
 def lines_on_road(
@@ -81,6 +86,7 @@ def lines_on_road(
     images: tuple[Image, Image],
     rig: StereoRig,
     config: CalibratorConfig,
+    detector: LineDetector | None = None,
 ) -> LaneHypotheses:
     """Return the lines that lie on a road, and the pairs of them that meet at its horizon.
 
@@ -90,9 +96,10 @@ def lines_on_road(
         images: Left and right image.
         rig: Intrinsics and baseline.
         config: Settings of the extraction.
+        detector: Detector of the lines of the left image; None for the Hough transform.
     """
     plane = plane_from_pose(road_pose, rig)
-    candidates = candidates_on_road(road_pose, points[0], images[0], rig)
+    candidates = candidates_on_road(road_pose, points[0], images[0], rig, detector)
     sides: Matches = ([], [])
     for side, lines in zip(sides, candidates, strict=True):
         for candidate in lines:
@@ -204,10 +211,14 @@ def lane_line(matches: Matches, road_pose: Extrinsics, rig: StereoRig) -> ImageL
     """
     plane = plane_from_pose(road_pose, rig)
     for match in sorted((each for side in matches for each in side), key=lambda m: -m.votes):
-        clear = match.votes >= _LEAST_VOTES_PER_ROW * match.left.line.n_rows
-        if clear and abs(_yaw(match.left.line, plane, rig)) <= MAX_YAW_RAD:
+        if is_clear(match) and abs(_yaw(match.left.line, plane, rig)) <= MAX_YAW_RAD:
             return match.left.line
     return None
+
+
+def is_clear(match: Match) -> bool:
+    """Whether a line has more votes than chance gives to lines in the texture of a road."""
+    return match.votes >= _LEAST_VOTES_PER_ROW * match.left.line.n_rows
 
 
 def _yaw(line: ImageLine, plane: DisparityPlane, rig: StereoRig) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
 from ..estimators.fitness import PatternFitness
+from ..estimators.fittest_nearby import fittest_nearby
 from ..estimators.line_covariance import LineFit, measure_bends, propagate
 from ..estimators.stripe_fit import StripeFit, refine
 from ..estimators.texture_fit import TextureFit
@@ -17,7 +18,7 @@ from ..evidence.camera_turn import CameraTurn
 from ..evidence.camera_yaw import YawTold, wrong_yaw_rad, yaw_of_lines
 from ..evidence.cross_checks import JudgedEstimate, cross_check_surface, with_strip
 from ..evidence.estimate import Estimate, StagePoses
-from ..evidence.frame_evidence import Evidence, FrameObservations, Hypothesis
+from ..evidence.frame_evidence import Evidence, FoundBy, FrameObservations, Hypothesis
 from ..evidence.gates import evaluate_gates, undetermined
 from ..evidence.nuisances import (
     paint_angle_covariance,
@@ -40,7 +41,7 @@ from ..numerics.linear import is_covariance, rank_of
 from ..rejection import Bound, GateReading, NotFitted, Rejection, fitted
 from ..reservations import Reservation, ReservationKind
 from ..road.priors import STRIPES_PARALLEL_PART
-from .attempt import Attempt, Verdict
+from .attempt import Attempt, Verdict, coarse_pose
 from .lines_on_road import lane_line, yaw_of_line
 
 _SWITCHED_OFF = NotFitted("refinement.stripes", 0, Bound.LEAST, 1)
@@ -96,19 +97,11 @@ def _solve_lines(
     rig: StereoRig,
     config: CalibratorConfig,
 ) -> Attempt:
-    """Search for the pose, refine it on the images, and cross-check it."""
+    """Find the pose of the greatest fitness, refine it on the images, and cross-check it."""
     fitness = PatternFitness(pattern, rig, config.fitness)
-    genetic = _search(fitness, config)
-    pose = Extrinsics.from_array(genetic.best)
-    misfit_px = float(np.sqrt(np.max(fitness.errors(genetic.best[None]))))
-    poses = replace(coarse_pose(frame), genetic=pose)
-    evidence = Evidence(
-        config,
-        pose,
-        genetic.fitness,
-        misfit_px,
-        hypothesis.below,
-    )
+    pose, greatest, genetic, poses = _fittest(hypothesis, pattern, fitness, frame, rig, config)
+    misfit_px = float(np.sqrt(np.max(fitness.errors(pose.as_array()[None]))))
+    evidence = Evidence(config, pose, greatest, misfit_px, hypothesis.below)
     readings, refusal = evaluate_gates(evidence)
     if refusal:
         return _refused(hypothesis, refusal, readings, poses, genetic)
@@ -191,19 +184,8 @@ def _yaw_of_pattern(
     return replace(told, certainty=STRIPES_PARALLEL_PART) if told is not None and fitted else told
 
 
-def coarse_pose(frame: FrameObservations) -> StagePoses:
-    """Return the poses that are known before a hypothesis: that of the dense disparities.
-
-    Args:
-        frame: Images, and what is known of them without a hypothesis.
-    """
-    if frame.surface is None or isinstance(frame.surface.coarse, NotFitted):
-        return StagePoses()
-    return StagePoses(coarse=frame.surface.coarse.extrinsics)
-
-
 def _estimate(
-    genetic: Extrinsics,
+    fittest: Extrinsics,
     line_fit: LineFit,
     refined: StripeFit | None,
     evidence: Evidence,
@@ -214,11 +196,11 @@ def _estimate(
     more = (
         UncertaintyTerm("slope_seen", seen_slope_covariance(evidence.profile)),
         UncertaintyTerm(
-            "stage_disagreement", stage_disagreement_covariance(genetic, line_fit.covariance, refined)
+            "stage_disagreement", stage_disagreement_covariance(fittest, line_fit.covariance, refined)
         ),
     )
     return Estimate(
-        genetic if refined is None else refined.extrinsics,
+        fittest if refined is None else refined.extrinsics,
         merge_terms((*terms, *more)),
         line_fit.lane_yaw_rad if refined is None else refined.lane_yaw_rad,
         reservations,
@@ -295,6 +277,25 @@ def _refused(
     return Attempt(
         hypothesis, Verdict.REFUSED, rejection.message, rejection, poses, readings, genetic=genetic
     )
+
+
+def _fittest(
+    hypothesis: Hypothesis,
+    pattern: LanePattern,
+    fitness: PatternFitness,
+    frame: FrameObservations,
+    rig: StereoRig,
+    config: CalibratorConfig,
+) -> tuple[Extrinsics, float, GeneticResult | None, StagePoses]:
+    """Return the pose of the greatest fitness, its fitness, the report of a search, and the poses so far."""
+    poses = coarse_pose(frame)
+    nearby = fittest_nearby(pattern, fitness, rig) if hypothesis.found_by is FoundBy.KNOWN else None
+    if nearby is not None:
+        pose, greatest = nearby
+        return pose, greatest, None, replace(poses, nearby=pose)
+    genetic = _search(fitness, config)
+    pose = Extrinsics.from_array(genetic.best)
+    return pose, genetic.fitness, genetic, replace(poses, genetic=pose)
 
 
 def _search(fitness: PatternFitness, config: CalibratorConfig) -> GeneticResult:

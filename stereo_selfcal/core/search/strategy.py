@@ -18,10 +18,18 @@ from ..evidence.camera_yaw import yaw_of_matches
 from ..evidence.cross_checks import remaining_turn
 from ..evidence.frame_evidence import FoundBy, FrameObservations, Hypothesis
 from ..lanes.extra_lines import find_extra_lines
-from ..lanes.hypotheses import LaneHypotheses, NoPattern, cross, find_hypotheses, lines_below_plane
+from ..lanes.hypotheses import (
+    LaneHypotheses,
+    NoPattern,
+    cross,
+    find_hypotheses,
+    lines_below_plane,
+    pair_candidates,
+)
 from ..lanes.lane_pair import LanePattern
 from ..rejection import Rejection, RejectReason
-from .attempt import Attempt, Verdict
+from .attempt import Attempt, Verdict, coarse_pose
+from .known import KnownCamera
 from .lines_on_road import lines_on_road
 from .refusal import with_lines_missing, without_pair
 
@@ -51,17 +59,19 @@ class FrameSearch:
     Attributes:
         on_road: Lines on the road surface; None where they were not looked for.
         in_image: Lines of the whole image; None where they were not looked for.
+        of_known: Lines that were followed; None where they were not.
     """
 
     def __init__(self, frame: FrameObservations, rig: StereoRig, config: CalibratorConfig) -> None:
         self._frame, self._rig, self._config = frame, rig, config
         self.on_road: LaneHypotheses | None = None
         self.in_image: LaneHypotheses | None = None
+        self.of_known: LaneHypotheses | None = None
 
     @property
     def lines(self) -> LaneHypotheses:
         """The lines that were looked for last; those of the whole image, if none were."""
-        return self.in_image or self.on_road or self._lines_in_image()
+        return self.of_known or self.in_image or self.on_road or self._lines_in_image()
 
     def refusal(self, attempts: Sequence[Attempt]) -> tuple[Rejection, LanePattern | None]:
         """Return the refusal of a frame in which no hypothesis was accepted, and the lines it is about.
@@ -87,6 +97,43 @@ class FrameSearch:
             yield hypothesis
             if attempts[-1].accepted or attempts[-1].refused_by in _CONTRADICTIONS:
                 return
+
+    def followed(self, known: KnownCamera) -> Hypothesis | None:
+        """Return the hypothesis that the lines bound the lane that did so in another frame.
+
+        Args:
+            known: The lines of that frame, and where they lay on the road.
+
+        Returns:
+            The lines, as this frame shows them: on its road surface where that is seen. None where two are
+            not found again.
+        """
+        frame, rig, config = self._frame, self._rig, self._config
+        texture = None if frame.surface is None else frame.surface.located
+        if texture is None:
+            pose = coarse_pose(frame).coarse or known.pose
+            left, right = (known.follow(camera, frame.points[camera], pose, rig) for camera in (0, 1))
+            found = pair_candidates((left, right), frame.points, frame.images, rig, config)
+        else:
+            on_road = texture.extrinsics
+            found = lines_on_road(
+                on_road,
+                frame.points,
+                frame.images,
+                rig,
+                config,
+                lambda points, _: known.follow(0, points, on_road, rig),
+            )
+        if not isinstance(found.patterns, list):
+            return None
+        pattern = found.patterns[0]
+        lines = pattern.joined(find_extra_lines(pattern, found.matches, frame.points, rig, config))
+        self.of_known = found
+        if texture is None:
+            below = lines_below_plane(found.patterns, rig)[0]
+            return Hypothesis(FoundBy.KNOWN, lines, found.matches, below)
+        told = yaw_of_matches(found.matches, rig, texture.extrinsics)
+        return Hypothesis(FoundBy.KNOWN, lines, found.matches, texture=texture, yaw_told=told)
 
     def _all(self, attempts: Sequence[Attempt]) -> Iterator[Hypothesis]:
         texture = None if self._frame.surface is None else self._frame.surface.located
