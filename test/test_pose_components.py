@@ -69,6 +69,7 @@ drive = Drive(result, segments, (DriveChange(1.5, 0.5, pose, pose, np.ones(4)),)
 replay = Replay((row,) * 3, drive, rig, CalibratorConfig())
 outcome = BagOutcome.from_replay("bag", replay, ("/left", "/right"))
 source = SimpleNamespace(
+    rig=rig,
     name="bag",
     left_name="/left",
     right_name="/right",

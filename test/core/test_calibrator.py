@@ -218,11 +218,13 @@ def test_a_moment_is_not_the_mount(calibrated):
     calibrator.remember(moment)
     mount = calibrator.estimate
     assert moment.mount is None and "motion" not in {term.name for term in moment.uncertainty}
-    (of_motion,) = (term.covariance for term in mount.uncertainty if term.name == "motion")
+    of_motion, of_lean = (term.covariance for term in mount.uncertainty if term.name in ("motion", "lean"))
     std = np.sqrt(np.diag(of_motion))
     assert np.all(std > [0.004, math.radians(0.15), math.radians(0.15)])
     assert np.all(std < [0.012, math.radians(0.3), math.radians(0.45)])
-    np.testing.assert_allclose(mount.covariance, moment.covariance + of_motion, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(
+        mount.covariance, moment.covariance + of_motion + of_lean, rtol=1e-9, atol=1e-15
+    )
 
 
 def test_two_frames_of_a_noisy_road_are_no_worse_than_one():

@@ -176,7 +176,7 @@ def test_other_cameras_take_a_calibration_back(graph, start, scripted):
     assert graph.parameters(*RESULTS)[:3] == POSE.tolist()
 
 
-def test_drift_is_told_and_what_was_found_stays_in_force(graph, start, scripted, capfd):
+def test_drift_is_told_and_what_was_found_stays_active(graph, start, scripted, capfd):
     selfcal = start()
     assert graph.calibrate().success
     drive(selfcal, 60)
