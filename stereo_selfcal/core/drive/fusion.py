@@ -33,6 +33,8 @@ _OF_CAMERAS = RIG_TERMS | {"synchronisation"}
 _OF_CROSS_SECTION = frozenset({"camber", "crown", "kerb", "paint_angle"})
 _OF_PROFILE = frozenset({"roughness", "slope_seen", "slope_unseen"})
 _PROFILE_MEMORY_S = 3.0
+# So many frames do not check each other: one of them decides what is usual.
+_FEW_FRAMES = 3
 # A frame that starts from the frame before looks at the same lines and cells again: half of the variance of
 # its own is that of the frame before.
 _SAME_LOOK_PART = 0.5
@@ -230,7 +232,8 @@ def _between_all_and_best(
     """Return weights (N, 3) between those of a mean and of its best frame alone, where they are best.
 
     Two frames of one moment share the motion; so the mean of a good frame and a bad one may be worse than the
-    good one.
+    good one. The more frames there are, the less the mean may rest on one of them: its own standard deviation
+    may be wrong, and the others do not check it any more.
 
     Args:
         weights: (N, 3) weights of a mean.
@@ -251,7 +254,7 @@ def _between_all_and_best(
     bend = 2.0 * (of_all - 2.0 * of_both + of_best)
     slope = of_best - of_all - bend
     lowest = np.clip(-slope / np.where(bend > 0.0, 2.0 * bend, 1.0), 0.0, 1.0)
-    share = np.where(bend > 0.0, lowest, of_best < of_all)
+    share = np.where(bend > 0.0, lowest, of_best < of_all) * min(1.0, _FEW_FRAMES / len(weights))
     return np.asarray(weights + share * (best - weights))
 
 
