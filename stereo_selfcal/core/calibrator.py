@@ -13,6 +13,7 @@ import numpy as np
 
 from .camera.rig import StereoRig
 from .config import CORRECT_ALL, CalibratorConfig
+from .drive.drive import estimate_drive
 from .drive.fusion import fuse_frames
 from .drive.rig_alignment import SeenAlignment, drive_of_rig
 from .drive.rig_doubt import with_doubt_of_rig
@@ -23,6 +24,7 @@ from .errors import shortened
 from .evidence.frame_evidence import FrameObservations
 from .evidence.road_surface import SurfaceCells
 from .geometry.alignment import Alignment
+from .geometry.uncertainty import total_covariance
 from .lanes import frame_checks
 from .lanes.hypotheses import NoPattern, find_hypotheses, unused_lines
 from .lanes.lane_pair import LanePattern
@@ -47,6 +49,9 @@ class _FrameLook:
     search: FrameSearch
     attempts: list[Attempt]
     known_start: bool = False
+
+
+_ROUNDING = 1e-6  # of a sum of terms, over what it is compared with
 
 
 class Calibrator:
@@ -132,12 +137,12 @@ class Calibrator:
             What is kept of it: with whether the car stood, and without what only pictures need.
 
         Raises:
-            ValueError: It is accepted, and its covariance is not finite and positive definite.
+            ValueError: It is accepted, and its pose, stamp or covariance cannot be right.
         """
         # The points and lines are dropped: they take as much memory as images, and a bag has many frames.
         kept = result.slim().copied() if result.accepted else replace(result, landmarks=None)
-        if kept.accepted and (kept.covariance is None or not is_covariance(kept.covariance)):
-            raise ValueError(f"the covariance {kept.covariance} of a result is not positive definite")
+        if kept.accepted:
+            _check_accepted(kept)
         with self._lock:
             previous, place = self._previous, self._place
         step = None if previous is None else fitted(step_between(previous, result, self.rig))
@@ -173,7 +178,9 @@ class Calibrator:
         told = drive_of_rig(accepted, seen, steps, self.rig)
         fused = fuse_frames(accepted, self.rig).copied() if accepted else last
         fused = replace(fused, alignment=told.alignment, travel=told.travel, delay=told.delay)
-        return with_doubt_of_rig(fused, self.rig) if accepted else fused
+        if not accepted:
+            return fused
+        return estimate_drive(accepted, self.rig, with_doubt_of_rig(fused, self.rig)).estimate
 
     def calibrate_frame(
         self,
@@ -332,6 +339,25 @@ def _with_what_was_seen(
         surface=None if frame.surface is None else SurfaceCells.of(frame.surface.texture),
         lane_line=None if clearest is None or result.pattern is not None else clearest.left.line,
     )
+
+
+def _check_accepted(result: CalibrationResult) -> None:
+    """Refuse the result of a frame that would spoil the mean of all.
+
+    Raises:
+        ValueError: Its pose or its stamp is not finite, its height not positive, its covariance not positive
+            definite, or not the sum of its terms.
+    """
+    covariance, pose = result.covariance, result.extrinsics
+    if covariance is None or not is_covariance(covariance):
+        raise ValueError(f"the covariance {covariance} of a result is not positive definite")
+    if pose is None or not np.all(np.isfinite([result.stamp_s, *pose.as_array()])) or pose.height_m <= 0.0:
+        raise ValueError(f"the pose {pose} at {result.stamp_s} s of a result cannot be right")
+    if result.uncertainty:
+        apart = np.abs(total_covariance(result.uncertainty) - covariance)
+        scale = np.sqrt(np.outer(covariance.diagonal(), covariance.diagonal()))
+        if not np.all(apart <= _ROUNDING * scale):
+            raise ValueError("the terms of a result do not add up to its covariance")
 
 
 def _checked_time(name: str, time_s: float) -> float:

@@ -41,6 +41,11 @@ _CALENDAR = re.compile(
 _SHORT = re.compile(r"([0-9]{1,10})(?:\.([0-9]+))?")
 
 
+# Between images without stamps. Cameras of cars take ten images a second and more, and a longer time would
+# give credit for motion that has averaged out.
+_COUNTED_NS = _NS_PER_S // 10
+
+
 @dataclass(frozen=True, slots=True)
 class ImageStamps:
     """The stamps of images.
@@ -48,7 +53,7 @@ class ImageStamps:
     Attributes:
         names: The names, in the order of time.
         stamps_ns: The stamp of each [ns].
-        counted: Whether these are no times but places in the order of the names, a second each.
+        counted: Whether these are no times but places in the order of the names, 0.1 s each.
         note: One sentence: where they come from.
     """
 
@@ -62,7 +67,7 @@ def image_stamps(names: Sequence[str]) -> ImageStamps:
     """Return the order and the stamps of images by their names.
 
     Where every name is a time stamp or ends in one, these are the stamps. Else the images are in the
-    natural order of their names (2 before 10), and frame n is at n seconds.
+    natural order of their names (2 before 10), and as far apart as those of a usual camera.
 
     Args:
         names: Names without suffix, each once; at least one.
@@ -89,8 +94,11 @@ def image_stamps(names: Sequence[str]) -> ImageStamps:
         if stamped:
             count = f"{len(names) - len(stamped)} of {len(names)}"
             which = f"{count} names of images are no stamps ({printable(none)})"
-        stamps_ns = tuple(index * _NS_PER_S for index in range(len(names)))
-        note = f"{which}: frame n is at n seconds, in the order of the numbers in the names"
+        stamps_ns = tuple(index * _COUNTED_NS for index in range(len(names)))
+        note = (
+            f"{which}: they are taken for {_COUNTED_NS / _NS_PER_S:g} s apart, in the order of the numbers "
+            "in the names; the standard deviation of the mount rests on that"
+        )
         return ImageStamps(natural, stamps_ns, True, note)
     times_ns = {name: stamp_ns for name, (_, stamp_ns) in stamped.items()}
     ordered = tuple(sorted(natural, key=lambda name: times_ns[name]))

@@ -24,7 +24,7 @@ class FrameSource(ABC):
         rig: Intrinsics and baseline of the rectified pair.
         selection: Which frames are used.
         notes: Notes on the frames, one sentence each.
-        counted: Whether the frames have no stamps: frame n is at n seconds.
+        counted: Whether the frames have no stamps: they are taken for 0.1 s apart.
     """
 
     name: str

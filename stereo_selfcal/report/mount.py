@@ -8,6 +8,7 @@ from ..core.drive.targets import describe_std
 from ..core.geometry.mount import MountEvidence
 from ..core.geometry.pose import POSE_COMPONENTS
 
+_TELLING = 3.0  # independent moments: the prior of the motion is worth about as many
 _FEW = 10.0  # so many moments and more are told without decimals
 
 
@@ -41,9 +42,10 @@ def _of_motion(mount: MountEvidence) -> str:
             "One moment of a car that may be moving: by its springs, the camera is "
             f"{by} off its mean then, as far as is known"
         )
-    text = (
-        f"In {mount.duration_s:.1f} s of drive, the car on its springs moves the camera over the road by {by}"
-    )
+    # What so few moments show is mostly what is known of cars beforehand.
+    moves = "moves" if mount.looks.min() >= _TELLING else "is taken to move"
+    moves += f" the camera over the road by {by}"
+    text = f"In {mount.duration_s:.1f} s of drive, the car on its springs {moves}"
     memory_s, looks = mount.memory_s, mount.looks
     if np.all(np.isfinite(memory_s)) and np.all(np.isfinite(looks)):
         height, *others = [

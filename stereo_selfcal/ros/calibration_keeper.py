@@ -145,6 +145,8 @@ class CalibrationKeeper:
         if state is State.INVALID:
             return True, "the one before is invalid"
         std = describe_std(active.result.std)
+        if active.result.mount is None and result.mount is not None:
+            return True, "the file of the one before does not say what the motion of the car leaves of it"
         if is_less_certain(active.result, result, targets):
             return True, f"the one before is less certain (std {std})"
         return False, f"the active one is no less certain (std {std})"

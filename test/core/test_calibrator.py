@@ -21,6 +21,7 @@ from stereo_selfcal import (
     calibrate,
 )
 from stereo_selfcal.core.calibrator import NoPattern
+from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
 from stereo_selfcal.core.lanes.lane_pair import LanePattern
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import NAMED_SCENES, random_scene
@@ -526,3 +527,21 @@ def test_a_second_line_beside_each_is_not_taken_for_the_first_one(seed):
     result = Calibrator(scene.rig).add(*render(scene, np.random.default_rng(seed)))
     assert result.accepted
     assert abs(result.extrinsics.height_m - scene.extrinsics.height_m) < 0.005
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"extrinsics": Extrinsics(math.nan, 0.05, 0.01)}, "pose"),
+        ({"extrinsics": Extrinsics(-1.4, 0.05, 0.01)}, "pose"),
+        ({"stamp_s": math.nan}, "pose"),
+        ({"uncertainty": (UncertaintyTerm("noise", np.eye(3)),)}, "terms"),
+        ({"covariance": -np.eye(3)}, "covariance"),
+    ],
+)
+def test_a_result_that_would_spoil_the_mean_is_not_remembered(calibrated, changes, why):
+    scene, moment = calibrated(1, 0.05)
+    calibrator = Calibrator(scene.rig)
+    with pytest.raises(ValueError, match=why):
+        calibrator.remember(replace(moment, **changes))
+    assert not calibrator.estimate.accepted

@@ -34,8 +34,8 @@ T_NS = 1_764_504_000_123_456_789  # 2025-11-30 12:00:00
 def test_numbers_in_names_count_as_people_count_and_that_there_are_no_stamps_is_told(names):
     stamps = image_stamps(sorted(names))
     assert list(stamps.names) == names
-    assert stamps.stamps_ns == tuple(index * NS for index in range(len(names)))
-    assert stamps.counted and "are no stamps: frame n is at n seconds" in stamps.note
+    assert stamps.stamps_ns == tuple(index * NS // 10 for index in range(len(names)))
+    assert stamps.counted and "are no stamps: they are taken for 0.1 s apart" in stamps.note
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ def test_one_name_without_a_stamp_among_stamps_is_told_and_named():
     stamps = image_stamps([str(T_NS), str(T_NS + NS), "background"])
     assert stamps.counted
     assert stamps.note.startswith(
-        "1 of 3 names of images are no stamps (background): frame n is at n seconds"
+        "1 of 3 names of images are no stamps (background): they are taken for 0.1 s apart"
     )
 
 

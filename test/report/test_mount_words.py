@@ -56,3 +56,10 @@ def test_frames_that_started_from_the_known_camera_are_counted():
 
 def test_nothing_is_said_of_what_is_not_known():
     assert how_reached(None, 3) == []
+
+
+def test_what_few_moments_show_is_told_as_what_is_expected():
+    """A tenth of a second shows nothing of the motion: its size is that of usual cars."""
+    few = dataclasses.replace(DRIVE, duration_s=0.1, looks=np.ones(3))
+    (sentence, *_) = how_reached(few, 2)
+    assert "the car on its springs is taken to move the camera over the road by " in sentence

@@ -159,7 +159,7 @@ MOUNT = MountEvidence(9.0, 0, 0, False, EXTRINSICS, np.ones(3), np.ones(3))
         (with_std(0.012), with_std(0.010), True, "the one before is less certain (std 12 mm, "),
         (with_std(0.012), with_std(0.012), False, "the active one is no less certain (std 12 mm, "),
         (with_std(0.012), with_std(0.014), False, "the active one is no less certain (std 12 mm, "),
-        (with_std(0.001), with_std(0.014, MOUNT), True, "the one before is less certain (std 1 mm, "),
+        (with_std(0.001), with_std(0.014, MOUNT), True, "the file of the one before does not say"),
     ],
 )
 def test_what_misses_its_targets_takes_over_from_what_is_less_certain(old, new, better, why):

@@ -159,13 +159,16 @@ def fuse_frames(frames: Sequence[AcceptedFrame], rig: StereoRig) -> CalibrationR
     good = [frame for frame, use in zip(frames, series.used, strict=True) if use]
     terms = [each for each, use in zip(terms, series.used, strict=True) if use]
     series, whole = series.good(), whole[series.used]
-    weights = _between_all_and_best(_weights(series, whole, motion), good, terms, series, whole, motion)
+    alike, off = weights_of_mean(series, series.variances, motion)
+    weights = _weights(alike, series, whole, motion)
+    weights = _between_all_and_best(weights, good, terms, series, whole, motion)
     mean = (weights * series.values).sum(axis=0)
     of_motion, _ = motion.of_mean(series, weights)
     uncertainty = merge_terms(
         (
             *_terms_of_mean(good, terms, series, weights),
             UncertaintyTerm("standing" if series.all_stood else "motion", np.diag(of_motion)),
+            UncertaintyTerm("scatter", np.diag(_scatter_beyond(off, series, weights))),
             UncertaintyTerm("lean", np.diag([0.0, 0.0, LEAN_STD_RAD**2])),
         )
     )
@@ -192,7 +195,25 @@ def fuse_frames(frames: Sequence[AcceptedFrame], rig: StereoRig) -> CalibrationR
     return replace(fused, message=announce(fused))
 
 
-def _weights(series: FrameSeries, whole: Array, motion: CarMotion) -> Array:
+def _scatter_beyond(off: Array, series: FrameSeries, weights: Array) -> Array:
+    """Return the variances (3,) of a mean by what its frames scatter beyond what motion and noise explain.
+
+    Their noise may be more than they say, as in a standing car, whose motion explains nothing. Birge's ratio
+    (Phys. Rev. 40, 1932) enlarges the variance that noise leaves in the mean. Few frames do not know it: a
+    ratio of 1 counts as some more.
+
+    Args:
+        off: (N, 3) how far each frame is off what the others predict, over its standard deviation.
+        series: The frames.
+        weights: (N, 3) their weights.
+    """
+    free = len(off) - 1.0
+    ratio = (_FEW_FRAMES + (off**2).sum(axis=0) * free / len(off)) / (_FEW_FRAMES + free)
+    of_noise = (weights**2 * series.alone(series.variances)).sum(axis=0)
+    return np.asarray(np.maximum(ratio - 1.0, 0.0) * of_noise)
+
+
+def _weights(alike: Array, series: FrameSeries, whole: Array, motion: CarMotion) -> Array:
     """Return the weights (N, 3) of frames in their mean: less for frames whose error does not average out.
 
     The best linear mean averages motion and noise, to a variance k with weights w. What cameras and road do
@@ -200,11 +221,11 @@ def _weights(series: FrameSeries, whole: Array, motion: CarMotion) -> Array:
     (a - S_i) / 2 k, or 0 where that is negative. So a frame that is much worse than the others does no harm.
 
     Args:
+        alike: (N, 3) weights of the best linear mean.
         series: The frames, all of which count.
         whole: (N, 3) their variances.
         motion: The motion of the car.
     """
-    alike, _ = weights_of_mean(series, series.variances, motion)
     alike = np.maximum(alike, 0.0)
     alike /= alike.sum(axis=0)
     of_motion, _ = motion.of_mean(series, alike)

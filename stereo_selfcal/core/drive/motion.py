@@ -24,10 +24,10 @@ USUAL_STD: Array = np.array(RIDE_STD)
 # Of calm and rough rides, which pitch by 0.05 to 0.4 deg and remember for 0.5 to 5 s, nearly all lie within
 # two standard deviations of the logarithms.
 _SIZE_LOG_STD, _MEMORY_LOG_STD = 0.5, 0.6
-# Candidates: 1/32 to 8 times the usual size, and 1/4 to 32 s. Their likelihood is computed in steps of the
+# Candidates: 1/32 to 16 times the usual size, and 1/4 to 32 s. Their likelihood is computed in steps of the
 # root of two and in octaves, and interpolated to steps that are a quarter of these: a long drive tells both
 # better than the steps are apart.
-_SIZES: Array = 2.0 ** np.arange(-5.0, 3.1, 0.5)
+_SIZES: Array = 2.0 ** np.arange(-5.0, 4.1, 0.5)
 _MEMORIES_S: Array = 2.0 ** np.arange(-2.0, 5.1)
 _FINER = 4
 # Of longer series, stretches of so many frames are taken to measure their motion.
@@ -282,5 +282,6 @@ def without_outliers(series: FrameSeries, variances: Array) -> tuple[FrameSeries
 
 
 def _with_used(series: FrameSeries, used: Mask) -> FrameSeries:
-    """Return the series with these frames used; all of them, where each is far from the others."""
-    return replace(series, used=used if used.any() else np.ones(len(used), dtype=bool))
+    """Return the series with these frames used; all of them, where most would be set aside."""
+    most = 2 * np.count_nonzero(used) >= len(used)
+    return replace(series, used=used if most else np.ones(len(used), dtype=bool))

@@ -139,7 +139,7 @@ _LABELS = {
 # The cause of each term of a covariance (`core.geometry.uncertainty.TERMS`). What the frames of one road
 # share counts as road.
 _CAUSES = {
-    **dict.fromkeys(("noise", "misfit", "mismatch"), _Cause.FEW_FRAMES),
+    **dict.fromkeys(("noise", "misfit", "mismatch", "scatter"), _Cause.FEW_FRAMES),
     **dict.fromkeys(("stage_disagreement", "combination_disagreement"), _Cause.FEW_FRAMES),
     "motion": _Cause.MOTION,
     "standing": _Cause.STANDING,

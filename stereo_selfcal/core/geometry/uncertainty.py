@@ -36,6 +36,7 @@ TERMS = {
     "combination_disagreement": "difference between lines and texture beyond their uncertainties",
     "standing": "unevenness and slope of the place where the car stood",
     "motion": "motion of the car over its road",
+    "scatter": "scatter of the frames beyond what their noise and the motion explain",
     "lean": "lean of the car on the cross fall of its road",
 }
 

@@ -354,3 +354,25 @@ def test_a_stop_within_a_drive_is_one_moment_of_it():
     assert np.all(std_of(with_stop, "motion") > 0.5 * std_of(alone, "motion"))
     short = fuse(before + stop(4, start_s=120.0) + after)
     np.testing.assert_allclose(std_of(short, "motion"), std_of(with_stop, "motion"), rtol=0.25)
+
+
+@pytest.mark.parametrize("apart_deg", [0.3, 1.0, 3.0])
+def test_frames_of_a_stop_that_scatter_more_than_they_say_make_it_less_sure(apart_deg):
+    """The motion of a standing car explains nothing: the noise of its frames is more than they say."""
+    one = frame(TRUTH, 0.0)
+    other = frame(TRUTH + np.radians([0.0, apart_deg, 0.0]), 1.0, stood=True)
+    alike, apart = fuse([one, replace(one, stamp_s=1.0, stood=True)]), fuse([one, other])
+    assert apart.mount.stood and std_of(alike, "scatter").max() == 0.0
+    assert abs(apart.extrinsics.pitch_rad - TRUTH[1]) < 2.5 * apart.std.pitch_rad
+    assert apart.std.height_m == pytest.approx(alike.std.height_m, rel=0.01)
+
+
+def test_frames_of_which_most_would_be_outliers_are_all_used():
+    rng = np.random.default_rng(0)
+    frames = [
+        frame(TRUTH + rng.normal(size=3) * [0.0, math.radians(3.0), 0.0], 1.0 * i, stood=i > 0)
+        for i in range(50)
+    ]
+    fused = fuse(frames)
+    assert fused.n_frames > 25
+    assert abs(fused.extrinsics.pitch_rad - TRUTH[1]) < 3.0 * fused.std.pitch_rad

@@ -128,7 +128,7 @@ def test_what_motion_leaves_of_a_mean_is_the_mean_of_all_that_is_possible():
     # Before the stop, the stop, after it: these have nothing in common.
     part = np.repeat([0, 1, 2], 4)
     on_way_s, rest = np.where(part == 1, 0.0, 0.5 * np.arange(12)), part == 1
-    sizes, memories = 2.0 ** np.arange(-5.0, 3.01, 0.125), 2.0 ** np.arange(-2.0, 5.01, 0.25)
+    sizes, memories = 2.0 ** np.arange(-5.0, 4.01, 0.125), 2.0 ** np.arange(-2.0, 5.01, 0.25)
     for k in range(3):
         each = []
         for memory_s in memories:
