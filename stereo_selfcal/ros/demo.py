@@ -8,7 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -239,7 +239,9 @@ def _write_picture(frame: StereoFrame, saved: SavedResult, path: Path) -> str:
     config = CalibratorConfig.from_mapping({"seed": saved.provenance["seed"]})
     calibrator = Calibrator(saved.rig, config)
     result = calibrator.add(frame.left, frame.right, frame.stamp_s)
-    picture = draw_overview(frame.left, frame.right, saved.rig, result)
+    # Lines and gates are those of the frame; the calibration is that of the mount, as the node has answered.
+    of_mount = replace(result, extrinsics=saved.extrinsics, covariance=saved.covariance, uncertainty=())
+    picture = draw_overview(frame.left, frame.right, saved.rig, of_mount if result.accepted else result)
     encoded, png = cv2.imencode(path.suffix, picture)
     if not encoded:
         raise OutputError(f"{path} cannot be written: the picture cannot be encoded")

@@ -153,11 +153,6 @@ class CarMotion:
         return expected
 
 
-def usual_motion() -> CarMotion:
-    """Return what is known of the motion before the first frame: the prior."""
-    return _weighed(np.zeros_like(_computed().size))
-
-
 def _weighed(log_likelihood: Array) -> CarMotion:
     coarse = log_likelihood.reshape(len(_MEMORIES_S), len(_SIZES), 3)
     finer = np.einsum("ms,nt,stk->mnk", _finer(len(_MEMORIES_S)), _finer(len(_SIZES)), coarse, optimize=True)
@@ -171,6 +166,7 @@ def measure_motion(*parts: FrameSeries) -> CarMotion:
 
     Args:
         *parts: Frames of drives between which the mount, or the road, has changed: each has its own mean.
+            Without any, what is known of cars beforehand remains.
     """
     size, memory_s = _computed().size, _computed().memory_s
     total = np.zeros(size.shape)

@@ -22,6 +22,7 @@ from ..camera.rig import StereoRig
 from ..estimators.landmarks import Landmarks
 from ..geometry.travel import Travel
 from ..rejection import Bound, NotFitted
+from ..road.priors import RIDE_MEMORY_S
 from ..types import Array
 from .mean_over_time import MeanOverTime, mean_over_time
 from .motion_between_frames import FrameMotion, estimate_motion
@@ -30,8 +31,6 @@ MOST_STEP_S = 1.5  # between two frames of a step: beyond, few landmarks are lef
 _MOST_STEP_M = 20.0
 LEAST_STEP_M = 0.05  # a step of less has no direction: landmarks tell a motion to about 5 mm
 _LEAST_STEPS = 3
-# Memory of the car's motion on its suspension: it rings for a second or two.
-MEMORY_S = 1.5
 # Prior of the scatter of single steps: a car pitches by tenths of a degree, and weaves within its lane.
 _PITCH_SCATTER_RAD, _YAW_SCATTER_RAD = math.radians(0.2), math.radians(0.2)
 # How far the camera is ahead of the rear axle, the point of a car that moves along its heading: behind the
@@ -184,7 +183,7 @@ def estimate_travel(steps: Sequence[TravelStep]) -> Travel | NotFitted:
     curvature = np.array([step.curvature_per_m for step in driven])
     speed = np.array([step.speed_mps for step in driven])
     driven_s = float(sum(step.duration_s for step in driven))
-    over = MeanOverTime(driven_s, MEMORY_S)
+    over = MeanOverTime(driven_s, RIDE_MEMORY_S)
     slip = _SLIP_RAD_PER_MPS2 * speed**2 * curvature
     yaw = mean_over_time(
         values[:, 0] + _LEVER_M * curvature,

@@ -19,10 +19,10 @@ from ..camera.rig import StereoRig
 from ..geometry.plane import jacobian_pose_wrt_plane, plane_from_pose
 from ..geometry.pose import Extrinsics
 from ..rejection import Bound, NotFitted
-from ..road.priors import RECTIFICATION_STD_PX
+from ..road.priors import RECTIFICATION_STD_PX, RIDE_MEMORY_S
 from ..types import Array
 from .mean_over_time import MeanOverTime, mean_over_time
-from .travel import MEMORY_S, TravelStep, ahead_only
+from .travel import TravelStep, ahead_only
 
 # Slope of the road in view against that under the car: crests and dips change it by a third of a degree (RMS)
 # over some car's lengths (single frames of recorded drives), and average out along the road.
@@ -31,7 +31,7 @@ _SLOPE_STD_RAD, _SLOPE_MEMORY_M = math.radians(0.3), 20.0
 _SAME_TIME_S = 0.5
 _LEAST_POSES, _LEAST_STEPS = 3, 3
 # Points of the same objects tell the parallax for about so long, with the same errors.
-_PARALLAX_MEMORY_S = 1.0
+_PARALLAX_RIDE_MEMORY_S = 1.0
 _PARALLAX_SCATTER_RAD = math.radians(0.02)  # of single steps, beyond their noise: recorded drives
 _SLOWEST_MPS = 1.0
 
@@ -112,7 +112,7 @@ def vergence_of_travel(
         slower.append(float(speeds[near].mean()))
     if len(differences) < _LEAST_POSES:
         return NotFitted("poses while the car drives", len(differences), Bound.LEAST, _LEAST_POSES)
-    memory_s = max(MEMORY_S, _SLOPE_MEMORY_M / max(_SLOWEST_MPS, float(np.median(slower))))
+    memory_s = max(RIDE_MEMORY_S, _SLOPE_MEMORY_M / max(_SLOWEST_MPS, float(np.median(slower))))
     over = MeanOverTime(_covered_s(driven), memory_s, _SLOPE_STD_RAD)
     mean = mean_over_time(np.array(differences), np.array(variances), over)
     if isinstance(mean, NotFitted):
@@ -136,7 +136,7 @@ def vergence_of_parallax(steps: Sequence[TravelStep], rig: StereoRig) -> RightYa
         return NotFitted("steps of a drive", len(driven), Bound.LEAST, _LEAST_STEPS)
     yaws: Array = np.array([step.motion.right_yaw_rad for step in driven])
     noise = np.array([step.motion.covariance[6, 6] for step in driven])
-    over = MeanOverTime(_covered_s(driven), _PARALLAX_MEMORY_S, _PARALLAX_SCATTER_RAD)
+    over = MeanOverTime(_covered_s(driven), _PARALLAX_RIDE_MEMORY_S, _PARALLAX_SCATTER_RAD)
     mean = mean_over_time(yaws, noise, over)
     if isinstance(mean, NotFitted):
         return mean

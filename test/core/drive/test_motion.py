@@ -11,7 +11,6 @@ from stereo_selfcal.core.drive.motion import (
     mark_outliers,
     measure_motion,
     settled_outliers,
-    usual_motion,
     weights_of_mean,
     without_outliers,
 )
@@ -45,7 +44,7 @@ def standing(series, first, end):
 
 
 def test_before_the_first_frame_a_car_moves_as_cars_do():
-    usual = usual_motion()
+    usual = measure_motion()
     # A ride of twice the usual motion is as probable as one of half of it; so the variance is larger.
     assert np.all(np.sqrt(usual.variance) > MOTION) and np.all(np.sqrt(usual.variance) < 2.5 * MOTION)
     assert np.all(usual.memory_s > 1.0) and np.all(usual.memory_s < 5.0)

@@ -8,7 +8,6 @@ from street_making import Place, along
 
 from stereo_selfcal.core.drive.motion_between_frames import FrameMotion
 from stereo_selfcal.core.drive.travel import (
-    MEMORY_S,
     MOST_STEP_S,
     Travel,
     TravelStep,
@@ -17,6 +16,7 @@ from stereo_selfcal.core.drive.travel import (
     steps_of,
 )
 from stereo_selfcal.core.rejection import NotFitted
+from stereo_selfcal.core.road.priors import RIDE_MEMORY_S
 from stereo_selfcal.synth.renderer import rotation
 
 YAW, PITCH = 0.012, 0.035
@@ -90,7 +90,7 @@ def test_the_more_bends_the_less_certain_without_a_jump():
 def test_the_std_holds_for_a_car_that_pitches_slowly():
     rng = np.random.default_rng(3)
     n, period_s, scatter = 300, 0.1, math.radians(0.25)
-    keep = math.exp(-period_s / MEMORY_S)
+    keep = math.exp(-period_s / RIDE_MEMORY_S)
     ratios = []
     for _ in range(60):
         motion = np.empty((n, 2))
