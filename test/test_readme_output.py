@@ -8,6 +8,7 @@ frame may raise another doubt, and with it another standard deviation: there onl
 """
 
 import math
+import re
 
 import pytest
 
@@ -42,12 +43,23 @@ def test_pages_show_output_of_each_kind():
         assert text.count("<!-- output") == len(outputs.MARKED.findall(text)), page.name
 
 
+# On a machine with much else to do, the recording of the demo begins anew before the node has answered.
+BEGUN_ANEW = re.compile(
+    r"; \d+ left and \d+ right images came twice \(one stamp and the same bytes\): each counts once"
+)
+
+
 def comparable(text):
     """Return what can be compared: which cause has most of a variance depends on the versions."""
-    lines = text.splitlines()
+    lines = BEGUN_ANEW.sub("", text).splitlines()
     return "\n".join(
         line for line in lines if outputs.pinned() or not line.lstrip().startswith("its variance")
     )
+
+
+def test_a_recording_that_began_anew_changes_nothing_of_what_is_compared():
+    told = "; 3 left and 2 right images came twice (one stamp and the same bytes): each counts once"
+    assert comparable(f"reached{told}; saved") == "reached; saved"
 
 
 @pytest.mark.slow
