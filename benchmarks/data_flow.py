@@ -210,6 +210,7 @@ NOT_ON_THE_WAY = {
     "numerics/robust, numerics/linear, numerics/derivatives, numerics/statistics": "robust fits, equations "
     "that may have no solution, derivatives, medians",
     "geometry/pose, geometry/plane, geometry/rays, geometry/homography": "frames, signs and projections",
+    "geometry/vehicle": "the camera in the vehicle's frame",
     "search/refusal, search/diagnosis, search/both_images": "why a frame is refused",
     "evidence/far_disparity, evidence/camera_yaw, evidence/rig_unknowns, "
     "evidence/rig_measurements": "what is unknown of the rig, and what shows it",

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..types import Array
+
+# Standard deviation of the yaw of a mount of which nothing is known: cameras are mounted straight to a
+# degree. A drive that tells it less well tells nothing of it.
+MOUNT_YAW_STD_RAD = math.radians(1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +39,11 @@ class Travel:
         """(2,) standard deviations of (yaw_rad, pitch_rad)."""
         std: Array = np.sqrt(np.diag(self.covariance))
         return std
+
+    @property
+    def tells_yaw(self) -> bool:
+        """Whether the yaw is known better than that of any mount."""
+        return bool(self.std[0] < MOUNT_YAW_STD_RAD)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
