@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from stereo_selfcal.core.drive.drive import Drive
 from stereo_selfcal.core.geometry.pose import Extrinsics
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import CalibrationResult, rejected
@@ -49,6 +50,10 @@ class FakeCalibrator:
             "fused", None, pose, COVARIANCE, 0.1, stamp_s=self.stamps[-1], n_frames=len(self.accepted)
         )
         return replace(result, message=pose.describe(result.std))
+
+    @property
+    def drive(self):
+        return Drive(self.estimate)
 
 
 def use_fake(monkeypatch):

@@ -13,7 +13,7 @@ import numpy as np
 
 from .camera.rig import StereoRig
 from .config import CORRECT_ALL, CalibratorConfig
-from .drive.drive import estimate_drive
+from .drive.drive import Drive, estimate_drive
 from .drive.fusion import fuse_frames
 from .drive.rig_alignment import SeenAlignment, drive_of_rig
 from .drive.rig_doubt import with_doubt_of_rig
@@ -170,17 +170,22 @@ class Calibrator:
         Its uncertainty holds what the motion of the car leaves of a mean over time. That of one frame of a
         moving car is as large as the usual motion of cars.
         """
+        return self.drive.estimate
+
+    @property
+    def drive(self) -> Drive:
+        """The mount over all frames so far: its estimate, and the parts of the drive between its moves."""
         with self._lock:
             accepted, last = list(self._accepted), self._last
             steps, seen = list(self._steps), list(self._seen)
         if last is None:
-            return rejected(frame_checks.no_frames())
+            return Drive(rejected(frame_checks.no_frames()))
         told = drive_of_rig(accepted, seen, steps, self.rig)
         fused = fuse_frames(accepted, self.rig).copied() if accepted else last
-        fused = replace(fused, alignment=told.alignment, travel=told.travel, delay=told.delay)
-        if not accepted:
-            return fused
-        return estimate_drive(accepted, self.rig, with_doubt_of_rig(fused, self.rig)).estimate
+        fused = replace(fused, alignment=told.alignment, delay=told.delay)
+        if accepted:
+            fused = with_doubt_of_rig(fused, self.rig)
+        return estimate_drive(accepted, self.rig, fused, steps)
 
     def calibrate_frame(
         self,

@@ -225,5 +225,8 @@ def announce(result: CalibrationResult) -> str:
             frames += " of a standing car"
         if result.mount.n_outliers:
             aside = f" ({result.mount.n_outliers} more set aside as outliers)"
+    pose = result.extrinsics.describe(result.std)
+    if result.travel is not None and result.travel.tells_yaw:
+        pose += f", {result.travel.describe_yaw()}"
     notes = "".join(f"; {note}" for note in result.notes)
-    return f"calibrated from {frames}{aside}: {result.extrinsics.describe(result.std)}{notes}"
+    return f"calibrated from {frames}{aside}: {pose}{notes}"

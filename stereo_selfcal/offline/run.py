@@ -13,7 +13,7 @@ from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
 from ..core.drive.camera_changes import CameraChange, CameraFollower
-from ..core.drive.drive import Drive, estimate_drive
+from ..core.drive.drive import Drive
 from ..core.drive.targets import Targets
 from ..core.faults import FaultLog
 from ..core.rejection import RejectReason
@@ -147,10 +147,6 @@ def assemble_replay(
     watch = GoalWatch(until) if until else None
     stopped = False
 
-    def drive_so_far() -> Drive:
-        accepted = [row for row in rows[since:] if row.accepted]
-        return estimate_drive(accepted, calibrator.rig, calibrator.estimate)
-
     try:
         for head, result in frames:
             if head.cameras is not None:
@@ -169,7 +165,7 @@ def assemble_replay(
             chain = (*chain, head.recorded_ns) if kept.accepted else chain
             on_row(rows[-1])
             if watch is not None and result.accepted:
-                stopped = watch.is_reached(lambda: drive_so_far().estimate)
+                stopped = watch.is_reached(calibrator)
                 if stopped:
                     break
     except BagError as error:
@@ -179,7 +175,7 @@ def assemble_replay(
         damage = f"{error}; it ended early, after {n} frames: --max-frames {n} calibrates from these alone"
     if not rows:
         raise ValueError("a recording of no frames cannot be calibrated")
-    drive = drive_so_far()
+    drive = calibrator.drive
     changes = follower.changes
     if changes:
         message = f"{drive.estimate.message}; {changes[-1].since}"

@@ -7,10 +7,11 @@ ends at the same frame with any number of jobs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ..bags import StereoFrame
+from ..core.calibrator import Calibrator
 from ..core.drive.targets import Targets, explain_shortfall, next_estimate
 from ..core.results import CalibrationResult
 from .recording import FrameSource
@@ -69,17 +70,17 @@ class GoalWatch:
         self._n_accepted = 0
         self._next = max(1, targets.frames)
 
-    def is_reached(self, estimate: Callable[[], CalibrationResult]) -> bool:
+    def is_reached(self, calibrator: Calibrator) -> bool:
         """Count one more accepted frame, and return whether the targets are reached with it.
 
         Args:
-            estimate: Makes the estimate of all of them; it is called where it is time to look.
+            calibrator: It has all of them; its estimate is made where it is time to look.
         """
         self._n_accepted += 1
         if self._n_accepted < self._next:
             return False
         self._next = next_estimate(self._n_accepted)
-        return self._targets.reached(estimate())
+        return self._targets.reached(calibrator.estimate)
 
 
 class NotedFrames:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
@@ -10,11 +11,13 @@ import numpy as np
 
 from ..camera.rig import StereoRig
 from ..geometry.pose import Extrinsics
-from ..results import CalibrationResult
+from ..rejection import fitted
+from ..results import CalibrationResult, announce
 from ..types import Array
 from .changes import find_changes
 from .fusion import AcceptedFrame, frame_series, fuse_frames
 from .rig_doubt import with_doubt_of_rig
+from .travel import ANY_ROLL, TravelStep, estimate_travel
 
 # Stamps from 2001 on come from a clock. Smaller stamps count from the start of a simulation.
 FIRST_CLOCK_S = 1e9
@@ -82,29 +85,39 @@ class Drive:
     judged: bool = False
 
 
-def estimate_drive(frames: Sequence[AcceptedFrame], rig: StereoRig, fused: CalibrationResult) -> Drive:
+def estimate_drive(
+    frames: Sequence[AcceptedFrame],
+    rig: StereoRig,
+    fused: CalibrationResult,
+    steps: Sequence[TravelStep] = (),
+) -> Drive:
     """Find the moves of the mount in a drive, and its pose between them.
 
     Args:
         frames: Accepted frames of the drive, in any order.
         rig: The rig that the frames come from.
-        fused: :attr:`.Calibrator.estimate` of all frames of the drive.
+        fused: Estimate of all frames of the drive.
+        steps: The steps between its frames, accepted or not, in the order of time.
 
     Returns:
         The given estimate where the mount was not moved; else that of the frames since it was moved last.
     """
     if not frames or not fused.accepted:
-        return Drive(fused)
+        return Drive(with_travel(fused, steps))
     frames = sorted(frames, key=lambda frame: frame.stamp_s)
     history = find_changes(frame_series(frames))
+    last_part = len(history.segments) - 1
     segments = []
-    for part in history.segments:
+    for i, part in enumerate(history.segments):
         estimate = fused
         if history.changes:
             estimate = fuse_frames(frames[part.first : part.end], rig)
             # The alignment and the delay are those of the rig, whatever the mount does.
             estimate = replace(estimate, alignment=fused.alignment, delay=fused.delay)
             estimate = with_doubt_of_rig(estimate, rig)
+        start_s = part.start_s if i else -math.inf
+        end_s = part.end_s if i < last_part else math.inf
+        estimate = with_travel(estimate, [step for step in steps if start_s <= step.middle_s <= end_s])
         error = [each.covariance for each in estimate.uncertainty if each.name == "motion"]
         segments.append(
             DriveSegment(
@@ -126,6 +139,22 @@ def estimate_drive(frames: Sequence[AcceptedFrame], rig: StereoRig, fused: Calib
             last, message=f"{last.message}; since the camera was moved at {clock(changes[-1].at_s)}"
         )
     return Drive(last, tuple(segments), tuple(changes), history.judged)
+
+
+def with_travel(estimate: CalibrationResult, steps: Sequence[TravelStep]) -> CalibrationResult:
+    """Return an estimate with the camera against the direction of travel, as far as the steps tell it.
+
+    Args:
+        estimate: An estimate of the mount, or a refusal.
+        steps: Steps of the same drive, in the order of time.
+    """
+    pose, std = estimate.extrinsics, estimate.std
+    roll = ANY_ROLL if pose is None or std is None else (pose.roll_rad, std.roll_rad)
+    travel = fitted(estimate_travel(steps, roll))
+    if travel is None:
+        return estimate
+    told = replace(estimate, travel=travel)
+    return replace(told, message=announce(told)) if told.accepted else told
 
 
 def clock(stamp_s: float) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,14 +55,14 @@ class Mean:
     Attributes:
         value: The mean.
         variance: Its variance, with the correlation of the scatter.
-        slope: Change by the given factor; 0 without one.
+        slopes: (K,) change by each of the given factors.
         scatter: Standard deviation of the slow scatter.
         weights: (N,) robust weights 0 ... 1 of the values.
     """
 
     value: float
     variance: float
-    slope: float
+    slopes: Array
     scatter: float
     weights: Array
 
@@ -71,7 +72,8 @@ def mean_over_time(
     noise: Array,
     over: MeanOverTime,
     common: Array | None = None,
-    slope: tuple[Array, float] | None = None,
+    slopes: Sequence[tuple[Array, float]] = (),
+    lasting: Array | None = None,
 ) -> Mean | NotFitted:
     """Return the robust mean of a series, and its variance.
 
@@ -79,40 +81,40 @@ def mean_over_time(
     measured where the series is long, and has a prior that decides where it is short.
 
     Args:
-        values: (N,) measurements.
+        values: (N,) measurements, in the order of time.
         noise: (N,) variances of their noise.
         over: The scatter: its memory, its prior, and the time that is covered.
         common: (N,) further variances of slow causes.
-        slope: (N,) a factor that changes the values linearly, and the standard deviation of the change by one
-            unit of it, whose mean is zero.
+        slopes: For each factor (N,) that changes the values linearly: it, and the standard deviation of the
+            change by one unit of it, whose mean is zero.
+        lasting: (N,) standard deviations of causes that are the same in all values, however long the series
+            is; no average lessens them.
 
     Returns:
         The mean, or why there is none.
     """
     n = len(values)
     common = np.zeros(n) if common is None else common
-    design = np.ones((n, 1)) if slope is None else np.column_stack([np.ones(n), slope[0]])
-    prior = np.zeros(design.shape[1])
-    if slope is not None:
-        prior[1] = slope[1] ** -2.0
+    lasting = np.zeros(n) if lasting is None else lasting
+    design = np.column_stack([np.ones(n), *(factor for factor, _ in slopes)])
+    prior = np.array([0.0, *(std**-2.0 for _, std in slopes)])
     scatter, weights = over.scatter, np.ones(n)
     solution = np.zeros(len(prior))
     for _ in range(_ROUNDS):
-        variances = noise + common + scatter**2
+        variances = noise + common + lasting**2 + scatter**2
         found = _fit(values, variances, design, prior)
         if isinstance(found, NotFitted):
             return found
         solution, weights = found
-        scatter = _scatter(values - design @ solution, noise + common, over)
+        scatter = _scatter(values - design @ solution, noise + common, weights, over)
     information = weights / variances
     response = invert((design.T * information) @ design + np.diag(prior), _DETERMINED)
     if isinstance(response, NotFitted):
         return response
+    gains = (response @ (design.T * information))[0]
     slow = max(1.0, n * over.of_mean) * (common + scatter**2)
-    spread = (design.T * (information**2 * (noise + slow))) @ design + np.diag(prior)
-    covariance = response @ spread @ response
-    by_factor = float(solution[1]) if slope is not None else 0.0
-    return Mean(float(solution[0]), float(covariance[0, 0]), by_factor, scatter, weights)
+    variance = gains**2 @ (noise + slow) + response[0] ** 2 @ prior + (np.abs(gains) @ lasting) ** 2
+    return Mean(float(solution[0]), float(variance), solution[1:], scatter, weights)
 
 
 def _fit(values: Array, variances: Array, design: Array, prior: Array) -> tuple[Array, Array] | NotFitted:
@@ -135,12 +137,25 @@ def _fit(values: Array, variances: Array, design: Array, prior: Array) -> tuple[
     return found if isinstance(found, NotFitted) else (found.solution, found.weights)
 
 
-def _scatter(residuals: Array, noise: Array, over: MeanOverTime) -> float:
-    """Return the standard deviation of the slow scatter, by the residuals and its prior."""
-    spread = SIGMA_OVER_MAD * upper_median(np.abs(residuals))
-    measured = max(0.0, spread**2 - upper_median(noise))
-    independent = over.duration_s / (2.0 * over.memory_s)
+def _scatter(residuals: Array, noise: Array, weights: Array, over: MeanOverTime) -> float:
+    """Return the standard deviation of the slow scatter, by the residuals and its prior.
+
+    In means over one memory each, the noise averages out, and the scatter does so less.
+    """
+    counted = np.flatnonzero(weights > 0.0)
+    n_counted = len(counted)
     # A series that is hardly longer than its memory does not show it.
-    freedom = max(0.0, independent - 1.0)
+    n_blocks = min(n_counted, math.floor(over.duration_s / over.memory_s))
+    freedom = max(0.0, n_blocks - 1.0)
+    measured = 0.0
+    if freedom:
+        starts = np.arange(n_blocks) * n_counted // n_blocks
+        sizes = np.diff([*starts, n_counted])
+        means = np.add.reduceat(residuals[counted], starts) / sizes
+        of_noise = np.add.reduceat(noise[counted], starts) / sizes**2
+        seen = (float(np.sum((means - means.mean()) ** 2)) / freedom) - float(of_noise.mean())
+        # What the scatter leaves in such means, and in their common mean, which is taken from them.
+        in_block = max(MeanOverTime(over.duration_s / n_blocks, over.memory_s).of_mean, n_blocks / n_counted)
+        measured = max(0.0, seen) * freedom / (n_blocks * (in_block - over.of_mean))
     variance = (_PRIOR_FREEDOM * over.scatter**2 + freedom * measured) / (_PRIOR_FREEDOM + freedom)
     return math.sqrt(variance)

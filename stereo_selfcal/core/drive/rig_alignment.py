@@ -11,14 +11,14 @@ from ..camera.rig import StereoRig
 from ..estimators.row_alignment import LEAST_SMOOTH_PX, turn_by_smooth_rows
 from ..evidence.told_alignment import told_variances, with_untold
 from ..geometry.alignment import Alignment
-from ..geometry.travel import RightDelay, Travel
+from ..geometry.travel import RightDelay
 from ..rejection import NotFitted, fitted
 from ..results import CalibrationResult
 from ..road.priors import ROW_YAW_STD_RAD
 from ..types import Array
 from .mean_over_time import MeanOverTime, mean_over_time
 from .right_delay import SeenAhead, estimate_delay
-from .travel import TravelStep, estimate_travel
+from .travel import TravelStep
 from .travel_vergence import vergence_of_parallax, vergence_of_travel
 
 # Half of the variance of a frame's angle is noise of its own. The other half lasts: what things beside the
@@ -50,12 +50,10 @@ class DriveOfRig:
 
     Attributes:
         alignment: How the right camera is turned; None where no frame tells it.
-        travel: The camera against the direction of travel; None where the car has hardly moved.
         delay: When right images are taken, against the left ones; None where too few frames tell it.
     """
 
     alignment: Alignment | None
-    travel: Travel | None
     delay: RightDelay | None
 
 
@@ -75,7 +73,6 @@ def drive_of_rig(
     """
     return DriveOfRig(
         _alignment(frames, seen, steps, rig),
-        fitted(estimate_travel(steps)),
         fitted(estimate_delay([each.ahead for each in seen if each.ahead is not None], steps, rig)),
     )
 

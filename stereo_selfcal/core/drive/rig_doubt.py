@@ -56,7 +56,6 @@ def with_doubt_of_rig(fused: CalibrationResult, rig: StereoRig) -> CalibrationRe
         return replace(
             rejected(refusal, fused.stamp_s),
             alignment=alignment,
-            travel=fused.travel,
             delay=fused.delay,
         )
     change = response_of_surface(rig, pose, RigStd(yaw_rad=yaw.rms_rad)).changes[:, 0]

@@ -2,9 +2,10 @@
 
 In the mean a car drives along its road. So the direction in which its camera moves says where the horizon
 is, without any disparity. Single steps differ from the mean: the car pitches on its suspension, with a memory
-of a second or two, and in a bend the camera moves sideways. The first is a scatter that is measured; the
-second grows with the curvature, by a length that is estimated, so that a step counts less the tighter its
-bend.
+of a second or two; in a bend the camera moves sideways, as it sits ahead of the rear axle, and the rear tyres
+slip. The first is a scatter that is measured. The others grow with the curvature and with the acceleration,
+by a length and a compliance that are estimated with the mean. What a bend does besides is not known to
+average out, so that a step counts less the less straight the car drives around it.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ import numpy as np
 
 from ..camera.rig import StereoRig
 from ..estimators.landmarks import Landmarks
-from ..geometry.travel import Travel
+from ..geometry.pose import road_from_camera_rotation
+from ..geometry.travel import MOUNT_YAW_STD_RAD, Travel
 from ..rejection import Bound, NotFitted
 from ..road.priors import RIDE_MEMORY_S
 from ..types import Array
@@ -31,14 +33,26 @@ MOST_STEP_S = 1.5  # between two frames of a step: beyond, few landmarks are lef
 _MOST_STEP_M = 20.0
 LEAST_STEP_M = 0.05  # a step of less has no direction: landmarks tell a motion to about 5 mm
 _LEAST_STEPS = 3
-# Prior of the scatter of single steps: a car pitches by tenths of a degree, and weaves within its lane.
-_PITCH_SCATTER_RAD, _YAW_SCATTER_RAD = math.radians(0.2), math.radians(0.2)
+# Prior of the scatter of single steps: a car pitches by tenths of a degree; its body sways sideways while it
+# rolls, by a degree each second at a metre of height and 10 m/s.
+_PITCH_SCATTER_RAD, _YAW_SCATTER_RAD = math.radians(0.2), math.radians(0.1)
 # How far the camera is ahead of the rear axle, the point of a car that moves along its heading: behind the
 # windscreen of a small car or of a long one, or on the roof.
 _LEVER_M, _LEVER_STD_M = 1.3, 1.0
 # Slip of the rear tyres in a bend, over the acceleration: a third of a degree for each m/s^2 (Milliken and
-# Milliken, Race Car Vehicle Dynamics, 1995, chapter 5: 5 deg at 0.8 g and more).
-_SLIP_RAD_PER_MPS2 = 0.006
+# Milliken, Race Car Vehicle Dynamics, 1995, chapter 5: 5 deg at 0.8 g and more); less with stiff tyres.
+_SLIP_RAD_PER_MPS2, _SLIP_STD_RAD_PER_MPS2 = 0.006, 0.003
+# The same on the cross fall of the road, where one road falls by 1 % more than others (as for LEAN_STD_RAD).
+_GRAVITY_MPS2 = 9.81
+_CROSS_FALL_STD_RAD = 0.01 * _GRAVITY_MPS2 * _SLIP_RAD_PER_MPS2
+# Drivers weave in their lane by less than a degree. Where the heading changes by 3 deg within 6 s, which is a
+# radius of 1.6 km at 50 km/h, the car drives in a bend, or changes the lane. A bend that is not told from a
+# straight road leaves 0.3 deg of yaw; what it leaves grows with the square of the turn.
+_STRAIGHT_S = 6.0
+_TINY_S = 1e-6  # stamps are rounded to less
+_BEND_TURN_RAD, _BEND_STD_RAD = math.radians(3.0), math.radians(0.3)
+# Roll of a mount of which nothing is known: that of its yaw.
+ANY_ROLL = 0.0, MOUNT_YAW_STD_RAD
 
 
 class FrameWithLandmarks(Protocol):
@@ -100,15 +114,20 @@ class TravelStep:
         """Turn to the left over the way [1/m]."""
         return float(self.motion.turned_rad[2]) / self.way_m
 
-    def against_travel(self) -> tuple[float, float]:
+    def against_travel(self, roll_rad: float = 0.0) -> tuple[float, float]:
         """Return yaw and pitch of the camera against the direction of the step [rad].
 
-        The direction is that in the middle of the step. There, a car that drives along an arc moves along
-        its chord.
+        They are those of ``R_z(yaw) R_y(pitch) R_x(roll)``, which turns the direction in the body of the
+        camera to x. The direction is that in the middle of the step. There, a car that drives along an arc
+        moves along its chord.
+
+        Args:
+            roll_rad: Roll of the camera over the road [rad].
         """
         halfway = np.asarray(cv2.Rodrigues(-0.5 * self.motion.turned_rad)[0], np.float64)
-        ahead, left, up = halfway @ self.motion.moved_m
-        return -math.atan2(left, ahead), math.atan2(up, math.hypot(ahead, left))
+        level = road_from_camera_rotation(0.0, roll_rad)
+        ahead, left, up = level @ halfway @ self.motion.moved_m
+        return -math.atan2(left, math.hypot(ahead, up)), math.atan2(up, ahead)
 
     def noise(self) -> Array:
         """Return the variances (2,) of that yaw and pitch, as the landmarks tell them [rad^2]."""
@@ -166,11 +185,12 @@ def ahead_only(steps: Iterable[TravelStep]) -> list[TravelStep]:
     return [step for step in steps if step.way_m >= LEAST_STEP_M]
 
 
-def estimate_travel(steps: Sequence[TravelStep]) -> Travel | NotFitted:
+def estimate_travel(steps: Sequence[TravelStep], roll: tuple[float, float] = ANY_ROLL) -> Travel | NotFitted:
     """Average the direction of travel over a drive.
 
     Args:
         steps: The steps, in the order of time.
+        roll: Roll of the mount over the road, and its standard deviation [rad].
 
     Returns:
         The camera against the direction of travel, or why it is not known: the car has hardly moved.
@@ -178,30 +198,59 @@ def estimate_travel(steps: Sequence[TravelStep]) -> Travel | NotFitted:
     driven = ahead_only(steps)
     if len(driven) < _LEAST_STEPS:
         return NotFitted("steps of a drive", len(driven), Bound.LEAST, _LEAST_STEPS)
-    values = np.array([step.against_travel() for step in driven])
+    values = np.array([step.against_travel(roll[0]) for step in driven])
     noise = np.array([step.noise() for step in driven])
     curvature = np.array([step.curvature_per_m for step in driven])
-    speed = np.array([step.speed_mps for step in driven])
+    acceleration = np.array([step.speed_mps for step in driven]) ** 2 * curvature
     driven_s = float(sum(step.duration_s for step in driven))
     over = MeanOverTime(driven_s, RIDE_MEMORY_S)
-    slip = _SLIP_RAD_PER_MPS2 * speed**2 * curvature
+    bend = (
+        _BEND_STD_RAD
+        * (_turns_nearby(steps)[[step.way_m >= LEAST_STEP_M for step in steps]] / _BEND_TURN_RAD) ** 2
+    )
     yaw = mean_over_time(
-        values[:, 0] + _LEVER_M * curvature,
+        values[:, 0] + _LEVER_M * curvature - _SLIP_RAD_PER_MPS2 * acceleration,
         noise[:, 0],
         over.with_scatter(_YAW_SCATTER_RAD),
-        common=slip**2,
-        slope=(-curvature, _LEVER_STD_M),
+        slopes=((-curvature, _LEVER_STD_M), (acceleration, _SLIP_STD_RAD_PER_MPS2)),
+        lasting=bend,
     )
     pitch = mean_over_time(values[:, 1], noise[:, 1], over.with_scatter(_PITCH_SCATTER_RAD))
     if isinstance(yaw, NotFitted):
         return yaw
     if isinstance(pitch, NotFitted):
         return pitch
+    # A camera that is turned by a roll that is not known sees one angle as part of the other one.
+    by_roll = roll[1] * np.array([math.sin(pitch.value), math.sin(yaw.value)])
+    variances = np.array([yaw.variance + _CROSS_FALL_STD_RAD**2, pitch.variance]) + by_roll**2
     return Travel(
         yaw.value,
         pitch.value,
-        np.diag([yaw.variance, pitch.variance]),
+        np.diag(variances),
         int(np.count_nonzero((yaw.weights > 0.0) & (pitch.weights > 0.0))),
-        _LEVER_M + yaw.slope,
+        _LEVER_M + float(yaw.slopes[0]),
         driven_s,
     )
+
+
+def _turns_nearby(steps: Sequence[TravelStep]) -> Array:
+    """Return by how much the heading changes around each step (N,): greatest less least within a time [rad].
+
+    At the ends of a drive, the time is one that lies within it. In gaps, the car is taken to turn as before.
+    """
+    starts = np.array([step.stamp_s for step in steps])
+    ends = starts + [step.duration_s for step in steps]
+    turns = np.array([float(step.motion.turned_rad[2]) for step in steps])
+    gaps = np.maximum(starts - np.concatenate([starts[:1], ends[:-1]]), 0.0)
+    rates = np.concatenate([[0.0], turns[:-1] / (ends - starts)[:-1]])
+    after = np.cumsum(turns + gaps * rates)
+    before = after - turns
+    last = max(float(starts[0]), float(ends[-1]) - _STRAIGHT_S)
+    begin = np.clip((starts + ends - _STRAIGHT_S) / 2.0, starts[0], last)
+    first = np.searchsorted(starts, begin - _TINY_S)
+    end = np.searchsorted(ends, begin + _STRAIGHT_S + _TINY_S, side="right")
+    nearby = [
+        max(before[i:j].max(), after[i:j].max()) - min(before[i:j].min(), after[i:j].min())
+        for i, j in zip(first, np.maximum(end, first + 1), strict=True)
+    ]
+    return np.array(nearby)

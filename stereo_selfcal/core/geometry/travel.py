@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..types import Array
+from .pose import DEGREES
 
 # Standard deviation of the yaw of a mount of which nothing is known: cameras are mounted straight to a
 # degree. A drive that tells it less well tells nothing of it.
@@ -44,6 +45,11 @@ class Travel:
     def tells_yaw(self) -> bool:
         """Whether the yaw is known better than that of any mount."""
         return bool(self.std[0] < MOUNT_YAW_STD_RAD)
+
+    def describe_yaw(self) -> str:
+        """Return the yaw as people read it, in degrees."""
+        yaw, std = DEGREES.text(self.yaw_rad, "+", fine=True), DEGREES.number(float(self.std[0]), fine=True)
+        return f"yaw {yaw} (std {std}) against the direction of travel"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -64,7 +64,7 @@ def test_errors_are_as_large_as_the_variance_says():
         values = (
             1.0 + by_factor * factor + slow(rng, n, 0.1, 1.5, 0.5) + np.sqrt(noise) * rng.standard_normal(n)
         )
-        found = mean(values, noise, MeanOverTime(20.0, 1.5, 0.5), slope=(factor, 0.5))
+        found = mean(values, noise, MeanOverTime(20.0, 1.5, 0.5), slopes=[(factor, 0.5)])
         ratios.append((found.value - 1.0) / math.sqrt(found.variance))
     assert 0.8 < math.sqrt(np.mean(np.square(ratios))) < 1.2
 
