@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stereo_selfcal.core.drive.drive import Drive
+from stereo_selfcal.core.drive.drive import estimate_drive
 from stereo_selfcal.core.geometry.pose import Extrinsics
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import CalibrationResult, rejected
@@ -28,9 +28,11 @@ class FakeCalibrator:
 
     def __init__(self, rig, config=None):
         self.rig, self.config, self.stamps, self.accepted = rig, config, [], []
+        self.remembered = []
         self.made.append(self)
 
     def remember(self, result):
+        self.remembered.append(result)
         return result
 
     def calibrate_next(self, left, right, stamp_s=0.0, stamp_difference_s=0.0):
@@ -53,7 +55,8 @@ class FakeCalibrator:
 
     @property
     def drive(self):
-        return Drive(self.estimate)
+        accepted = [each for each in self.remembered if each.accepted]
+        return estimate_drive(accepted, self.rig, self.estimate)
 
 
 def use_fake(monkeypatch):
