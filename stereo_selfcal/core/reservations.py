@@ -26,6 +26,7 @@ class ReservationKind(Enum):
     NOT_REFINED = "not_refined"
     NO_CLOSED_FORM = "no_closed_form"
     CLOSED_FORM_DIFFERS = "closed_form_differs"
+    PITCH_NOT_OF_TRAVEL = "pitch_not_of_travel"
 
     def __str__(self) -> str:
         return self.value
@@ -47,6 +48,11 @@ _WORDS = {
     ReservationKind.NOT_REFINED: ("not refined", ": "),
     ReservationKind.NO_CLOSED_FORM: ("no closed form", ": "),
     ReservationKind.CLOSED_FORM_DIFFERS: ("the closed form differs from the genetic algorithm", " in "),
+    ReservationKind.PITCH_NOT_OF_TRAVEL: (
+        "the pitch over the road is not that against the direction of travel: the right camera may have "
+        "turned about the vertical, or the road was hardly ever level with the way",
+        ": it is ",
+    ),
 }
 
 # A calibration has reservations as a whole where one of them holds for more than this part of its frames.

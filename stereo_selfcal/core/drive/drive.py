@@ -12,15 +12,19 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..geometry.pose import Extrinsics
 from ..rejection import fitted
+from ..reservations import Reservation, ReservationKind
 from ..results import CalibrationResult, announce
 from ..types import Array
 from .changes import find_changes
 from .fusion import AcceptedFrame, frame_series, fuse_frames
 from .rig_doubt import with_doubt_of_rig
 from .travel import ANY_ROLL, TravelStep, estimate_travel
+from .travel_vergence import pitch_difference
 
 # Stamps from 2001 on come from a clock. Smaller stamps count from the start of a simulation.
 FIRST_CLOCK_S = 1e9
+# One of 370 drives without a fault differs by more.
+_CONTRADICTS_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +107,7 @@ def estimate_drive(
         The given estimate where the mount was not moved; else that of the frames since it was moved last.
     """
     if not frames or not fused.accepted:
-        return Drive(with_travel(fused, steps))
+        return Drive(with_travel(fused, frames, steps, rig))
     frames = sorted(frames, key=lambda frame: frame.stamp_s)
     history = find_changes(frame_series(frames))
     last_part = len(history.segments) - 1
@@ -117,7 +121,8 @@ def estimate_drive(
             estimate = with_doubt_of_rig(estimate, rig)
         start_s = part.start_s if i else -math.inf
         end_s = part.end_s if i < last_part else math.inf
-        estimate = with_travel(estimate, [step for step in steps if start_s <= step.middle_s <= end_s])
+        of_part = [step for step in steps if start_s <= step.middle_s <= end_s]
+        estimate = with_travel(estimate, frames[part.first : part.end], of_part, rig)
         error = [each.covariance for each in estimate.uncertainty if each.name == "motion"]
         segments.append(
             DriveSegment(
@@ -141,12 +146,18 @@ def estimate_drive(
     return Drive(last, tuple(segments), tuple(changes), history.judged)
 
 
-def with_travel(estimate: CalibrationResult, steps: Sequence[TravelStep]) -> CalibrationResult:
+def with_travel(
+    estimate: CalibrationResult, frames: Sequence[AcceptedFrame], steps: Sequence[TravelStep], rig: StereoRig
+) -> CalibrationResult:
     """Return an estimate with the camera against the direction of travel, as far as the steps tell it.
+
+    In the mean a car drives along its road: where the pitch over it contradicts that, it is told.
 
     Args:
         estimate: An estimate of the mount, or a refusal.
+        frames: Its accepted frames.
         steps: Steps of the same drive, in the order of time.
+        rig: The rig that all come from.
     """
     pose, std = estimate.extrinsics, estimate.std
     roll = ANY_ROLL if pose is None or std is None else (pose.roll_rad, std.roll_rad)
@@ -154,7 +165,15 @@ def with_travel(estimate: CalibrationResult, steps: Sequence[TravelStep]) -> Cal
     if travel is None:
         return estimate
     told = replace(estimate, travel=travel)
-    return replace(told, message=announce(told)) if told.accepted else told
+    if not told.accepted:
+        return told
+    apart = fitted(pitch_difference(steps, frames, rig))
+    if apart is not None and abs(apart.value_rad) > _CONTRADICTS_SIGMAS * apart.std_rad:
+        detail = f"{math.degrees(apart.value_rad):+.2f} deg more (std {math.degrees(apart.std_rad):.2f})"
+        kind = ReservationKind.PITCH_NOT_OF_TRAVEL
+        reservation = Reservation(kind, detail, max(1, estimate.n_frames))
+        told = replace(told, reservations=(*told.reservations, reservation))
+    return replace(told, message=announce(told))
 
 
 def clock(stamp_s: float) -> str:

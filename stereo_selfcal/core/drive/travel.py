@@ -114,20 +114,24 @@ class TravelStep:
         """Turn to the left over the way [1/m]."""
         return float(self.motion.turned_rad[2]) / self.way_m
 
+    @property
+    def direction(self) -> Array:
+        """(3,) way in the body of the camera in the middle of the step [m].
+
+        There, a car that drives along an arc moves along its chord.
+        """
+        halfway = np.asarray(cv2.Rodrigues(-0.5 * self.motion.turned_rad)[0], np.float64)
+        way: Array = halfway @ self.motion.moved_m
+        return way
+
     def against_travel(self, roll_rad: float = 0.0) -> tuple[float, float]:
         """Return yaw and pitch of the camera against the direction of the step [rad].
-
-        They are those of ``R_z(yaw) R_y(pitch) R_x(roll)``, which turns the direction in the body of the
-        camera to x. The direction is that in the middle of the step. There, a car that drives along an arc
-        moves along its chord.
 
         Args:
             roll_rad: Roll of the camera over the road [rad].
         """
-        halfway = np.asarray(cv2.Rodrigues(-0.5 * self.motion.turned_rad)[0], np.float64)
-        level = road_from_camera_rotation(0.0, roll_rad)
-        ahead, left, up = level @ halfway @ self.motion.moved_m
-        return -math.atan2(left, math.hypot(ahead, up)), math.atan2(up, ahead)
+        yaw, pitch = angles_against(self.direction, roll_rad)
+        return float(yaw), float(pitch)
 
     def noise(self) -> Array:
         """Return the variances (2,) of that yaw and pitch, as the landmarks tell them [rad^2]."""
@@ -138,6 +142,17 @@ class TravelStep:
         by_pitch[[1, 5]] = half, 1.0
         covariance = self.motion.covariance
         return np.array([by @ covariance @ by for by in (by_yaw, by_pitch)]) / self.way_m**2
+
+
+def angles_against(directions: Array, roll_rad: float) -> tuple[Array, Array]:
+    """Return yaw and pitch (...) of ``R_z(yaw) R_y(pitch) R_x(roll)``, which turns directions to x [rad].
+
+    Args:
+        directions: (..., 3) directions in the body of the camera, of any length.
+        roll_rad: Roll of the camera over the road [rad].
+    """
+    ahead, left, up = np.moveaxis(directions @ road_from_camera_rotation(0.0, roll_rad).T, -1, 0)
+    return -np.arctan2(left, np.hypot(ahead, up)), np.arctan2(up, ahead)
 
 
 def step_between(
@@ -198,7 +213,7 @@ def estimate_travel(steps: Sequence[TravelStep], roll: tuple[float, float] = ANY
     driven = ahead_only(steps)
     if len(driven) < _LEAST_STEPS:
         return NotFitted("steps of a drive", len(driven), Bound.LEAST, _LEAST_STEPS)
-    values = np.array([step.against_travel(roll[0]) for step in driven])
+    values = np.column_stack(angles_against(np.array([step.direction for step in driven]), roll[0]))
     noise = np.array([step.noise() for step in driven])
     curvature = np.array([step.curvature_per_m for step in driven])
     acceleration = np.array([step.speed_mps for step in driven]) ** 2 * curvature

@@ -22,7 +22,7 @@ from ..rejection import Bound, NotFitted
 from ..road.priors import RECTIFICATION_STD_PX, RIDE_MEMORY_S
 from ..types import Array
 from .mean_over_time import MeanOverTime, mean_over_time
-from .travel import TravelStep, ahead_only
+from .travel import TravelStep, ahead_only, angles_against
 
 # Slope of the road in view against that under the car: crests and dips change it by a third of a degree (RMS)
 # over some car's lengths (single frames of recorded drives), and average out along the road.
@@ -74,17 +74,34 @@ def pitch_by_right_yaw(rig: StereoRig, pose: Extrinsics) -> float:
     return -rig.fx * float(jacobian_pose_wrt_plane(plane_from_pose(pose, rig), rig)[1, 0])
 
 
-def vergence_of_travel(
+@dataclass(frozen=True, slots=True)
+class PitchDifference:
+    """Pitch over the road less pitch against the direction of travel, in the mean.
+
+    Attributes:
+        value_rad: The difference [rad].
+        std_rad: Its standard deviation, of a rig that is what its CameraInfo says [rad].
+        n: Number of poses that agree.
+    """
+
+    value_rad: float
+    std_rad: float
+    n: int
+
+
+def pitch_difference(
     steps: Sequence[TravelStep],
     poses: Sequence[PoseAtTime],
     rig: StereoRig,
     pitch_std_rad: Sequence[float] | None = None,
-) -> RightYaw | NotFitted:
-    """Return the yaw of the right camera for which the road lies along the direction of travel, in the mean.
+) -> PitchDifference | NotFitted:
+    """Return by how much the pitch over the road differs from that against the direction of travel.
+
+    Both follow the motion of the car on its suspension, so they are compared at the same time.
 
     Args:
         steps: Steps of the drive, in the order of time.
-        poses: Accepted frames of the same drive, whose poses rest on the surface of the road.
+        poses: Accepted frames of the same drive.
         rig: Intrinsics and baseline.
         pitch_std_rad: Standard deviations of their pitch by noise, without the unknowns of the rig; None
             where they do not matter beside the slopes of the road.
@@ -98,7 +115,7 @@ def vergence_of_travel(
     differences, variances, slower = [], [], []
     stds = np.zeros(len(located)) if pitch_std_rad is None else np.asarray(pitch_std_rad, np.float64)
     times = np.array([step.middle_s for step in driven])
-    pitches = np.array([step.against_travel()[1] for step in driven])
+    directions = np.array([step.direction for step in driven])
     noise = np.array([step.noise()[1] for step in driven])
     speeds = np.array([step.speed_mps for step in driven])
     for (stamp_s, pose), std in zip(located, stds, strict=True):
@@ -107,7 +124,8 @@ def vergence_of_travel(
             continue
         information = 1.0 / noise[near]
         total = float(information.sum())
-        differences.append(pose.pitch_rad - float(pitches[near] @ information) / total)
+        _, pitches = angles_against(directions[near], pose.roll_rad)
+        differences.append(pose.pitch_rad - float(pitches @ information) / total)
         variances.append(std**2 + 1.0 / total)
         slower.append(float(speeds[near].mean()))
     if len(differences) < _LEAST_POSES:
@@ -117,11 +135,27 @@ def vergence_of_travel(
     mean = mean_over_time(np.array(differences), np.array(variances), over)
     if isinstance(mean, NotFitted):
         return mean
-    middle = Extrinsics.from_array(np.median([pose.as_array() for _, pose in located], axis=0))
-    derivative = pitch_by_right_yaw(rig, middle)
     rectified = RECTIFICATION_STD_PX / rig.fy  # a direction in the image is not known better
-    std = math.hypot(math.sqrt(mean.variance), rectified) / abs(derivative)
-    return RightYaw(mean.value / derivative, std, int(np.count_nonzero(mean.weights)))
+    std = math.hypot(math.sqrt(mean.variance), rectified)
+    return PitchDifference(mean.value, std, int(np.count_nonzero(mean.weights)))
+
+
+def vergence_of_travel(
+    steps: Sequence[TravelStep],
+    poses: Sequence[PoseAtTime],
+    rig: StereoRig,
+    pitch_std_rad: Sequence[float] | None = None,
+) -> RightYaw | NotFitted:
+    """Return the yaw of the right camera for which the road lies along the direction of travel, in the mean.
+
+    Arguments are those of :func:`pitch_difference`; the poses rest on the surface of the road.
+    """
+    found = pitch_difference(steps, poses, rig, pitch_std_rad)
+    if isinstance(found, NotFitted):
+        return found
+    located = [pose.extrinsics.as_array() for pose in poses if pose.extrinsics is not None]
+    derivative = pitch_by_right_yaw(rig, Extrinsics.from_array(np.median(located, axis=0)))
+    return RightYaw(found.value_rad / derivative, found.std_rad / abs(derivative), found.n)
 
 
 def vergence_of_parallax(steps: Sequence[TravelStep], rig: StereoRig) -> RightYaw | NotFitted:
