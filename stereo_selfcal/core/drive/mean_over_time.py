@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,11 +11,13 @@ import numpy as np
 from ..numerics.linear import invert, solve_linear
 from ..numerics.robust import Reweighting, fit_reweighted
 from ..numerics.statistics import SIGMA_OVER_MAD, upper_median
-from ..rejection import NotFitted
+from ..rejection import Bound, NotFitted
 from ..types import Array
 
 _PRIOR_FREEDOM = 3.0  # independent values that the prior of a scatter is worth
 _NO_TIME = 1e-3  # over the memory: the series is a single value
+_QUANTILES: Array = np.arange(0.05, 1.01, 0.05)  # of what lasts, as limits
+_TINY = 1e-12
 _ROUNDS = 3  # of the scatter and the mean; they hardly change each other
 _REWEIGHTING = Reweighting(rounds=4, absolute_rounds=2)
 _DETERMINED = "numbers of a mean over time that the measurements determine"
@@ -107,14 +109,36 @@ def mean_over_time(
             return found
         solution, weights = found
         scatter = _scatter(values - design @ solution, noise + common, weights, over)
-    information = weights / variances
-    response = invert((design.T * information) @ design + np.diag(prior), _DETERMINED)
-    if isinstance(response, NotFitted):
-        return response
-    gains = (response @ (design.T * information))[0]
     slow = max(1.0, n * over.of_mean) * (common + scatter**2)
-    variance = gains**2 @ (noise + slow) + response[0] ** 2 @ prior + (np.abs(gains) @ lasting) ** 2
-    return Mean(float(solution[0]), float(variance), solution[1:], scatter, weights)
+    best: tuple[float, Array] | None = None
+    for part in _parts(lasting):
+        information = part * weights / (noise + common + scatter**2)
+        response = invert((design.T * information) @ design + np.diag(prior), _DETERMINED)
+        if isinstance(response, NotFitted):
+            continue
+        gains = response @ (design.T * information)
+        variance = (
+            gains[0] ** 2 @ (noise + slow) + response[0] ** 2 @ prior + (np.abs(gains[0]) @ lasting) ** 2
+        )
+        if best is None or variance < best[0]:
+            best = float(variance), gains @ values
+    if best is None:
+        return NotFitted(_DETERMINED, 0, Bound.LEAST, len(prior))
+    variance, solution = best
+    return Mean(float(solution[0]), variance, solution[1:], scatter, weights)
+
+
+def _parts(lasting: Array) -> Iterator[Array]:
+    """Yield candidates of how much each value counts (N,), by what lasts in it.
+
+    The best linear mean of values with such a cause would be one that counts values with much of it
+    negatively: it would extrapolate to none of it, which nobody knows how to. Without that, it counts them
+    the less, and not at all beyond a limit (a Lagrange multiplier). Which limit is best is tried.
+    """
+    yield np.ones(len(lasting))
+    if np.any(lasting > 0.0):
+        for limit in np.quantile(lasting, _QUANTILES) * (1.0 + _QUANTILES) + _TINY:
+            yield np.maximum(1.0 - lasting / limit, 0.0)
 
 
 def _fit(values: Array, variances: Array, design: Array, prior: Array) -> tuple[Array, Array] | NotFitted:

@@ -75,3 +75,30 @@ def test_outliers_do_not_count():
     found = mean(values, noise, MeanOverTime(50.0, 1.0, 0.1))
     assert found.value == pytest.approx(1.0, abs=1e-6)
     assert np.all(found.weights[::7] == 0.0)
+
+
+def test_what_lasts_is_lessened_by_no_number_of_values():
+    values, noise, over = np.full(400, 1.0), np.full(400, 0.01), MeanOverTime(400.0, 1.0)
+    found = mean(values, noise, over, lasting=np.full(400, 0.3))
+    assert math.sqrt(found.variance) == pytest.approx(math.hypot(0.3, 0.1 / 20), rel=1e-6)
+
+
+def test_values_with_little_of_what_lasts_decide():
+    rng = np.random.default_rng(6)
+    lasting = np.where(np.arange(400) < 60, 0.0, 2.0)
+    values = 1.0 + lasting + 0.1 * rng.standard_normal(400)
+    found = mean(values, np.full(400, 0.01), MeanOverTime(400.0, 1.0), lasting=lasting)
+    assert abs(found.value - 1.0) < 4.0 * 0.1 / math.sqrt(60)
+    assert math.sqrt(found.variance) == pytest.approx(0.1 / math.sqrt(60), rel=0.1)
+
+
+def test_more_of_what_lasts_never_makes_the_mean_more_certain():
+    rng = np.random.default_rng(7)
+    lasting = rng.uniform(0.0, 1.0, 300)
+    values, noise = 1.0 + 0.1 * rng.standard_normal(300), np.full(300, 0.01)
+    stds = [
+        math.sqrt(mean(values, noise, MeanOverTime(300.0, 1.0), lasting=part * lasting).variance)
+        for part in np.linspace(0.0, 1.0, 60)
+    ]
+    assert np.all(np.diff(stds) > -1e-9)
+    assert np.max(np.diff(stds)) < 0.1 * stds[-1]
