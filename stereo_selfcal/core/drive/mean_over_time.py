@@ -108,24 +108,22 @@ def mean_over_time(
         if isinstance(found, NotFitted):
             return found
         solution, weights = found
-        scatter = _scatter(values - design @ solution, noise + common, weights, over)
+        scatter = _scatter(values - design @ solution, noise + common, lasting, weights, over)
     slow = max(1.0, n * over.of_mean) * (common + scatter**2)
-    best: tuple[float, Array] | None = None
+    best: tuple[float, float] | None = None
     for part in _parts(lasting):
         information = part * weights / (noise + common + scatter**2)
         response = invert((design.T * information) @ design + np.diag(prior), _DETERMINED)
         if isinstance(response, NotFitted):
             continue
-        gains = response @ (design.T * information)
-        variance = (
-            gains[0] ** 2 @ (noise + slow) + response[0] ** 2 @ prior + (np.abs(gains[0]) @ lasting) ** 2
-        )
-        if best is None or variance < best[0]:
-            best = float(variance), gains @ values
+        gains = (response @ (design.T * information))[0]
+        spread = gains**2 @ (noise + slow) + response[0] ** 2 @ prior + (np.abs(gains) @ lasting) ** 2
+        if best is None or spread < best[0]:
+            best = float(spread), float(gains @ values)
     if best is None:
         return NotFitted(_DETERMINED, 0, Bound.LEAST, len(prior))
-    variance, solution = best
-    return Mean(float(solution[0]), variance, solution[1:], scatter, weights)
+    variance, value = best
+    return Mean(value, variance, solution[1:], scatter, weights)
 
 
 def _parts(lasting: Array) -> Iterator[Array]:
@@ -161,7 +159,7 @@ def _fit(values: Array, variances: Array, design: Array, prior: Array) -> tuple[
     return found if isinstance(found, NotFitted) else (found.solution, found.weights)
 
 
-def _scatter(residuals: Array, noise: Array, weights: Array, over: MeanOverTime) -> float:
+def _scatter(residuals: Array, noise: Array, lasting: Array, weights: Array, over: MeanOverTime) -> float:
     """Return the standard deviation of the slow scatter, by the residuals and its prior.
 
     In means over one memory each, the noise averages out, and the scatter does so less.
@@ -177,7 +175,8 @@ def _scatter(residuals: Array, noise: Array, weights: Array, over: MeanOverTime)
         sizes = np.diff([*starts, n_counted])
         means = np.add.reduceat(residuals[counted], starts) / sizes
         of_noise = np.add.reduceat(noise[counted], starts) / sizes**2
-        seen = (float(np.sum((means - means.mean()) ** 2)) / freedom) - float(of_noise.mean())
+        expected = float(of_noise.mean()) + float(np.mean(lasting[counted] ** 2))
+        seen = float(np.sum((means - means.mean()) ** 2)) / freedom - expected
         # What the scatter leaves in such means, and in their common mean, which is taken from them.
         in_block = max(MeanOverTime(over.duration_s / n_blocks, over.memory_s).of_mean, n_blocks / n_counted)
         measured = max(0.0, seen) * freedom / (n_blocks * (in_block - over.of_mean))
