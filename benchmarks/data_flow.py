@@ -225,7 +225,7 @@ NOT_ON_THE_WAY = {
     "estimators/landmarks, drive/landmark_matches, drive/motion_between_frames, drive/travel, "
     "geometry/travel": "how the car moves between frames",
     "evidence/told_alignment, drive/rig_alignment, drive/rig_doubt, drive/travel_vergence, "
-    "drive/right_delay, drive/mean_over_time": "what a drive tells of the rig",
+    "drive/right_delay, drive/mean_over_time, drive/memory": "what a drive tells of the rig",
     "camera/topic_names, camera/camera_difference, drive/camera_changes": "topics, changes of cameras",
     "camera/plain_camera_info, camera/rotations, geometry/camera_info_repair": "CameraInfo, corrected where "
     "the right camera has turned",

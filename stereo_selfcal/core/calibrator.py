@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import numbers
 import threading
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -13,24 +14,17 @@ import numpy as np
 
 from .camera.rig import StereoRig
 from .config import CORRECT_ALL, CalibratorConfig
-from .drive.drive import Drive, estimate_drive
-from .drive.fusion import fuse_frames
-from .drive.rig_alignment import SeenAlignment, drive_of_rig
-from .drive.rig_doubt import with_doubt_of_rig
-from .drive.right_delay import seen_ahead
-from .drive.standing import PlaceOfCar
-from .drive.travel import SeenLandmarks, TravelStep, step_between
+from .drive.drive import Drive
+from .drive.memory import DriveMemory
+from .drive.travel import TravelStep
 from .errors import shortened
 from .evidence.frame_evidence import FrameObservations
 from .evidence.road_surface import SurfaceCells
 from .geometry.alignment import Alignment
-from .geometry.uncertainty import total_covariance
 from .lanes import frame_checks
 from .lanes.hypotheses import NoPattern, find_hypotheses, unused_lines
 from .lanes.lane_pair import LanePattern
 from .lanes.matching import Matches
-from .numerics.linear import is_covariance
-from .rejection import fitted
 from .results import CalibrationResult, caught, rejected, result_of
 from .road.priors import STRIPES_PARALLEL_PART, TURNED_STD_RAD
 from .search.attempt import Attempt, coarse_pose
@@ -51,9 +45,6 @@ class _FrameLook:
     known_start: bool = False
 
 
-_ROUNDING = 1e-6  # of a sum of terms, over what it is compared with
-
-
 class Calibrator:
     """Stateful calibrator of one rig: add frames, read the fused estimate.
 
@@ -65,20 +56,14 @@ class Calibrator:
     def __init__(self, rig: StereoRig, config: CalibratorConfig | None = None) -> None:
         self.rig = rig
         self.config = config or CalibratorConfig()
+        self._memory = DriveMemory(rig)
         self._starts = KnownStarts(self.config.known.cold_every_s)
-        self._accepted: list[CalibrationResult] = []
-        self._steps: list[TravelStep] = []
-        self._seen: list[SeenAlignment] = []
-        self._previous: SeenLandmarks | None = None
-        self._place = PlaceOfCar()
-        self._last: CalibrationResult | None = None
-        self._lock = threading.Lock()  # of all these; frames are calibrated without it
+        self._lock = threading.Lock()  # of the starts; frames are calibrated without it
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy is made from: everything but the lock."""
         with self._lock:
-            lists = {name: list(self.__dict__[name]) for name in ("_accepted", "_steps", "_seen")}
-            state = self.__dict__ | lists
+            state = self.__dict__ | {"_starts": copy(self._starts)}
         del state["_lock"]
         return state
 
@@ -139,29 +124,7 @@ class Calibrator:
         Raises:
             ValueError: It is accepted, and its pose, stamp or covariance cannot be right.
         """
-        # The points and lines are dropped: they take as much memory as images, and a bag has many frames.
-        kept = result.slim().copied() if result.accepted else replace(result, landmarks=None)
-        if kept.accepted:
-            _check_accepted(kept)
-        with self._lock:
-            previous, place = self._previous, self._place
-        step = None if previous is None else fitted(step_between(previous, result, self.rig))
-        place = place.followed_by(result.landmarks, self.rig)
-        kept = replace(kept, stood=place.stands)
-        with self._lock:
-            self._place = place.accepted() if kept.accepted else place
-            if kept.accepted:
-                self._accepted.append(kept)
-            if step is not None:
-                self._steps.append(step)
-            if result.alignment is not None:
-                self._seen.append(
-                    SeenAlignment(result.stamp_s, result.alignment, seen_ahead(result, self.rig))
-                )
-            if result.landmarks is not None:
-                self._previous = SeenLandmarks(result.stamp_s, result.landmarks)
-            self._last = kept
-        return kept
+        return self._memory.remember(result)
 
     @property
     def estimate(self) -> CalibrationResult:
@@ -175,17 +138,12 @@ class Calibrator:
     @property
     def drive(self) -> Drive:
         """The mount over all frames so far: its estimate, and the parts of the drive between its moves."""
-        with self._lock:
-            accepted, last = list(self._accepted), self._last
-            steps, seen = list(self._steps), list(self._seen)
-        if last is None:
-            return Drive(rejected(frame_checks.no_frames()))
-        told = drive_of_rig(accepted, seen, steps, self.rig)
-        fused = fuse_frames(accepted, self.rig).copied() if accepted else last
-        fused = replace(fused, alignment=told.alignment, delay=told.delay)
-        if accepted:
-            fused = with_doubt_of_rig(fused, self.rig)
-        return estimate_drive(accepted, self.rig, fused, steps)
+        return self._memory.drive
+
+    @property
+    def travel_steps(self) -> tuple[TravelStep, ...]:
+        """The motion of the car between all frames so far, accepted or not, where it is seen."""
+        return self._memory.steps
 
     def calibrate_frame(
         self,
@@ -344,25 +302,6 @@ def _with_what_was_seen(
         surface=None if frame.surface is None else SurfaceCells.of(frame.surface.texture),
         lane_line=None if clearest is None or result.pattern is not None else clearest.left.line,
     )
-
-
-def _check_accepted(result: CalibrationResult) -> None:
-    """Refuse the result of a frame that would spoil the mean of all.
-
-    Raises:
-        ValueError: Its pose or its stamp is not finite, its height not positive, its covariance not positive
-            definite, or not the sum of its terms.
-    """
-    covariance, pose = result.covariance, result.extrinsics
-    if covariance is None or not is_covariance(covariance):
-        raise ValueError(f"the covariance {covariance} of a result is not positive definite")
-    if pose is None or not np.all(np.isfinite([result.stamp_s, *pose.as_array()])) or pose.height_m <= 0.0:
-        raise ValueError(f"the pose {pose} at {result.stamp_s} s of a result cannot be right")
-    if result.uncertainty:
-        apart = np.abs(total_covariance(result.uncertainty) - covariance)
-        scale = np.sqrt(np.outer(covariance.diagonal(), covariance.diagonal()))
-        if not np.all(apart <= _ROUNDING * scale):
-            raise ValueError("the terms of a result do not add up to its covariance")
 
 
 def _checked_time(name: str, time_s: float) -> float:

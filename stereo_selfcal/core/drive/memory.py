@@ -1,0 +1,130 @@
+"""What is kept of the frames of a drive, and the estimate of the mount by all of them."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..camera.rig import StereoRig
+from ..geometry.uncertainty import total_covariance
+from ..lanes.frame_checks import no_frames
+from ..numerics.linear import is_covariance
+from ..rejection import fitted
+from ..results import CalibrationResult, rejected
+from .drive import Drive, estimate_drive
+from .fusion import fuse_frames
+from .rig_alignment import SeenAlignment, drive_of_rig
+from .rig_doubt import with_doubt_of_rig
+from .right_delay import seen_ahead
+from .standing import PlaceOfCar
+from .travel import SeenLandmarks, TravelStep, step_between
+
+_ROUNDING = 1e-6  # of a sum of terms, over what it is compared with
+
+
+class DriveMemory:
+    """The frames of one drive with one rig. Several threads may add frames and read the estimate.
+
+    Args:
+        rig: The rig that all frames come from.
+    """
+
+    def __init__(self, rig: StereoRig) -> None:
+        self._rig = rig
+        self._accepted: list[CalibrationResult] = []
+        self._steps: list[TravelStep] = []
+        self._seen: list[SeenAlignment] = []
+        self._previous: SeenLandmarks | None = None
+        self._place = PlaceOfCar()
+        self._last: CalibrationResult | None = None
+        self._lock = threading.Lock()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy is made from: everything but the lock."""
+        with self._lock:
+            lists = {name: list(self.__dict__[name]) for name in ("_accepted", "_steps", "_seen")}
+            state = self.__dict__ | lists
+        del state["_lock"]
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._lock = threading.Lock()
+
+    def remember(self, result: CalibrationResult) -> CalibrationResult:
+        """Add the result of a frame, accepted or not.
+
+        Args:
+            result: The result.
+
+        Returns:
+            What is kept of it: with whether the car stood, and without what only pictures need.
+
+        Raises:
+            ValueError: It is accepted, and its pose, stamp or covariance cannot be right.
+        """
+        # The points and lines are dropped: they take as much memory as images, and a bag has many frames.
+        kept = result.slim().copied() if result.accepted else replace(result, landmarks=None)
+        if kept.accepted:
+            _check_accepted(kept)
+        with self._lock:
+            previous, place = self._previous, self._place
+        step = None if previous is None else fitted(step_between(previous, result, self._rig))
+        place = place.followed_by(result.landmarks, self._rig)
+        kept = replace(kept, stood=place.stands)
+        with self._lock:
+            self._place = place.accepted() if kept.accepted else place
+            if kept.accepted:
+                self._accepted.append(kept)
+            if step is not None:
+                self._steps.append(step)
+            if result.alignment is not None:
+                ahead = seen_ahead(result, self._rig)
+                self._seen.append(SeenAlignment(result.stamp_s, result.alignment, ahead))
+            if result.landmarks is not None:
+                self._previous = SeenLandmarks(result.stamp_s, result.landmarks)
+            self._last = kept
+        return kept
+
+    @property
+    def steps(self) -> tuple[TravelStep, ...]:
+        """The motion between the frames, where it is seen."""
+        with self._lock:
+            return tuple(self._steps)
+
+    @property
+    def drive(self) -> Drive:
+        """The mount over all frames so far: its estimate, and the parts of the drive between its moves."""
+        with self._lock:
+            accepted, last = list(self._accepted), self._last
+            steps, seen = list(self._steps), list(self._seen)
+        if last is None:
+            return Drive(rejected(no_frames()))
+        told = drive_of_rig(accepted, seen, steps, self._rig)
+        fused = fuse_frames(accepted, self._rig).copied() if accepted else last
+        fused = replace(fused, alignment=told.alignment, delay=told.delay)
+        if accepted:
+            fused = with_doubt_of_rig(fused, self._rig)
+        return estimate_drive(accepted, self._rig, fused, steps)
+
+
+def _check_accepted(result: CalibrationResult) -> None:
+    """Refuse the result of a frame that would spoil the mean of all.
+
+    Raises:
+        ValueError: Its pose or its stamp is not finite, its height not positive, its covariance not positive
+            definite, or not the sum of its terms.
+    """
+    covariance, pose = result.covariance, result.extrinsics
+    if covariance is None or not is_covariance(covariance):
+        raise ValueError(f"the covariance {covariance} of a result is not positive definite")
+    if pose is None or not np.all(np.isfinite([result.stamp_s, *pose.as_array()])) or pose.height_m <= 0.0:
+        raise ValueError(f"the pose {pose} at {result.stamp_s} s of a result cannot be right")
+    if result.uncertainty:
+        apart = np.abs(total_covariance(result.uncertainty) - covariance)
+        scale = np.sqrt(np.outer(covariance.diagonal(), covariance.diagonal()))
+        if not np.all(apart <= _ROUNDING * scale):
+            raise ValueError("the terms of a result do not add up to its covariance")
