@@ -5,12 +5,11 @@ import numpy as np
 import pytest
 from landmark_making import RIG, START, Frame, cloud, drive
 from street_making import Place, along
+from travel_making import PITCH, YAW, step
 
-from stereo_selfcal.core.drive.motion_between_frames import FrameMotion
 from stereo_selfcal.core.drive.travel import (
     MOST_STEP_S,
     Travel,
-    TravelStep,
     estimate_travel,
     step_between,
     steps_of,
@@ -18,17 +17,6 @@ from stereo_selfcal.core.drive.travel import (
 from stereo_selfcal.core.rejection import NotFitted
 from stereo_selfcal.core.road.priors import RIDE_MEMORY_S
 from stereo_selfcal.synth.renderer import rotation
-
-YAW, PITCH = 0.012, 0.035
-NOISE = np.diag([1e-4, 1e-4, 1e-4, 5e-3, 1e-3, 1e-3, 1e-4]) ** 2
-
-
-def step(i, yaw=YAW, pitch=PITCH, way_m=1.0, turn=0.0, period_s=0.1):
-    """Return a step of a camera that points so against its direction, in the middle of the step."""
-    middle = rotation(0, 0, yaw) @ rotation(0, pitch, 0)
-    moved = rotation(0, 0, turn / 2) @ middle.T @ [way_m, 0.0, 0.0]
-    motion = FrameMotion(np.array([0.0, 0.0, turn]), moved, 0.0, NOISE, 100, 1.0)
-    return TravelStep(100.0 + i * period_s, period_s, motion)
 
 
 def travel(steps):
