@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from ..bags import StereoFrame
 from ..core.calibrator import Calibrator
-from ..core.drive.targets import Targets, explain_shortfall, next_estimate
+from ..core.drive.targets import EstimateTimes, Targets, explain_shortfall
 from ..core.results import CalibrationResult
 from .recording import FrameSource
 
@@ -67,8 +67,7 @@ class GoalWatch:
 
     def __init__(self, targets: Targets) -> None:
         self._targets = targets
-        self._n_accepted = 0
-        self._next = max(1, targets.frames)
+        self._times = EstimateTimes(targets.frames)
 
     def is_reached(self, calibrator: Calibrator) -> bool:
         """Count one more accepted frame, and return whether the targets are reached with it.
@@ -76,10 +75,8 @@ class GoalWatch:
         Args:
             calibrator: It has all of them; its estimate is made where it is time to look.
         """
-        self._n_accepted += 1
-        if self._n_accepted < self._next:
+        if not self._times.count() or self._times.accepted < self._targets.frames:
             return False
-        self._next = next_estimate(self._n_accepted)
         return self._targets.reached(calibrator.estimate)
 
 

@@ -21,7 +21,7 @@ from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
 from ..core.delay_report import describe_delay, is_late
 from ..core.drive.camera_changes import CameraFollower
-from ..core.drive.targets import explain_shortfall, next_estimate
+from ..core.drive.targets import EstimateTimes, explain_shortfall
 from ..core.errors import ImageError, RigError
 from ..core.faults import Fault
 from ..core.results import CalibrationResult
@@ -93,7 +93,7 @@ class CalibrationCall:
         self._start_s = self._told_s = time.monotonic()
         self._calibrator: Calibrator | None = None
         self._estimate: CalibrationResult | None = None
-        self._next_estimate = 1
+        self._times = EstimateTimes(config.targets.frames)
         self._stamp_ns = 0
         self._follower = CameraFollower()
         self._depth = BitDepth()
@@ -101,7 +101,6 @@ class CalibrationCall:
         self._begun = False
         self._second: StampedPair[Any] | None = None
         self._pairs = 0
-        self._accepted = 0
         self._last_rejection = ""
         self._last_reason = ""
         self._last_pair: tuple[float, PairCounts] | None = None
@@ -111,7 +110,7 @@ class CalibrationCall:
         """What it has so far; any thread may ask."""
         estimate = self._estimate
         return CallProgress(
-            self._accepted,
+            self._times.accepted,
             self._pairs,
             time.monotonic() - self._start_s,
             self._config.timeout_s,
@@ -157,7 +156,7 @@ class CalibrationCall:
         estimate = self._estimate
         if estimate is None or self._rig_problem is not None:
             return False
-        if self._targets.any_std and self._accepted >= self._targets.frames:
+        if self._targets.any_std and self._times.accepted >= self._targets.frames:
             return True  # whether it is accepted or not
         return self._targets.reached(estimate)
 
@@ -172,7 +171,7 @@ class CalibrationCall:
         """Return the answer after the timeout: what was reached, and what keeps it from the targets."""
         elapsed_s = max(time.monotonic() - self._start_s, _CLOCK_STEP_S)
         calibrator = self._calibrator
-        if calibrator is None or self._rig_problem is not None or self._accepted < self._targets.frames:
+        if calibrator is None or self._rig_problem is not None or self._times.accepted < self._targets.frames:
             return CallOutcome(self._failure(before, elapsed_s) + self._doubts(before))
         self._estimate = estimate = calibrator.estimate
         if self._is_good:  # the last frames were not looked at yet
@@ -180,7 +179,7 @@ class CalibrationCall:
         told = f"; targets not reached {self._effort()}"
         if estimate.accepted:
             told += f": {explain_shortfall(estimate, self._targets)}"
-        if 2 * self._accepted < self._pairs and self._last_rejection:
+        if 2 * self._times.accepted < self._pairs and self._last_rejection:
             told += f"; last refusal: {self._last_rejection}"
         return self._outcome(estimate, told + self._silence(), before, reached=False)
 
@@ -268,19 +267,17 @@ class CalibrationCall:
 
     def _accept(self, calibrator: Calibrator, stamp_ns: int) -> None:
         """Count an accepted frame, and look at the estimate where that is worth its time."""
-        self._accepted += 1
         self._stamp_ns = stamp_ns
-        if self._accepted >= self._next_estimate or self._accepted == self._targets.frames:
+        if self._times.count():
             self._estimate = calibrator.estimate
-            self._next_estimate = next_estimate(self._accepted)
 
     def _refuse(self, result: CalibrationResult) -> None:
         self._last_rejection, self._last_reason = result.message, str(result.reason)
 
     def _begin_anew(self, calibrator: Calibrator | None) -> None:
         """Forget the frames so far: they are of another rig."""
-        self._calibrator, self._accepted = calibrator, 0
-        self._estimate, self._next_estimate = None, 1
+        self._calibrator, self._estimate = calibrator, None
+        self._times = EstimateTimes(self._targets.frames)
 
     def _calibrator_of(self, rectifier: StereoRectifier, stamp_ns: int) -> Calibrator | None:
         """Return the calibrator of a frame's rig; frames of two rigs must not be fused.
@@ -344,10 +341,10 @@ class CalibrationCall:
             seen += f", CameraInfo changed {times} meanwhile"
         if self._rig_problem is not None:
             return f"{self._rig_problem} ({seen})"
-        if self._accepted:
+        if self._times.accepted:
             return (
-                f"{self._accepted} of {self._config.frames} frames accepted, {seen}: raise timeout_s or "
-                f"lower frames; last refusal: {self._last_rejection or 'none'}"
+                f"{self._times.accepted} of {self._config.frames} frames accepted, {seen}: raise timeout_s "
+                f"or lower frames; last refusal: {self._last_rejection or 'none'}"
             )
         return f"no frame accepted, {seen}; last refusal: {self._last_rejection}"
 

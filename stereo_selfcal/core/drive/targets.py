@@ -69,15 +69,27 @@ class Targets:
 USUAL_TARGETS = Targets(DEFAULT_HEIGHT_STD_M, DEFAULT_PITCH_STD_RAD, DEFAULT_ROLL_STD_RAD)
 
 
-def next_estimate(n_accepted: int) -> int:
-    """Return at how many accepted frames the next estimate is worth its time.
+class EstimateTimes:
+    """Says after which accepted frames the estimate is worth its time.
 
     The steps depend on the number of frames alone, so that a recording ends where the same drive did.
 
     Args:
-        n_accepted: Number of accepted frames of the present estimate.
+        frames: Fewest accepted frames that are asked for: the estimate is made with them in any case.
     """
-    return n_accepted + 1 + n_accepted // _ESTIMATE_STEP
+
+    def __init__(self, frames: int = 1) -> None:
+        self._frames = frames
+        self._next = 1
+        self.accepted = 0
+
+    def count(self) -> bool:
+        """Count one more accepted frame, and return whether the estimate is to be made."""
+        self.accepted += 1
+        due = self.accepted >= self._next or self.accepted == self._frames
+        if due:
+            self._next = self.accepted + 1 + self.accepted // _ESTIMATE_STEP
+        return due
 
 
 def describe_std(std: Extrinsics) -> str:

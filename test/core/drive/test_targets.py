@@ -10,11 +10,11 @@ from stereo_selfcal import CalibrationResult, Extrinsics
 from stereo_selfcal.core.drive import targets as module
 from stereo_selfcal.core.drive.targets import (
     USUAL_TARGETS,
+    EstimateTimes,
     Targets,
     describe_std,
     explain_shortfall,
     is_less_certain,
-    next_estimate,
 )
 from stereo_selfcal.core.evidence.rig_unknowns import RIG_TERMS
 from stereo_selfcal.core.geometry.mount import MountEvidence
@@ -166,9 +166,14 @@ def test_what_does_not_hold_the_motion_is_less_certain():
 
 
 def test_estimates_become_rarer_and_none_of_the_first_frames_is_passed_over():
-    looks = [1]
-    while looks[-1] < 3000:
-        looks.append(next_estimate(looks[-1]))
+    times = EstimateTimes()
+    looks = [index for index in range(1, 3000) if times.count()]
+    assert times.accepted == 2999
     assert looks[:50] == list(range(1, 51))
     assert len(looks) < 300
     assert max(b / a for a, b in pairwise(looks[50:])) < 1.05
+
+
+def test_estimate_is_made_with_the_fewest_frames_that_are_asked_for():
+    times = EstimateTimes(frames=700)
+    assert 700 in [index for index in range(1, 1000) if times.count()]
