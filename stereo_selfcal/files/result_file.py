@@ -25,7 +25,7 @@ from .atomic_file import remove_leftovers, set_aside, write_atomically
 from .field_checks import PROVENANCE
 from .node_settings import ALIGNMENT_PREFIX, NODE_NAME, OLD_OUTPUT_PATH, RESULT_PREFIX
 from .parameter_file import ANY_NODE, PARAMETERS, UnreadableFileError, node_parameters
-from .saved_evidence import evidence_to_mapping
+from .saved_evidence import evidence_to_mapping, told_travel
 from .saved_result import RESULT_NAMES, SCHEMA, SavedResult, check_images, same_images, source_topics
 
 # A result file has 2 to 6 kB, most of it the terms of the uncertainty.
@@ -102,6 +102,16 @@ def result_parameters(result: CalibrationResult) -> dict[str, float]:
                 f"{name} is {value}: a result that is not finite is neither published nor written"
             )
     return parameters
+
+
+def yaw_parameters(result: CalibrationResult) -> dict[str, float]:
+    """Return the yaw against the direction of travel and its standard deviation, ``extrinsics.yaw_rad``.
+
+    While the yaw is not known, there are none.
+    """
+    travel = told_travel(result)
+    values = {} if travel is None else travel.yaw_dict()
+    return {RESULT_PREFIX + name: value for name, value in values.items()}
 
 
 def alignment_parameters(result: CalibrationResult) -> dict[str, float]:

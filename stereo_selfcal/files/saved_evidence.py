@@ -6,6 +6,7 @@ missing where nothing is known. Every field is checked when it is read.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ import numpy as np
 from ..core.drive.targets import Targets
 from ..core.geometry.mount import MountEvidence
 from ..core.geometry.pose import STD_NAMES, Extrinsics
-from ..core.geometry.travel import RightDelay
+from ..core.geometry.travel import RightDelay, Travel
 from ..core.geometry.uncertainty import UncertaintyTerm, total_covariance
 from ..core.results import CalibrationResult
 from ..core.types import Array
@@ -43,6 +44,7 @@ _MOST_LOOKS = 1e9
 _LONGEST_DELAY_S = 10.0
 _FARTHEST_M = 100.0
 _FASTEST_MPS = 300.0
+_GREATEST_ANGLE_RAD = math.pi / 2  # a camera that looks ahead
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,6 +127,19 @@ def evidence_from_mapping(
         _delay(sections[DELAY]) if DELAY in sections else None,
         _targets(sections[TARGETS], covariance, n_frames, greatest_std) if TARGETS in sections else None,
     )
+
+
+def told_travel(result: CalibrationResult) -> Travel | None:
+    """Return the camera against the direction of travel where it has numbers that can be told, else None."""
+    travel = result.travel
+    if travel is None or not _is_finite(
+        travel.yaw_rad, travel.pitch_rad, travel.covariance, travel.lever_m, travel.driven_s
+    ):
+        return None
+    least_std, greatest_std = float(travel.std.min()), float(travel.std.max())
+    usual = max(abs(travel.yaw_rad), abs(travel.pitch_rad), greatest_std) <= _GREATEST_ANGLE_RAD
+    known = usual and least_std > 0.0 and abs(travel.lever_m) <= _FARTHEST_M
+    return travel if known and travel.n_steps > 0 and 0.0 < travel.driven_s <= _LONGEST_S else None
 
 
 def _listed(values: Array) -> list[float]:
