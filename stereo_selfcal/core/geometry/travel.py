@@ -14,7 +14,7 @@ from .pose import DEGREES
 # degree. A drive that tells it less well tells nothing of it.
 MOUNT_YAW_STD_RAD = math.radians(1.0)
 # Public names of the yaw and its standard deviation: of files, tables and ROS parameters.
-YAW_NAMES = ("yaw_rad", "yaw_std_rad")
+YAW_NAME, YAW_STD_NAME = YAW_NAMES = ("yaw_rad", "yaw_std_rad")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,8 +50,9 @@ class Travel:
 
     def yaw_dict(self) -> dict[str, float]:
         """Return yaw and standard deviation by the names of :data:`YAW_NAMES`; nothing while not known."""
-        values = (float(self.yaw_rad), float(self.std[0])) if self.tells_yaw else ()
-        return dict(zip(YAW_NAMES, values, strict=False))
+        if not self.tells_yaw:
+            return {}
+        return {YAW_NAME: float(self.yaw_rad), YAW_STD_NAME: float(self.std[0])}
 
     def describe_yaw(self) -> str:
         """Return the yaw as people read it, in degrees."""
