@@ -6,7 +6,7 @@ import numpy as np
 
 from stereo_selfcal import CalibrationResult, Extrinsics, StereoRig
 from stereo_selfcal.core.geometry.mount import MountEvidence
-from stereo_selfcal.core.geometry.travel import RightDelay
+from stereo_selfcal.core.geometry.travel import RightDelay, Travel
 from stereo_selfcal.core.geometry.uncertainty import UncertaintyTerm
 from stereo_selfcal.files.result_file import write_result
 
@@ -39,6 +39,7 @@ MOUNT = MountEvidence(
     looks=np.array([10.0, 11.5, 7.25]),
 )
 DELAY = RightDelay(-1 / 3000, 1e-5, np.array([[4e-8, -1e-8], [-1e-8, 2.5e-5]]), 3, (2.5, 14 / 3))
+TRAVEL = Travel(-1 / 30, 1e-05, np.array([[4e-6, -1e-7 / 3], [-1e-7 / 3, 9e-6]]), 41, 4 / 3, 25.5)
 
 
 def a_mount(**changes):

@@ -28,10 +28,8 @@ LABELS = {component.label for component in POSE_COMPONENTS}
 # What has to be written to add a component: a field and a line of the table.
 FIELD = "    roll_rad: float\n"
 LINE = "# Names of the values and of their standard deviations"
-NEW_FIELD = "    yaw_rad: float = 0.0\n"
-NEW_LINE = (
-    'POSE_COMPONENTS += (PoseComponent("yaw_rad", DEGREES, DEGREES, "+", "Yaw of the camera, > 0: left"),)\n'
-)
+NEW_FIELD = "    tilt_rad: float = 0.0\n"
+NEW_LINE = 'POSE_COMPONENTS += (PoseComponent("tilt_rad", DEGREES, DEGREES, "+", "Tilt of the camera, > 0: left"),)\n'
 
 # Says of every place that people or programs read what it has of a pose. No images are needed: a source that
 # gives none is a recording that is gone.
@@ -101,20 +99,20 @@ print(json.dumps(found))
 """
 # Words by which the new component is found; the column in the table has its unit.
 WORDS = {
-    "result file": ("yaw_rad: 0.02", "yaw_std_rad: 0.001"),
-    "parameters": ("extrinsics.yaw_rad", "extrinsics.yaw_std_rad"),
-    "JSON": ('"yaw_rad": 0.02',),
-    "CSV": ("yaw_rad", "yaw_std_rad"),
-    "table": ("yaw [deg]", "+1.146"),
-    "fleet's CSV": ("yaw_rad", "yaw_std_rad"),
-    "fleet's index": ("<th>yaw [deg]</th>", ">+1.146 &plusmn; 0.057<"),
-    "sentence": ("yaw +1.1459 deg (std 1.1459)",),
-    "picture": ("yaw +1.146 deg (std 0.0573)",),
-    "report": ("<td>Yaw</td>", 'data-label="Yaw"', '<th class="n">Yaw</th>', "Yaw [deg]", "Yaw: RMS"),
-    "diagnostics": ("yaw",),
+    "result file": ("tilt_rad: 0.02", "tilt_std_rad: 0.001"),
+    "parameters": ("extrinsics.tilt_rad", "extrinsics.tilt_std_rad"),
+    "JSON": ('"tilt_rad": 0.02',),
+    "CSV": ("tilt_rad", "tilt_std_rad"),
+    "table": ("tilt [deg]", "+1.146"),
+    "fleet's CSV": ("tilt_rad", "tilt_std_rad"),
+    "fleet's index": ("<th>tilt [deg]</th>", ">+1.146 &plusmn; 0.057<"),
+    "sentence": ("tilt +1.1459 deg (std 1.1459)",),
+    "picture": ("tilt +1.146 deg (std 0.0573)",),
+    "report": ("<td>Tilt</td>", 'data-label="Tilt"', '<th class="n">Tilt</th>', "Tilt [deg]", "Tilt: RMS"),
+    "diagnostics": ("tilt",),
     "descriptions of parameters": (
-        "Yaw of the camera, > 0: left [rad]",
-        "Standard deviation of the yaw [rad]",
+        "Tilt of the camera, > 0: left [rad]",
+        "Standard deviation of the tilt [rad]",
     ),
 }
 
@@ -201,9 +199,9 @@ def test_no_other_module_lists_the_components(path):
 
 
 @pytest.fixture(scope="module")
-def with_yaw(tmp_path_factory) -> dict[str, str]:
+def with_tilt(tmp_path_factory) -> dict[str, str]:
     """Add a component to a copy of the package, and return what each place says of a pose then."""
-    root = tmp_path_factory.mktemp("with_yaw")
+    root = tmp_path_factory.mktemp("with_tilt")
     copy = shutil.copytree(PACKAGE, root / PACKAGE.name, ignore=shutil.ignore_patterns("__pycache__"))
     place = copy / PLACE.relative_to(PACKAGE)
     text = place.read_text(encoding="utf-8")
@@ -224,8 +222,8 @@ def with_yaw(tmp_path_factory) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("place", WORDS)
-def test_a_component_that_is_added_appears_in(place, with_yaw):
-    if place not in with_yaw:
+def test_a_component_that_is_added_appears_in(place, with_tilt):
+    if place not in with_tilt:
         pytest.skip("needs rclpy")
     for words in WORDS[place]:
-        assert words in with_yaw[place]
+        assert words in with_tilt[place]

@@ -25,7 +25,7 @@ from .atomic_file import remove_leftovers, set_aside, write_atomically
 from .field_checks import PROVENANCE
 from .node_settings import ALIGNMENT_PREFIX, NODE_NAME, OLD_OUTPUT_PATH, RESULT_PREFIX
 from .parameter_file import ANY_NODE, PARAMETERS, UnreadableFileError, node_parameters
-from .saved_evidence import evidence_to_mapping
+from .saved_evidence import evidence_to_mapping, told_travel
 from .saved_result import RESULT_NAMES, SCHEMA, SavedResult, check_images, same_images, source_topics
 
 # A result file has 2 to 6 kB, most of it the terms of the uncertainty.
@@ -34,10 +34,11 @@ _MOST_BYTES = 65_536
 # file below _MOST_BYTES however it has to be escaped.
 _LONGEST_SOURCE = 1000
 
-_EQUATION = (
-    "# p_road = R_z(0) R_y(pitch) R_x(roll) p_camera + [0, 0, height]"
-    "   (REP-103: x forward, y left, z up; metres, radians)\n"
-)
+# While the yaw is not known, x points along the heading of the camera. Once it is, x points along the
+# direction of travel; where the frame has its origin, only the parameters of the node say.
+_EQUATION_ON_ROAD = "p_road = R_z(0) R_y(pitch) R_x(roll) p_camera + [0, 0, height]"
+_EQUATION_IN_VEHICLE = "p_vehicle = R_z(yaw) R_y(pitch) R_x(roll) p_camera + [mount.x_m, mount.y_m, height]"
+_UNITS = "REP-103: x forward, y left, z up; metres, radians"
 
 
 class _Quoted(str):
@@ -104,6 +105,16 @@ def result_parameters(result: CalibrationResult) -> dict[str, float]:
     return parameters
 
 
+def yaw_parameters(result: CalibrationResult) -> dict[str, float]:
+    """Return the yaw against the direction of travel and its standard deviation, ``extrinsics.yaw_rad``.
+
+    While the yaw is not known, there are none.
+    """
+    travel = told_travel(result)
+    values = {} if travel is None else travel.yaw_dict()
+    return {RESULT_PREFIX + name: value for name, value in values.items()}
+
+
 def alignment_parameters(result: CalibrationResult) -> dict[str, float]:
     """Return the known angles of the right camera and their standard deviations, ``alignment.pitch_rad``."""
     if result.alignment is None:
@@ -133,8 +144,9 @@ def format_result(
     Raises:
         OutputError: The result is a rejection, or holds what :func:`load_result` would refuse.
     """
+    yaw = yaw_parameters(result)
     extrinsics = {
-        name.removeprefix(RESULT_PREFIX): value for name, value in result_parameters(result).items()
+        name.removeprefix(RESULT_PREFIX): value for name, value in (result_parameters(result) | yaw).items()
     }
     assert result.covariance is not None  # it has standard deviations
     provenance = {
@@ -171,7 +183,8 @@ def format_result(
     body: str = yaml.dump(document, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=math.inf)
     # PyYAML writes letters as they are that turn the text around them about; all texts are quoted.
     escaped = (printable(letter) if letter > "\x7f" else letter for letter in body)
-    return _EQUATION + "".join(escaped)
+    equation = _EQUATION_IN_VEHICLE if yaw else _EQUATION_ON_ROAD
+    return f"# {equation}   ({_UNITS})\n" + "".join(escaped)
 
 
 def _in_lines(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""How a calibration was reached, in a result file: its terms, the drive, the delay, and what was asked for.
+"""How a calibration was reached, in a result file: its terms, the drive, and what was asked for.
 
 Each is a section of ``provenance``, of scalars and of lists of numbers, as ROS 2 parameters are. A section is
 missing where nothing is known. Every field is checked when it is read.
@@ -6,6 +6,7 @@ missing where nothing is known. Every field is checked when it is read.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ import numpy as np
 from ..core.drive.targets import Targets
 from ..core.geometry.mount import MountEvidence
 from ..core.geometry.pose import STD_NAMES, Extrinsics
-from ..core.geometry.travel import RightDelay
+from ..core.geometry.travel import RightDelay, Travel
 from ..core.geometry.uncertainty import UncertaintyTerm, total_covariance
 from ..core.results import CalibrationResult
 from ..core.types import Array
@@ -33,7 +34,7 @@ from .field_checks import (
     yes_or_no,
 )
 
-TERMS, MOUNT, DELAY, TARGETS = SECTIONS = ("terms", "mount", "delay", "targets")
+TERMS, MOUNT, TRAVEL, DELAY, TARGETS = SECTIONS = ("terms", "mount", "travel", "delay", "targets")
 # Names of terms that a later version may add are read as well; they end up in reports.
 _TERM_NAME = re.compile(r"[a-z][a-z0-9_]{0,39}", re.ASCII)
 _MOST_TERMS = 64
@@ -43,6 +44,7 @@ _MOST_LOOKS = 1e9
 _LONGEST_DELAY_S = 10.0
 _FARTHEST_M = 100.0
 _FASTEST_MPS = 300.0
+GREATEST_ANGLE_RAD = math.pi / 2  # a camera that looks ahead
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,12 +54,14 @@ class SavedEvidence:
     Attributes:
         uncertainty: Terms that add up to the covariance; empty where they are not known.
         mount: What the drive has shown of the mount; None where it is not known.
+        travel: The camera against the direction of travel; None where it is not known.
         delay: When the right images are taken; None where it is not known.
         targets: Standard deviations that were asked for; None where none were.
     """
 
     uncertainty: tuple[UncertaintyTerm, ...] = ()
     mount: MountEvidence | None = None
+    travel: Travel | None = None
     delay: RightDelay | None = None
     targets: Targets | None = None
 
@@ -72,7 +76,7 @@ def evidence_to_mapping(result: CalibrationResult, targets: Targets | None) -> d
     sections: dict[str, Any] = {}
     if result.uncertainty:
         sections[TERMS] = {term.name: _listed(term.covariance) for term in result.uncertainty}
-    mount, delay = result.mount, result.delay
+    mount, travel, delay = result.mount, told_travel(result), result.delay
     if mount is not None and _is_finite(
         mount.duration_s, mount.motion.as_array(), mount.memory_s, mount.looks
     ):
@@ -84,6 +88,15 @@ def evidence_to_mapping(result: CalibrationResult, targets: Targets | None) -> d
             "motion": dict(zip(STD_NAMES, map(float, mount.motion.as_array()), strict=True)),
             "memory_s": _listed(mount.memory_s),
             "looks": _listed(mount.looks),
+        }
+    if travel is not None:
+        sections[TRAVEL] = {
+            "yaw_rad": float(travel.yaw_rad),
+            "pitch_rad": float(travel.pitch_rad),
+            "covariance": _listed(travel.covariance),
+            "steps": int(travel.n_steps),
+            "lever_m": float(travel.lever_m),
+            "driven_s": float(travel.driven_s),
         }
     if delay is not None and _is_told(delay):
         std_s, std_m = map(float, delay.std)
@@ -122,9 +135,23 @@ def evidence_from_mapping(
     return SavedEvidence(
         _terms(sections[TERMS], covariance) if TERMS in sections else (),
         _mount(sections[MOUNT], n_frames, greatest_std) if MOUNT in sections else None,
+        _travel(sections[TRAVEL]) if TRAVEL in sections else None,
         _delay(sections[DELAY]) if DELAY in sections else None,
         _targets(sections[TARGETS], covariance, n_frames, greatest_std) if TARGETS in sections else None,
     )
+
+
+def told_travel(result: CalibrationResult) -> Travel | None:
+    """Return the camera against the direction of travel where it has numbers that can be told, else None."""
+    travel = result.travel
+    if travel is None or not _is_finite(
+        travel.yaw_rad, travel.pitch_rad, travel.covariance, travel.lever_m, travel.driven_s
+    ):
+        return None
+    least_std, greatest_std = float(travel.std.min()), float(travel.std.max())
+    usual = max(abs(travel.yaw_rad), abs(travel.pitch_rad), greatest_std) <= GREATEST_ANGLE_RAD
+    known = usual and least_std > 0.0 and abs(travel.lever_m) <= _FARTHEST_M
+    return travel if known and travel.n_steps > 0 and 0.0 < travel.driven_s <= _LONGEST_S else None
 
 
 def _listed(values: Array) -> list[float]:
@@ -179,6 +206,30 @@ def _mount(values: Any, n_frames: int, greatest_std: Extrinsics) -> MountEvidenc
         _std(motion, f"{prefix}.motion", greatest_std),
         numbers(section.get("memory_s"), f"{prefix}.memory_s", 3, 0.0, _LONGEST_S, "s"),
         numbers(section.get("looks"), f"{prefix}.looks", 3, 0.0, _MOST_LOOKS),
+    )
+
+
+def _travel(values: Any) -> Travel:
+    prefix = f"provenance.{TRAVEL}"
+    section = mapping(values, prefix, "the numbers of the direction of travel")
+    yaw_rad, pitch_rad = (
+        number(section, name, -GREATEST_ANGLE_RAD, GREATEST_ANGLE_RAD, "rad", prefix)
+        for name in ("yaw_rad", "pitch_rad")
+    )
+    listed, name = section.get("covariance"), f"{prefix}.covariance"
+    variances = np.diag(numbers(listed, name, 4).reshape(2, 2))
+    if np.any(variances <= 0.0) or np.any(variances > GREATEST_ANGLE_RAD**2):
+        raise wrong(name, listed, "variances greater than 0 of two angles are needed")
+    driven_s = number(section, "driven_s", 0.0, _LONGEST_S, "s", prefix)
+    if driven_s == 0.0:
+        raise wrong(f"{prefix}.driven_s", driven_s, "it must be greater than 0")
+    return Travel(
+        yaw_rad,
+        pitch_rad,
+        part_of_covariance(listed, name, np.sqrt(variances)),
+        whole(section, "steps", 1, GREATEST_WHOLE, prefix),
+        number(section, "lever_m", -_FARTHEST_M, _FARTHEST_M, "m", prefix),
+        driven_s,
     )
 
 

@@ -20,12 +20,14 @@ from ..core.geometry.alignment import (
     Alignment,
 )
 from ..core.geometry.pose import POSE_COMPONENTS, POSE_NAMES, STD_NAMES, Extrinsics
+from ..core.geometry.travel import YAW_NAMES, YAW_STD_NAME
 from ..core.reservations import Reservation, reservations_from_mapping
 from ..core.results import CalibrationResult
 from ..core.types import Array
 from .field_checks import (
     GREATEST_WHOLE,
     REMEDY,
+    ROUNDING,
     covariance_of,
     number,
     required,
@@ -33,7 +35,7 @@ from .field_checks import (
     wrong,
 )
 from .node_settings import NODE_NAME
-from .saved_evidence import SECTIONS, SavedEvidence, evidence_from_mapping
+from .saved_evidence import GREATEST_ANGLE_RAD, SECTIONS, SavedEvidence, evidence_from_mapping
 
 # 1: the standard deviations are those of a moment, or of a mean: the file does not say which.
 # 2: they are those of the mount; provenance says what they are made of, and how they were reached.
@@ -117,6 +119,9 @@ class SavedResult:
                 raise wrong(f"provenance.{name}", provenance[name], "text is needed")
         n_frames = int(provenance["frames"])
         covariance = _covariance(provenance.pop("covariance", None), std.as_array())
+        evidence = _evidence(provenance, covariance, n_frames)
+        if provenance["schema"] > 1:
+            _check_yaw(extrinsics, evidence)
         return cls(
             pose,
             std,
@@ -125,7 +130,7 @@ class SavedResult:
             covariance,
             _reservations(provenance.pop("reservations", {}), n_frames),
             _alignment(parameters.get("alignment"), provenance),
-            _evidence(provenance, covariance, n_frames),
+            evidence,
         )
 
     @property
@@ -164,11 +169,14 @@ class SavedResult:
         when = f"at {self.stamp_s:.3f} s"
         if self.stamp_s >= _FIRST_CLOCK_S:
             when = f"on {datetime.fromtimestamp(self.stamp_s, timezone.utc):%Y-%m-%d %H:%M:%S} UTC"
+        pose, travel = self.extrinsics.describe(self.std), self.evidence.travel
+        if travel is not None and travel.tells_yaw:
+            pose += f", {travel.describe_yaw()}"
         notes = "".join(f"; {each.text(self.n_frames)}" for each in self.reservations)
         if self.schema == 1:
             notes += "; written by an earlier version, whose standard deviation may be that of one moment"
         return CalibrationResult(
-            f"calibrated {when} from {frames}: {self.extrinsics.describe(self.std)}{notes}",
+            f"calibrated {when} from {frames}: {pose}{notes}",
             extrinsics=self.extrinsics,
             covariance=self.covariance.copy(),
             stamp_s=self.stamp_s,
@@ -177,6 +185,7 @@ class SavedResult:
             alignment=self.alignment,
             uncertainty=self.evidence.uncertainty,
             mount=self.evidence.mount,
+            travel=self.evidence.travel,
             delay=self.evidence.delay,
         )
 
@@ -328,6 +337,23 @@ def _covariance(values: Any, deviations: Array) -> Array:
     if values is None:
         return np.diag(deviations**2)
     return covariance_of(values, "provenance.covariance", deviations)
+
+
+def _check_yaw(extrinsics: Mapping[str, Any], evidence: SavedEvidence) -> None:
+    """Make sure that the yaw of a file is the one that its provenance has, and is there where it is known.
+
+    Raises:
+        ConfigError: It is not.
+    """
+    known = {} if evidence.travel is None else evidence.travel.yaw_dict()
+    for name in YAW_NAMES:
+        if name not in known and name not in extrinsics:
+            continue
+        if name not in known:
+            raise wrong(f"extrinsics.{name}", extrinsics[name], "provenance.travel does not tell it")
+        value = number(extrinsics, name, -GREATEST_ANGLE_RAD, GREATEST_ANGLE_RAD, "rad", "extrinsics")
+        if abs(value - known[name]) > ROUNDING * known[YAW_STD_NAME]:
+            raise wrong(f"extrinsics.{name}", value, "it contradicts provenance.travel")
 
 
 def _evidence(provenance: dict[str, Any], covariance: Array, n_frames: int) -> SavedEvidence:

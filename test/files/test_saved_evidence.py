@@ -8,7 +8,7 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from result_making import COVARIANCE, DELAY, MOUNT, RIG, TERMS, a_mount, a_result, write
+from result_making import COVARIANCE, DELAY, MOUNT, RIG, TERMS, TRAVEL, a_mount, a_result, write
 
 from stereo_selfcal import ConfigError
 from stereo_selfcal.core.delay_report import describe_delay
@@ -38,10 +38,10 @@ def scalars_and_lists(values, name=""):
 
 def test_sections_of_a_drive(tmp_path):
     path = tmp_path / "out.yaml"
-    write(path, a_mount(), targets=ASKED)
+    write(path, a_mount(travel=TRAVEL), targets=ASKED)
     provenance = provenance_in(path)
     assert provenance["schema"] == 2
-    assert list(provenance)[-4:] == ["terms", "mount", "delay", "targets"]
+    assert list(provenance)[-5:] == ["terms", "mount", "travel", "delay", "targets"]
     assert list(provenance["terms"]) == ["noise", "motion"]
     np.testing.assert_allclose(np.sum(list(provenance["terms"].values()), axis=0), COVARIANCE.ravel())
     assert provenance["mount"] == {
@@ -74,7 +74,7 @@ def test_sections_of_a_drive(tmp_path):
 def test_every_parameter_is_one_that_ros_knows(tmp_path):
     """Scalars, and lists of one kind of them in one line; a float has a point, or rcl takes it for text."""
     path = tmp_path / "out.yaml"
-    write(path, a_mount(), targets=ASKED)
+    write(path, a_mount(travel=TRAVEL), targets=ASKED)
     for name, value in scalars_and_lists(provenance_in(path)):
         if isinstance(value, list):
             assert value and all(type(each) is float for each in value), name
@@ -112,7 +112,7 @@ def test_file_with_every_term_is_far_below_its_limit():
     std = np.sqrt(np.diagonal(COVARIANCE))
     part = np.outer(std, std) / 3 + np.diag(std**2) * 2 / 3
     terms = tuple(UncertaintyTerm(name, part) for name in NAMES)
-    result = a_mount(uncertainty=terms, covariance=total_covariance(terms))
+    result = a_mount(travel=TRAVEL, uncertainty=terms, covariance=total_covariance(terms))
     size = len(format_result(result, RIG, "/left/image_rect /right/image_rect", 7, ASKED).encode())
     assert size < result_file._MOST_BYTES / 4
 

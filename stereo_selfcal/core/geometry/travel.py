@@ -13,6 +13,8 @@ from .pose import DEGREES
 # Standard deviation of the yaw of a mount of which nothing is known: cameras are mounted straight to a
 # degree. A drive that tells it less well tells nothing of it.
 MOUNT_YAW_STD_RAD = math.radians(1.0)
+# Public names of the yaw and its standard deviation: of files, tables and ROS parameters.
+YAW_NAME, YAW_STD_NAME = YAW_NAMES = ("yaw_rad", "yaw_std_rad")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +47,12 @@ class Travel:
     def tells_yaw(self) -> bool:
         """Whether the yaw is known better than that of any mount."""
         return bool(self.std[0] < MOUNT_YAW_STD_RAD)
+
+    def yaw_dict(self) -> dict[str, float]:
+        """Return yaw and standard deviation by the names of :data:`YAW_NAMES`; nothing while not known."""
+        if not self.tells_yaw:
+            return {}
+        return {YAW_NAME: float(self.yaw_rad), YAW_STD_NAME: float(self.std[0])}
 
     def describe_yaw(self) -> str:
         """Return the yaw as people read it, in degrees."""
