@@ -8,11 +8,13 @@ import cv2
 import numpy as np
 
 from ..core.camera.rig import StereoRig
-from ..core.geometry.homography import Side, image_from_road
+from ..core.geometry.homography import Side, apply_homography, image_from_road
 from ..core.geometry.pose import Extrinsics
+from ..core.geometry.travel import Travel
 from ..core.types import Array, Image
-from .canvas import MIN_WIDTH_PX, TEXT_SCALE, YELLOW, Canvas
+from .canvas import BLUE, MIN_WIDTH_PX, TEXT_SCALE, YELLOW, Canvas
 from .road_grid import GRID_ACROSS_M, GRID_ALONG_M, near_edge_m
+from .travel_direction import LABEL_SIZE, draw_cased, draw_fan, fan_of, label_of, road_heading
 
 # A lane to either side of the rig. The view is stretched across the road, because the misfit between the
 # cameras shows across the road and is a matter of millimetres.
@@ -22,13 +24,18 @@ BIRDS_EYE_ASPECT = 0.42  # height over width of the panel
 
 
 def draw_birds_eye(
-    left: Image, right: Image, rig: StereoRig, extrinsics: Extrinsics, width: int = MIN_WIDTH_PX
+    left: Image,
+    right: Image,
+    rig: StereoRig,
+    extrinsics: Extrinsics,
+    width: int = MIN_WIDTH_PX,
+    travel: Travel | None = None,
 ) -> Image:
     """Draw the road from above as both cameras see it, one over the other.
 
     The left camera is orange, the right one blue. Where they agree, the road is grey. Where they do not, it
     has coloured fringes. People who are blind to red or green see these colours, but not red and cyan. The
-    driving direction is to the right, left of the road is up.
+    heading of the camera is to the right, left of the road is up.
 
     Args:
         left: (H, W) uint8 image of the left camera.
@@ -36,6 +43,7 @@ def draw_birds_eye(
         rig: The rig both images come from.
         extrinsics: Its pose over the road.
         width: Width of the picture [px].
+        travel: Direction of travel, which tells the yaw; None to draw none.
 
     Returns:
         (H', width, 3) uint8 BGR.
@@ -63,6 +71,8 @@ def draw_birds_eye(
     for y_m in np.arange(-math.floor(BIRDS_EYE_HALF_WIDTH_M), BIRDS_EYE_HALF_WIDTH_M, GRID_ACROSS_M):
         row = across * (BIRDS_EYE_HALF_WIDTH_M - y_m)
         _blend_line(canvas, [[0.0, row], [float(width), row]])
+    if travel is not None:
+        _draw_travel(canvas, canvas_from_road, near_m, travel)
     _title(
         canvas,
         f"bird's-eye view, ahead is right: left camera orange, right camera blue, "
@@ -93,6 +103,26 @@ def _blend_line(canvas: Canvas, points: list[list[float]]) -> None:
     painted = Canvas(canvas.pixels.copy(), canvas.scale)
     painted.polyline(np.array(points), YELLOW)
     cv2.addWeighted(painted.pixels, 0.3, canvas.pixels, 0.7, 0, dst=canvas.pixels)
+
+
+def _draw_travel(canvas: Canvas, canvas_from_road: Array, near_m: float, travel: Travel) -> None:
+    """Draw the direction of travel, from under the camera on."""
+
+    def ends(heading: Array) -> Array:
+        road = np.outer([near_m, BIRDS_EYE_FAR_M], [1.0, heading[1] / heading[0]])
+        return apply_homography(canvas_from_road, road)
+
+    left, right = map(ends, fan_of(travel))
+    middle, label, step = ends(road_heading(travel.yaw_rad)), label_of(travel), canvas.line_height
+    draw_fan(canvas, left, right)
+    draw_cased(canvas, middle)
+    # Above a line that leads to the right, below one that leads to the left: it has most room there.
+    x = canvas.pixels.shape[1] - LABEL_SIZE * canvas.text_width(label) - 0.5 * step
+    share = (x - middle[0, 0]) / (middle[1, 0] - middle[0, 0])
+    upper, lower = (float((1.0 - share) * line[0, 1] + share * line[1, 1]) for line in (left, right))
+    y = upper - 0.4 * step if middle[1, 1] > middle[0, 1] else lower + step
+    height = canvas.pixels.shape[0]
+    canvas.text(label, x, min(max(y, 2.2 * step), height - 1.5 * step), BLUE, size=LABEL_SIZE)
 
 
 def _title(canvas: Canvas, text: str) -> None:

@@ -12,10 +12,12 @@ from ..core.camera.rig import StereoRig
 from ..core.evidence.road_surface import SurfaceCells
 from ..core.geometry.homography import horizon_row
 from ..core.geometry.pose import Extrinsics
+from ..core.geometry.travel import Travel
 from ..core.lanes.lane_pair import ImageLine, LanePattern
 from ..core.results import CalibrationResult
 from ..core.types import Array, Image
 from .canvas import (
+    BLUE,
     DARK,
     GREEN,
     ORANGE,
@@ -30,6 +32,7 @@ from .canvas import (
 )
 from .road_grid import draw_grid
 from .surface_cells import draw_cells
+from .travel_direction import draw_travel_flag, draw_travel_line, shown_travel
 
 _MAX_POINTS = 40  # more dots on a line would hide it
 _POLYLINE_POINTS = 32
@@ -59,6 +62,7 @@ class Drawn:
         lane_line: The single lane line of a frame without two.
         other_lines: Other lines that were found.
         stripes: (N, 2) image points [px] on stripes.
+        travel: Direction of travel, which tells the yaw; it is drawn with the pose.
     """
 
     pose: Extrinsics | None = None
@@ -67,6 +71,7 @@ class Drawn:
     lane_line: ImageLine | None = None
     other_lines: tuple[ImageLine, ...] = ()
     stripes: Array | None = None
+    travel: Travel | None = None
 
     @classmethod
     def of(
@@ -87,6 +92,7 @@ class Drawn:
             result.lane_line,
             result.unused_lines,
             stripes,
+            shown_travel(result) if fitting else None,
         )
 
 
@@ -97,7 +103,7 @@ def draw_camera_view(
     scale: float = 1.0,
     stripes: Array | None = None,
 ) -> Image:
-    """Draw road surface, points, lines, horizon and road grid over the image of the left camera.
+    """Draw road surface, points, lines, horizon, road grid and direction of travel over the left image.
 
     Args:
         left: (H, W) uint8 image of the left camera, not empty.
@@ -114,6 +120,8 @@ def draw_camera_view(
     if drawn.surface is not None and rig is not None:
         draw_cells(canvas, rig, drawn.surface)
     if drawn.pose is not None and rig is not None:
+        if drawn.travel is not None:  # before the grid, so that its distances can be read
+            draw_travel_line(canvas, rig, drawn.pose, drawn.travel)
         draw_grid(canvas, rig, drawn.pose)
     if drawn.stripes is not None:
         canvas.specks(drawn.stripes, ORANGE)
@@ -121,6 +129,8 @@ def draw_camera_view(
         ends = np.array([0.0, rig.width - 1.0])
         horizon = np.column_stack([ends, horizon_row(rig, drawn.pose, ends)])
         canvas.polyline(horizon, SKY_BLUE, 2 * canvas.thickness)
+        if drawn.travel is not None:
+            draw_travel_flag(canvas, rig, drawn.pose, drawn.travel)
     above = _first_row(drawn, rig)
     for line in drawn.other_lines:
         ends = np.array([max(above, line.rows.min()), line.rows.max()])
@@ -160,6 +170,7 @@ def legend(width: int, drawn: Drawn) -> Image:
         ("- other line", ORANGE, bool(drawn.other_lines)),
         ("- horizon", SKY_BLUE, drawn.pose is not None),
         ("o lines meet", PURPLE, drawn.pattern is not None),
+        ("- direction of travel", BLUE, drawn.pose is not None and drawn.travel is not None),
         ("# road, 1 m x 5 m", YELLOW, drawn.pose is not None),
         ("# road surface", GREEN, drawn.surface is not None and bool(drawn.surface.agrees.any())),
         ("x beside it", VERMILION, drawn.surface is not None and _some_beside(drawn.surface)),

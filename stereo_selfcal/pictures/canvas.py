@@ -23,6 +23,7 @@ GREEN: Colour = (115, 158, 0)
 YELLOW: Colour = (66, 228, 240)
 VERMILION: Colour = (0, 94, 213)
 PURPLE: Colour = (167, 121, 204)
+BLUE: Colour = (178, 114, 0)
 WHITE: Colour = (255, 255, 255)
 DARK: Colour = (40, 40, 40)
 
@@ -62,11 +63,15 @@ class Canvas:
         x, y = self.position(point) / (1 << _SHIFT)
         return float(x), float(y)
 
+    def holds(self, points: Array) -> bool:
+        """Whether image points (..., 2) [px] are numbers, and not far outside."""
+        limit = 4.0 * max(self.pixels.shape[:2]) / self.scale
+        return bool(np.isfinite(points).all() and np.abs(points).max() < limit)
+
     def polyline(self, points: Array, colour: Colour, thickness: int | None = None) -> None:
         """Draw a polyline through image points (N, 2) [px], leaving out those far outside."""
-        limit = 4.0 * max(self.pixels.shape[:2]) / self.scale
         for start, end in pairwise(points):
-            if np.isfinite([start, end]).all() and np.abs([start, end]).max() < limit:
+            if self.holds(np.stack([start, end])):
                 (a, b), size = self.position([start, end]).tolist(), thickness or self.thickness
                 cv2.line(self.pixels, a, b, colour, size, cv2.LINE_AA, _SHIFT)
 
@@ -93,7 +98,10 @@ class Canvas:
         return int(cv2.getTextSize(text, FONT, scale, self.thickness)[0][0])
 
     def text(self, text: str, x: float, y: float, colour: Colour = WHITE, size: float = 1.0) -> int:
-        """Write on a dark plate, the lower left corner at (x, y) of this picture; return the width [px]."""
+        """Write on a plate, the lower left corner at (x, y) of this picture; return the width [px].
+
+        The plate is dark, but white under blue, which is not legible on a dark one.
+        """
         scale = size * TEXT_SCALE * self.pixels.shape[1] / MIN_WIDTH_PX
         # The fonts of OpenCV 4 and 5 differ in width; what would run out of the picture is made smaller.
         wanted = cv2.getTextSize(text, FONT, scale, self.thickness)[0][0]
@@ -102,7 +110,7 @@ class Canvas:
         left, baseline, margin = round(x), round(y), 2 * self.thickness
         rows = slice(max(baseline - height - margin, 0), max(baseline + below, 0))
         columns = slice(max(left - margin, 0), max(left + width + margin, 0))
-        self.pixels[rows, columns] = DARK
+        self.pixels[rows, columns] = WHITE if colour == BLUE else DARK
         cv2.putText(self.pixels, text, (left, baseline), FONT, scale, colour, self.thickness, cv2.LINE_AA)
         return int(width)
 

@@ -6,12 +6,14 @@ import numpy as np
 
 from ..core.camera.rig import StereoRig
 from ..core.geometry.pose import Extrinsics
+from ..core.geometry.travel import Travel
 from ..core.results import CalibrationResult
 from ..core.types import Array, Image
 from .birds_eye import BIRDS_EYE_ASPECT, draw_birds_eye
 from .camera_view import Drawn, draw_camera_view, fits, legend, shown_extrinsics
 from .canvas import MIN_WIDTH_PX
 from .contradiction import contradicts, draw_contradiction
+from .travel_direction import shown_travel
 from .verdict import StripContent, gate_strip, verdict_of, verdict_strip
 
 # A stream of pictures is looked at in a window and sent over a network: no wider than this.
@@ -44,7 +46,7 @@ def draw_overview(left: Image, right: Image, rig: StereoRig, result: Calibration
         panels.append(gate_strip(result, width))
     extrinsics = shown_extrinsics(result)
     if extrinsics is not None and fits(rig, left, right):
-        panels.append(draw_birds_eye(left, right, rig, extrinsics, width))
+        panels.append(draw_birds_eye(left, right, rig, extrinsics, width, shown_travel(result)))
     return np.vstack(panels)
 
 
@@ -75,7 +77,12 @@ def draw_debug_image(
 
 
 def draw_fringes(
-    left: Image, right: Image, rig: StereoRig, extrinsics: Extrinsics, verdict: StripContent
+    left: Image,
+    right: Image,
+    rig: StereoRig,
+    extrinsics: Extrinsics,
+    verdict: StripContent,
+    travel: Travel | None = None,
 ) -> Image:
     """Compose a verdict and the bird's-eye view into the picture of a stream.
 
@@ -85,12 +92,14 @@ def draw_fringes(
         rig: The rig both images come from.
         extrinsics: Its pose over the road.
         verdict: Text of the strip above the view.
+        travel: Direction of travel, which tells the yaw; None to draw none.
 
     Returns:
         (H', W', 3) uint8 BGR, as wide as :func:`draw_debug_image` of the same images.
     """
     width = _stream_width(left)
-    return np.vstack([verdict_strip(verdict, width), draw_birds_eye(left, right, rig, extrinsics, width)])
+    view = draw_birds_eye(left, right, rig, extrinsics, width, travel)
+    return np.vstack([verdict_strip(verdict, width), view])
 
 
 def draw_notice(verdict: StripContent) -> Image:

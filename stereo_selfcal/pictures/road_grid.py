@@ -51,7 +51,8 @@ def draw_grid(canvas: Canvas, rig: StereoRig, extrinsics: Extrinsics) -> None:
         seen = points[points[:, 0] < (1 - LABEL_MARGIN) * rig.width]  # false for NaN
         if seen.size:
             x, y = canvas.pixel(seen[0])  # the rightmost one
-            canvas.text(f"{x_m:.0f} m", x + 6 * canvas.thickness, y, YELLOW, size=0.8)
+            if 0.5 * canvas.line_height < y < canvas.pixels.shape[0] - 0.2 * canvas.line_height:
+                canvas.text(f"{x_m:.0f} m", x + 6 * canvas.thickness, y, YELLOW, size=0.8)
 
 
 def _project(matrix: Array, x_m: Array, y_m: Array) -> Array:

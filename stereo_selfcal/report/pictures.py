@@ -17,6 +17,7 @@ from ..offline import FrameRow, FrameSource, Replay, look_again
 from ..pictures.birds_eye import draw_birds_eye
 from ..pictures.camera_view import draw_camera_view, shown_extrinsics
 from ..pictures.contradiction import contradicts, draw_contradiction
+from ..pictures.travel_direction import shown_travel
 from .choice import best_median_worst, ranked, refusals, segment_of
 
 # Pictures are looked at, not measured in: a third of the bytes of a PNG, and the fringes stay.
@@ -67,7 +68,7 @@ def _birds_eye(left: Image, right: Image, replay: Replay, result: CalibrationRes
     pose, rig = shown_extrinsics(result), replay.rig
     if pose is None or not left.shape == right.shape == (rig.height, rig.width):
         return ""
-    return _data_uri(draw_birds_eye(left, right, rig, pose))
+    return _data_uri(draw_birds_eye(left, right, rig, pose, travel=shown_travel(result)))
 
 
 def _data_uri(picture: Image) -> str:

@@ -26,6 +26,7 @@ from ..core.types import Array, Image
 from ..pictures.camera_view import shown_extrinsics
 from ..pictures.canvas import SKY_BLUE, VERMILION, YELLOW
 from ..pictures.overview import draw_debug_image, draw_fringes, draw_notice
+from ..pictures.travel_direction import shown_travel
 from ..pictures.verdict import StripContent, numbers, verdict_of
 from .calibration_keeper import ActiveCalibration
 from .config import NodeConfig
@@ -170,10 +171,10 @@ class Views:
         if self._birds_eye.get_subscription_count():
             extrinsics = None if result is None else shown_extrinsics(result)
             fits = rig is not None and left.shape == right.shape == (rig.height, rig.width)
-            if rig is None or extrinsics is None or not fits:
+            if result is None or rig is None or extrinsics is None or not fits:
                 picture = draw_notice(verdict)
             else:
-                picture = draw_fringes(left, right, rig, extrinsics, verdict)
+                picture = draw_fringes(left, right, rig, extrinsics, verdict, shown_travel(result))
             self._publish(self._birds_eye, picture, stamp_ns)
 
     def _stripes(self, left: Image) -> Array:

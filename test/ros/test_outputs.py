@@ -48,11 +48,12 @@ def test_lanes_of_a_pose_that_sees_no_road_are_empty():
     pattern = ideal_pattern(ros_graph.RIG, POSE)
     lanes = lanes_on_road(pattern, ros_graph.RIG, Extrinsics(1.4, math.radians(-80.0), 0.0))
     assert all(np.isfinite(lane).all() for lane in lanes)
-    assert len(markers_message(POSE, lanes, "road", 0).markers) == 5
+    assert {m.ns for m in markers_message(POSE, lanes, "road", 0).markers} >= {"road", "camera", "lane_lines"}
 
 
 def test_markers():
-    markers = {(m.ns, m.id): m for m in markers_message(POSE, LANES, "asphalt", STAMP_NS).markers}
+    message = markers_message(POSE, LANES, "asphalt", STAMP_NS)
+    markers = {(m.ns, m.id): m for m in message.markers if m.action != Marker.DELETE}
     assert len(markers) == 5
     for marker in markers.values():
         assert marker.header.frame_id == "asphalt"
