@@ -29,7 +29,7 @@ LABELS = {component.label for component in POSE_COMPONENTS}
 FIELD = "    roll_rad: float\n"
 LINE = "# Names of the values and of their standard deviations"
 NEW_FIELD = "    tilt_rad: float = 0.0\n"
-NEW_LINE = 'POSE_COMPONENTS += (PoseComponent("tilt_rad", DEGREES, DEGREES, "+", "Tilt of the camera, > 0: left"),)\n'
+NEW_LINE = 'POSE_COMPONENTS += (PoseComponent("tilt_rad", DEGREES, DEGREES, "+", "Tilt, > 0: left"),)\n'
 
 # Says of every place that people or programs read what it has of a pose. No images are needed: a source that
 # gives none is a recording that is gone.
