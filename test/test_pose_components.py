@@ -111,7 +111,7 @@ WORDS = {
     "report": ("<td>Tilt</td>", 'data-label="Tilt"', '<th class="n">Tilt</th>', "Tilt [deg]", "Tilt: RMS"),
     "diagnostics": ("tilt",),
     "descriptions of parameters": (
-        "Tilt of the camera, > 0: left [rad]",
+        "Tilt, > 0: left [rad]",
         "Standard deviation of the tilt [rad]",
     ),
 }
