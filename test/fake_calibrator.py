@@ -24,6 +24,7 @@ class FakeCalibrator:
     """Accepts what it is told to; each accepted frame is a little higher than the one before."""
 
     accept = staticmethod(lambda index: True)
+    travel_steps = ()
     made: ClassVar[list] = []
 
     def __init__(self, rig, config=None):

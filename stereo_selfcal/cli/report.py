@@ -18,11 +18,12 @@ from ..core.errors import printable
 from ..core.geometry.alignment import ALIGNMENT_NAMES, Alignment
 from ..core.geometry.mount import MountEvidence
 from ..core.geometry.pose import POSE_COMPONENTS, POSE_NAMES, STD_NAMES, Extrinsics
-from ..core.geometry.travel import RightDelay
+from ..core.geometry.travel import RightDelay, Travel
 from ..core.geometry.uncertainty import UncertaintyTerm
 from ..core.reservations import Reservation
 from ..offline import AttemptSummary, FrameRow, Goal, Replay
 from ..report.mount import how_reached
+from ..report.travel import travel_sentence
 from ..report.uncertainty import std_of, variance_line
 
 _STAMP_WIDTH = 17  # seconds since 1970 with microseconds
@@ -78,7 +79,8 @@ def table_summary(replay: Replay) -> str:
             text += _line("standard deviation of the mount", estimate.std, spread=True)
         if estimate.uncertainty:
             text += f"its variance: {variance_line(estimate.uncertainty)}\n"
-        text += "".join(f"{sentence}\n" for sentence in how_reached(estimate.mount, estimate.n_frames))
+        reached = how_reached(estimate.mount, estimate.n_frames)
+        text += "".join(f"{sentence}\n" for sentence in (*reached, travel_sentence(estimate.travel)))
     text += f"{_moves(drive)}{printable(estimate.message)}\n"
     if replay.goal is not None:
         text += f"{printable(replay.goal.message)}\n"
@@ -146,6 +148,7 @@ def as_dict(replay: Replay) -> dict[str, Any]:
         ],
         "uncertainty": None if extrinsics is None else _uncertainty(estimate.uncertainty),
         "alignment": _alignment(estimate.alignment, replay.rig),
+        "travel": _travel(estimate.travel),
         "delay": _delay(estimate.delay),
         "with_reservations": replay.with_reservations,
         "reservations": _reservations(estimate.reservations, estimate.n_frames),
@@ -182,6 +185,7 @@ def _segment(segment: DriveSegment) -> dict[str, Any]:
         "standard_error": None if segment.standard_error is None else _pose(segment.standard_error),
         "uncertainty": _uncertainty(segment.estimate.uncertainty),
         "mount": _mount(segment.estimate.mount),
+        "travel": _travel(segment.estimate.travel),
         "reservations": _reservations(segment.estimate.reservations, segment.estimate.n_frames),
     }
 
@@ -235,6 +239,22 @@ def _alignment(alignment: Alignment | None, rig: StereoRig) -> dict[str, Any] | 
     std = {name: float(value) for name, value, known in named if known}
     content: dict[str, Any] = {**unknown, **alignment.as_dict(), "std": {**unknown, **std}}
     return content | {"verdict": str(report.verdict), "message": report.message}
+
+
+def _travel(travel: Travel | None) -> dict[str, Any] | None:
+    """Return the camera against the direction of travel, whether it tells the yaw or not."""
+    if travel is None:
+        return None
+    yaw_std_rad, pitch_std_rad = map(float, travel.std)
+    return {
+        "yaw_rad": travel.yaw_rad,
+        "yaw_std_rad": yaw_std_rad,
+        "pitch_rad": travel.pitch_rad,
+        "pitch_std_rad": pitch_std_rad,
+        "n_steps": travel.n_steps,
+        "lever_m": travel.lever_m,
+        "driven_s": travel.driven_s,
+    }
 
 
 def _delay(delay: RightDelay | None) -> dict[str, Any] | None:

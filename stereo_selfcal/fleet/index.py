@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from html import escape
 
-from ..core.geometry.pose import POSE_COMPONENTS, Extrinsics, PoseComponent
+from ..core.geometry.pose import DEGREES, POSE_COMPONENTS, DisplayUnit, Extrinsics, PoseComponent
 from .outcome import BagOutcome, Status
 
 # Colours of Okabe and Ito, which people with any kind of colour vision tell apart; the word is there as well.
@@ -55,6 +55,7 @@ _HEADS = (
     "confirmed",
     "moves",
     *(component.heading for component in POSE_COMPONENTS),
+    "yaw [deg]",
     "what was said",
 )
 _EQUATION = "p_road = R_z(0) R_y(pitch) R_x(roll) p_camera + [0, 0, height]"
@@ -87,6 +88,7 @@ def index_page(outcomes: Sequence[BagOutcome], about: str) -> str:
 <h1>{len(outcomes)} recordings: {escape(summary)}</h1>
 {note}
 <p><code>{_EQUATION}</code>; REP-103: pitch &gt; 0 is nose down, roll &gt; 0 is right side down.
+The yaw is that against the direction of travel, &gt; 0 is left of it; it has no value while it is not known.
 Confirmed are accepted frames whose road surface agrees with the lines. The whole table is in
 <a href="table.csv">table.csv</a>. A click on a heading sorts.</p>
 <div class="scroll">
@@ -122,6 +124,7 @@ def _row(outcome: BagOutcome) -> str:
         f'<td><b class="status {colour}">{_words(outcome.status)}{reserved}</b></td>',
         *(_cell(count, str(count)) for count in counts),
         *(_component(component, pose, std) for component in POSE_COMPONENTS),
+        _yaw(outcome),
         f'<td class="why">{escape(said)}</td>',
     ]
     return f"<tr>{''.join(cells)}</tr>"
@@ -131,10 +134,21 @@ def _component(component: PoseComponent, pose: Extrinsics | None, std: Extrinsic
     """Return the cell of one component of a pose and its standard deviation; empty without a pose."""
     if pose is None:
         return '<td class="n"></td>'
-    unit = component.unit
-    value = component.of(pose)
-    spread = "" if std is None else f" &plusmn; {component.of(std) * unit.per_si:.2g}"
-    return _cell(value * unit.per_si, f"{unit.number(value, component.sign)}{spread}")
+    spread = None if std is None else component.of(std)
+    return _number(component.of(pose), spread, component.unit, component.sign)
+
+
+def _yaw(outcome: BagOutcome) -> str:
+    """Return the cell of the yaw against the direction of travel; empty while it is not known."""
+    if outcome.yaw_rad is None:
+        return '<td class="n"></td>'
+    return _number(outcome.yaw_rad, outcome.yaw_std_rad, DEGREES, "+")
+
+
+def _number(value: float, std: float | None, unit: DisplayUnit, sign: str) -> str:
+    """Return the cell of a number and its standard deviation, both in the SI unit."""
+    spread = "" if std is None else f" &plusmn; {std * unit.per_si:.2g}"
+    return _cell(value * unit.per_si, f"{unit.number(value, sign)}{spread}")
 
 
 def _cell(value: float, text: str) -> str:

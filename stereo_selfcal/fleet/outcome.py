@@ -47,6 +47,8 @@ class BagOutcome:
         moves: How often the camera was moved; the pose is that after the last time.
         moved_at_s: When it was moved last [s]; None if it was not.
         lane_yaw_rad: Mean yaw against the lane [rad], > 0: the camera points left.
+        yaw_rad: Yaw against the direction of travel [rad], > 0: the camera points left; None while not known.
+        yaw_std_rad: Standard deviation of this yaw [rad].
         alignment: Verdict on how the right camera is turned, a word; empty where nothing tells.
         alignment_pitch_rad: Its pitch against where the rig has it [rad]; None where it is not known.
         alignment_roll_rad: The same of its roll [rad].
@@ -74,6 +76,8 @@ class BagOutcome:
     moves: int = 0
     moved_at_s: float | None = None
     lane_yaw_rad: float | None = None
+    yaw_rad: float | None = None
+    yaw_std_rad: float | None = None
     alignment: str = ""
     alignment_pitch_rad: float | None = None
     alignment_roll_rad: float | None = None
@@ -117,6 +121,7 @@ class BagOutcome:
             moves=len(changes),
             moved_at_s=changes[-1].at_s if changes else None,
             lane_yaw_rad=estimate.lane_yaw_rad if estimate.accepted else None,
+            **_yaw_columns(replay),
             **_alignment_columns(replay),
             first_stamp_s=rows[0].stamp_s,
             last_stamp_s=rows[-1].stamp_s,
@@ -162,6 +167,12 @@ class BagOutcome:
         if row.status is Status.CALIBRATED and (row.extrinsics is None or row.std is None):
             raise ConfigError("not a row of a fleet: calibrated, without a pose")
         return row
+
+
+def _yaw_columns(replay: Replay) -> dict[str, Any]:
+    """Return the columns of the yaw of the mount, where it is known."""
+    estimate = replay.estimate
+    return estimate.travel.yaw_dict() if estimate.accepted and estimate.travel is not None else {}
 
 
 def _alignment_columns(replay: Replay) -> dict[str, Any]:

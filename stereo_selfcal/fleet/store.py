@@ -18,7 +18,7 @@ from .outcome import BagOutcome
 from .work import FleetSettings, versions
 
 # Raised when what stands in a result file changes: files of another schema are done again.
-_SCHEMA = 3
+_SCHEMA = 4
 _RESULTS, _REPORTS = "results", "reports"
 _LARGEST_RESULT = 2**28  # bytes; a row of a frame takes 2 kB, or 10 kB with many attempts
 _NAME_CHARACTERS = 60  # of a bag's name in that of its result: file systems allow 255

@@ -13,6 +13,7 @@ from ..core.errors import printable
 from ..core.evidence.gates import GATES
 from ..core.geometry.alignment import ALIGNMENT_NAMES, ALIGNMENT_STD_NAMES
 from ..core.geometry.pose import POSE_NAMES, STD_NAMES
+from ..core.geometry.travel import YAW_NAME, YAW_NAMES, YAW_STD_NAME
 from .rows import FrameRow
 
 _ALIGNMENT = "alignment_"
@@ -34,6 +35,7 @@ COLUMNS = (
     *STD_NAMES,
     "lane_yaw_rad",
     "lane_curvature_per_m",
+    *YAW_NAMES,
     "confirmed",
     *(_ALIGNMENT + name for name in (*ALIGNMENT_NAMES, *ALIGNMENT_STD_NAMES)),
     *_GATE_COLUMNS.values(),
@@ -79,6 +81,8 @@ def _cells(row: FrameRow) -> dict[str, object]:
         "reason": row.reason,
         "lane_yaw_rad": row.lane_yaw_rad,
         "lane_curvature_per_m": row.lane_curvature_per_m,
+        YAW_NAME: row.yaw_rad,
+        YAW_STD_NAME: row.yaw_std_rad,
         "confirmed": int(row.confirmed),
         "message": row.rejection.message if row.rejection else "; ".join(row.notes),
     }

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 
+from ..core.drive.travel import TravelStep, ahead_only
 from ..core.evidence.frame_evidence import FoundBy
 from ..core.geometry.alignment import Alignment
 from ..core.geometry.pose import Extrinsics
@@ -83,6 +86,9 @@ class FrameRow:
         started_from: When the frames were recorded that it started from, each from the one before, the first
             one cold [ns]; :func:`.look_again` needs them.
         stood: Whether the car stood since the frame before.
+        yaw_rad: Yaw of the camera against its way since the frame before [rad], > 0: points left of it; with
+            what a bend and the swaying of the car do to that way. None where the car did not drive ahead.
+        yaw_std_rad: What the noise of the landmarks leaves of it [rad].
     """
 
     stamp_s: float
@@ -104,6 +110,8 @@ class FrameRow:
     known_start: bool = False
     started_from: tuple[int, ...] = ()
     stood: bool = False
+    yaw_rad: float | None = None
+    yaw_std_rad: float | None = None
 
     @classmethod
     def from_result(
@@ -152,3 +160,26 @@ class FrameRow:
     def confirmed(self) -> bool:
         """Whether the road surface confirmed the calibration; lines alone may be those of a kerb."""
         return self.accepted and self.confirmed_by_texture
+
+
+def with_steps(rows: Sequence[FrameRow], steps: Iterable[TravelStep]) -> list[FrameRow]:
+    """Return rows with the yaw of the camera against its way, for the frames that a step ends with.
+
+    Args:
+        rows: Rows of one drive.
+        steps: The steps between its frames.
+    """
+    ends = {_to_microseconds(step.stamp_s + step.duration_s): step for step in ahead_only(steps)}
+    return [_with_step(row, ends.get(_to_microseconds(row.stamp_s))) for row in rows]
+
+
+def _with_step(row: FrameRow, step: TravelStep | None) -> FrameRow:
+    if step is None:
+        return row
+    yaw_rad, _ = step.against_travel(0.0 if row.extrinsics is None else row.extrinsics.roll_rad)
+    return replace(row, yaw_rad=yaw_rad, yaw_std_rad=math.sqrt(float(step.noise()[0])))
+
+
+def _to_microseconds(stamp_s: float) -> int:
+    """Return a stamp without the rounding that a sum of times has."""
+    return round(stamp_s * 1e6)

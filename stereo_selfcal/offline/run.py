@@ -21,7 +21,7 @@ from ..core.results import CalibrationResult
 from .frame import FrameCalibrator, FrameHead
 from .pool import calibrate_in_order
 from .recording import FrameSource
-from .rows import FrameRow
+from .rows import FrameRow, with_steps
 from .until_good import Goal, GoalWatch, NotedFrames
 
 
@@ -152,6 +152,7 @@ def assemble_replay(
             if head.cameras is not None:
                 change = follower.follow(head.cameras, head.stamp_s)
                 if change is not None or head.cameras.rig != calibrator.rig:
+                    rows[since:] = with_steps(rows[since:], calibrator.travel_steps)
                     calibrator = Calibrator(head.cameras.rig, calibrator.config)
                 if change is not None:
                     since = len(rows)
@@ -175,6 +176,7 @@ def assemble_replay(
         damage = f"{error}; it ended early, after {n} frames: --max-frames {n} calibrates from these alone"
     if not rows:
         raise ValueError("a recording of no frames cannot be calibrated")
+    rows[since:] = with_steps(rows[since:], calibrator.travel_steps)
     drive = calibrator.drive
     changes = follower.changes
     if changes:

@@ -18,7 +18,8 @@ from ..core.config import CalibratorConfig
 from ..core.delay_report import is_late
 from ..core.drive.drive import FIRST_CLOCK_S, DriveSegment, clock
 from ..core.errors import printable
-from ..core.geometry.pose import POSE_COMPONENTS, Extrinsics, PoseComponent
+from ..core.geometry.pose import DEGREES, POSE_COMPONENTS, Extrinsics, PoseComponent
+from ..core.geometry.travel import Travel
 from ..offline import FrameRow, FrameSource, Replay
 from .alignment import alignment_report, alignment_section, delay_sentence, sentence_of
 from .choice import refusals
@@ -26,12 +27,14 @@ from .figures import MINUTE_S, charts, gates, residuals
 from .mount import how_reached
 from .pictures import digits, pictures
 from .remedies import remedy_of
+from .travel import travel_sentence
 from .tried import tried
 from .uncertainty import uncertainty_table, unit_symbol
 
 _TEMPLATE = "report.html.j2"
 _MOST_CAUSES = 3  # named in the verdict
 _HOUR_S = 3600.0
+_NOT_KNOWN = "–"
 _VERY_MANY = 100  # standard errors: more of them say nothing more
 
 
@@ -135,15 +138,25 @@ def _estimate(segment: DriveSegment, rows: Sequence[FrameRow]) -> dict[str, Any]
         value = component.of(estimate.extrinsics)
         shown = component.unit.number(value, component.sign, fine=True) + unit_symbol(component.unit)
         lines.append([component.label.capitalize(), shown, *(_small(each, component) for each in spreads)])
+    if estimate.travel is not None and estimate.travel.tells_yaw:
+        lines.append(_yaw_line(estimate.travel))
+    reached = how_reached(estimate.mount, estimate.n_frames)
     span = f"{clock(segment.start_s)} to {clock(segment.end_s)}"
     return {
         "span": span,
         "frames": len(inside),
         "used": estimate.n_frames,
         "lines": lines,
-        "reached": how_reached(estimate.mount, estimate.n_frames),
+        "reached": [*reached, travel_sentence(estimate.travel)],
         "uncertainty": uncertainty_table(estimate.uncertainty),
     }
+
+
+def _yaw_line(travel: Travel) -> list[str]:
+    """Return the row of the yaw: no frame alone tells it, so only the mount has it."""
+    shown = DEGREES.number(travel.yaw_rad, "+", fine=True) + unit_symbol(DEGREES)
+    std = digits(float(travel.std[0]) * DEGREES.per_si) + unit_symbol(DEGREES)
+    return ["Yaw against travel", shown, std, *[_NOT_KNOWN] * 3]
 
 
 def _std_of_a_frame(rows: Sequence[FrameRow]) -> Extrinsics | None:
@@ -155,7 +168,7 @@ def _std_of_a_frame(rows: Sequence[FrameRow]) -> Extrinsics | None:
 def _small(pose: Extrinsics | None, component: PoseComponent) -> str:
     """Return one component of a standard deviation or a spread, a dash if it is not known."""
     if pose is None:
-        return "–"
+        return _NOT_KNOWN
     unit = component.small_unit
     return digits(component.of(pose) * unit.per_si) + unit_symbol(unit)
 

@@ -65,6 +65,7 @@ def test_json_is_one_object_with_all_digits(bag, calibrator, monkeypatch, capsys
         "changes",
         "uncertainty",
         "alignment",
+        "travel",
         "delay",
         "with_reservations",
         "reservations",
@@ -73,7 +74,7 @@ def test_json_is_one_object_with_all_digits(bag, calibrator, monkeypatch, capsys
         "targets",
     ]
     assert content["mount"] is content["targets_reached"] is content["targets"] is None
-    assert content["alignment"] is None
+    assert content["alignment"] is content["travel"] is None
     assert content["changes"] == []
     assert [segment["frames"] for segment in content["segments"]] == [3]
     estimate = calibrator.made[0].estimate

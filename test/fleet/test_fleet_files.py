@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import math
 import os
 import sys
 from dataclasses import replace
@@ -11,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fleet_making import make_bags
+from result_making import TRAVEL
 
 from stereo_selfcal.cli.fleet import _Outcomes
 from stereo_selfcal.core.alignment_verdict import report_alignment
@@ -297,6 +299,30 @@ def test_a_row_has_how_the_right_camera_is_turned_as_far_as_it_is_known(road):
         *(pytest.approx(1e-5), pytest.approx(2e-5), None),
     ]
     assert BagOutcome.from_mapping(json.loads(json.dumps(row))).to_mapping() == row
+
+
+@pytest.mark.parametrize(("travel", "yaw"), [(TRAVEL, (-1 / 30, 0.002)), (None, (None, None))])
+def test_a_row_has_the_yaw_against_the_direction_of_travel_where_it_is_known(road, travel, yaw):
+    with BagSource([road]) as source:
+        replay = calibrate_recording(source)
+    replay = replace(replay, drive=replace(replay.drive, estimate=replace(replay.estimate, travel=travel)))
+    outcome = BagOutcome.from_replay("road", replay, ("l", "r"))
+    row = outcome.to_mapping()
+    assert (row["yaw_rad"], row["yaw_std_rad"]) == yaw
+    assert BagOutcome.from_mapping(json.loads(json.dumps(row))) == outcome
+    (cells,) = csv.DictReader(io.StringIO(csv_of([outcome])))
+    assert cells["yaw_rad"] == ("" if travel is None else repr(-1 / 30))
+    page = index_page([outcome], "")
+    assert "<th>yaw [deg]</th>" in page
+    assert (">-1.910 &plusmn; 0.11<" in page) is (travel is not None)
+
+
+def test_a_yaw_that_is_not_known_better_than_that_of_any_mount_has_no_number(road):
+    with BagSource([road]) as source:
+        replay = calibrate_recording(source)
+    unsure = replace(TRAVEL, covariance=np.diag([math.radians(1.2) ** 2, 9e-6]))
+    replay = replace(replay, drive=replace(replay.drive, estimate=replace(replay.estimate, travel=unsure)))
+    assert BagOutcome.from_replay("road", replay, ("l", "r")).yaw_rad is None
 
 
 @pytest.mark.parametrize("bag", ["straight_road", "noisy_20"])

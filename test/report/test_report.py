@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drive_making import make_drive
+from result_making import TRAVEL
 
 pytest.importorskip("jinja2")
 
@@ -29,6 +30,7 @@ from stereo_selfcal.report import pictures
 from stereo_selfcal.report.mount import how_reached
 from stereo_selfcal.report.page import render_report
 from stereo_selfcal.report.remedies import remedies, remedy_of
+from stereo_selfcal.report.travel import travel_sentence
 from stereo_selfcal.report.uncertainty import contributions
 
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -149,6 +151,21 @@ def test_an_estimate_of_which_no_terms_are_known_has_no_such_table(road):
     page = Page(render_report(source, replace(replay, drive=replace(replay.drive, segments=segments))))
     assert "What the standard deviation of the mount is made of" not in page.text
     assert "All together" not in page.text
+
+
+def test_the_yaw_against_the_direction_of_travel_is_a_row_where_it_is_known(road):
+    source, replay = road
+    pages = {}
+    for travel in (TRAVEL, None):
+        segments = tuple(
+            replace(each, estimate=replace(each.estimate, travel=travel)) for each in replay.drive.segments
+        )
+        drive = replace(replay.drive, segments=segments)
+        pages[travel] = Page(render_report(source, replace(replay, drive=drive))).text
+    assert "Yaw against travel -1.9099° 0.11° – – – " in pages[TRAVEL]
+    assert f"{travel_sentence(TRAVEL)}." in pages[TRAVEL]
+    assert "Yaw against travel" not in pages[None]
+    assert f"{travel_sentence(None)}." in pages[None]
 
 
 def test_what_was_tried_with_a_refused_frame_is_told(bend):
