@@ -26,6 +26,7 @@ from .figures import MINUTE_S, charts, gates, residuals
 from .mount import how_reached
 from .pictures import digits, pictures
 from .remedies import remedy_of
+from .travel import travel_section, yaw_chart
 from .tried import tried
 from .uncertainty import uncertainty_table, unit_symbol
 
@@ -55,7 +56,8 @@ def render_report(source: FrameSource, replay: Replay) -> str:
         judged=drive.judged,
         counts=_counts(rows),
         pictures=pictures(source, replay),
-        charts=charts(rows, drive),
+        charts=[*charts(rows, drive), *yaw_chart(replay)],
+        vehicle=travel_section(replay.estimate),
         alignment=alignment_section(replay),
         residuals=residuals(rows, drive),
         gates=gates(rows),
