@@ -54,6 +54,8 @@ class FakeCalibrator:
         )
         return replace(result, message=pose.describe(result.std))
 
+    travel_steps = ()
+
     @property
     def drive(self):
         accepted = [each for each in self.remembered if each.accepted]

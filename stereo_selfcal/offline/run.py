@@ -15,6 +15,7 @@ from ..core.config import CalibratorConfig
 from ..core.drive.camera_changes import CameraChange, CameraFollower
 from ..core.drive.drive import Drive
 from ..core.drive.targets import Targets
+from ..core.drive.travel import TravelStep
 from ..core.faults import FaultLog
 from ..core.rejection import RejectReason
 from ..core.results import CalibrationResult
@@ -41,6 +42,7 @@ class Replay:
         since: Index of the first row since then.
         cameras: The cameras of the estimate; None where the rig is all that is known.
         goal: What became of the standard deviations that were asked for; None where none were.
+        travel_steps: The motion of the car between the frames since then, where it is seen.
     """
 
     rows: tuple[FrameRow, ...]
@@ -53,6 +55,7 @@ class Replay:
     since: int = 0
     cameras: StereoRectifier | None = None
     goal: Goal | None = None
+    travel_steps: tuple[TravelStep, ...] = ()
 
     @property
     def rows_of_rig(self) -> tuple[FrameRow, ...]:
@@ -199,6 +202,7 @@ def assemble_replay(
         since,
         follower.current,
         None if until is None else Goal.of(until, drive.estimate, len(rows), duration_s, stopped),
+        calibrator.travel_steps,
     )
 
 
