@@ -17,8 +17,7 @@ import numpy as np
 
 from .calibrator import Calibrator
 from .camera.rig import StereoRig
-from .config import CORRECT_ALL, CORRECT_NOTHING, CalibratorConfig
-from .estimators.coarse_road import find_coarse_road
+from .config import CORRECT_ALL, CORRECT_NOTHING, CalibratorConfig, TextureConfig
 from .estimators.texture_alignment import SEARCH_PITCH_RAD
 from .evidence.camera_turn import CameraTurn, turned_back
 from .evidence.camera_yaw import YawTold, yaw_posterior
@@ -26,12 +25,16 @@ from .evidence.frame_evidence import FoundBy, FrameObservations, Hypothesis, cli
 from .evidence.measurements import Reading, pose_difference
 from .evidence.road_surface import RoadSurface, surface_from
 from .geometry.alignment import Alignment
+from .geometry.homography import horizon_row
 from .geometry.pose import Extrinsics
+from .geometry.uncertainty import UncertaintyTerm
 from .lanes import frame_checks
+from .lanes.hough import FOLLOWED_PX
 from .lanes.stripe_points import StripePoints, find_stripe_points
-from .rejection import Bound, NotFitted, Rejection, RejectReason
+from .rejection import Bound, Rejection, RejectReason
+from .reservations import Reservation
 from .results import CalibrationResult, rejected, result_of
-from .road.priors import HARD_RIDE_STD, RIDE_MEMORY_S, RIDE_STD
+from .road.priors import HARD_RIDE_STD, RIDE_MEMORY_S
 from .search.attempt import Attempt
 from .search.known import MOST_SIGMAS, KnownCamera
 from .search.refusal import FIND_ROAD
@@ -44,12 +47,19 @@ from .types import Array, Image
 COLD_EVERY_S = 5.0
 # Where frames are not confirmed, one is looked at cold so long after the last: a processor that takes half of
 # that for it keeps up.
-COLD_APART_S = 0.5
+COLD_APART_S = 1.0
 # A cold frame is compared with a followed one whose stamp differs by no more than a frame of 10 Hz.
 _SAME_MOMENT_S = 0.1
 _REMEMBERED = 64  # followed frames that a cold one may come to: six seconds of 10 Hz
+# A road that needs more blur for its texture is taken for one that still does for so long.
+_SAME_ROAD_S = 1.0
+# Pitches against the frame before from which lines are followed, one after the other: so far apart that what
+# is reached from two of them overlaps.
+_PITCH_STEP_PX = 1.5 * FOLLOWED_PX
+_PITCH_STEPS = (0, 1, -1, 2, -2)
+# What the shape of a road between lines adds to the uncertainty of a pose from them.
+_ROAD_TERMS = ("roughness", "camber", "mismatch")
 _UNKNOWN_ALIGNMENT = Alignment.from_values({})
-_NOT_ALIGNED = NotFitted("road surface that is looked for", 0, Bound.LEAST, 1)
 _LINES_LOST = Rejection(
     RejectReason.NO_LINES_FOUND,
     "lines of the frame before that are found again",
@@ -95,12 +105,36 @@ class RoadPose:
         difference = other.pose.as_array() - self.pose.as_array()
         return pose_difference(what, difference, MOST_SIGMAS * np.sqrt(variance))
 
-    def ride_to(self, stamp_s: float) -> Array:
-        """Return the standard deviations (3,) of a usual ride from here to another time [s]."""
+    def motion_to(self, stamp_s: float) -> Array:
+        """Return the standard deviations (3,) of what a car does from here to another time [s]."""
         # Of a stationary motion whose correlation falls by 1 / e in its memory.
         moved = 2.0 - 2.0 * math.exp(-abs(stamp_s - self.stamp_s) / RIDE_MEMORY_S)
-        std: Array = math.sqrt(moved) * np.array(RIDE_STD)
+        std: Array = math.sqrt(moved) * np.array(HARD_RIDE_STD)
         return std
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _FollowedLines:
+    """Lines that a cold frame has found to be those of a road, and what else it has found.
+
+    Attributes:
+        camera: The lines, and the pose over the road when they were seen last.
+        road_terms: Terms of the uncertainty by the shape of the road between them.
+        reservations: What the cold frame could not check.
+    """
+
+    camera: KnownCamera
+    road_terms: tuple[UncertaintyTerm, ...]
+    reservations: tuple[Reservation, ...]
+
+    @classmethod
+    def of(cls, chosen: Attempt | None, stamp_s: float) -> _FollowedLines | None:
+        """Return those of a cold frame; None where it has no clear ones."""
+        camera = KnownCamera.after(chosen, stamp_s)
+        if camera is None or chosen is None or chosen.estimate is None:
+            return None
+        terms = tuple(term for term in chosen.estimate.terms if term.name in _ROAD_TERMS)
+        return cls(camera, terms, chosen.estimate.reservations)
 
 
 class RoadTracker:
@@ -129,7 +163,8 @@ class RoadTracker:
             yaw_posterior(self._yaw_told, None, rig, calibrated=True).yaw_rad if correct_yaw else 0.0
         )
         self._followed: deque[RoadPose] = deque(maxlen=_REMEMBERED)
-        self._lines: KnownCamera | None = None
+        self._lines: _FollowedLines | None = None
+        self._attempt, self._attempt_s = 0, -math.inf
         self._by_lines = False
         self._cold_s: float | None = None
 
@@ -170,7 +205,7 @@ class RoadTracker:
         near = min(self._followed, key=lambda each: abs(each.stamp_s - cold.stamp_s), default=None)
         if road is None or near is None or abs(near.stamp_s - cold.stamp_s) > _SAME_MOMENT_S:
             return True
-        if near.difference(road, "", near.ride_to(road.stamp_s)).passed:
+        if near.difference(road, "", near.motion_to(road.stamp_s)).passed:
             self._cold_s = max(cold.stamp_s, self._cold_s or cold.stamp_s)
             return True
         self._forget()
@@ -195,7 +230,7 @@ class RoadTracker:
         result = self._calibrator.calibrate_frame(*images, stamp_s, apart_s)
         self._cold_s = stamp_s
         chosen = choose(result.attempts)
-        self._lines = KnownCamera.after(chosen, stamp_s)
+        self._lines = _FollowedLines.of(chosen, stamp_s)
         self._by_lines = self._lines is not None and chosen is not None and chosen.hypothesis.texture is None
         return result
 
@@ -234,8 +269,10 @@ class RoadTracker:
         if not self._config.texture.check:
             return None
         surfaces: list[RoadSurface] = []
+        if not 0.0 <= stamp_s - self._attempt_s < _SAME_ROAD_S:
+            self._attempt, self._attempt_s = 0, stamp_s
         for start in self._starts(stamp_s):
-            surfaces.append(surface_from(start, frame.images, self._rig))
+            surfaces.append(surface_from(start, frame.images, self._rig, None, self._attempt))
             if surfaces[-1].located is not None:
                 break
         lacking = surfaces[-1].lacking and surfaces[0].lacking
@@ -243,7 +280,10 @@ class RoadTracker:
             what = f"the road surface is not seen from the known camera: {lacking.what}"
             numbers = lacking.value, lacking.bound, lacking.limit, lacking.unit
             return _Look(None, Rejection(RejectReason.ROAD_WITHOUT_TEXTURE, what, *numbers, FIND_ROAD))
-        hypothesis = Hypothesis(FoundBy.SURFACE, None, texture=surfaces[-1].located)
+        located = surfaces[-1].located
+        assert located is not None  # nothing is lacking
+        self._attempt = located.attempt
+        hypothesis = Hypothesis(FoundBy.SURFACE, None, texture=located)
         attempt = solve(hypothesis, replace(frame, surface=surfaces[-1]), self._rig, self._config)
         what = "the road is seen under a pose that differs from that of the mount in {axis} by {value}"
         return _look(attempt, stamp_s, self._mount, what, np.array(HARD_RIDE_STD))
@@ -260,30 +300,45 @@ class RoadTracker:
             yield Extrinsics.from_array(expected + np.array([0.0, pitch_rad, 0.0]))
 
     def _by_its_lines(self, frame: FrameObservations, stamp_s: float) -> _Look | None:
-        """Return what the lines of the frame before tell; None where it had none."""
-        known, rig, config = self._lines, self._rig, self._config
-        if known is None or not known.reaches(stamp_s):
+        """Return what the lines of the frame before tell; None where it had none.
+
+        They are the paint that a cold frame has found on the road. So what their surroundings told of them
+        there is not asked again.
+        """
+        lines, rig = self._lines, self._rig
+        if lines is None or not lines.camera.reaches(stamp_s) or self._config.texture.required:
             return None
-        images = frame.images
-        coarse, _ = find_coarse_road(images, rig, config.search, config.seed)
-        surface = RoadSurface(coarse, _NOT_ALIGNED, _NOT_ALIGNED) if config.texture.check else None
-        left, right = (find_stripe_points(image, config.extraction) for image in images)
-        frame = replace(frame, surface=surface, points=(left, right))
-        followed = FrameSearch(frame, rig, config).followed(known)
-        if followed is None:
-            return _Look(None, _LINES_LOST)
-        attempt = solve(followed, frame, rig, config)
-        after = KnownCamera.after(attempt, stamp_s)
-        if attempt.accepted and after is None:
-            return _Look(attempt, _LINES_LOST)
+        known, config = lines.camera, replace(self._config, texture=TextureConfig(check=0))
+        poses = [
+            replace(known.pose, pitch_rad=known.pose.pitch_rad + step * _PITCH_STEP_PX / rig.fy)
+            for step in _PITCH_STEPS
+        ]
+        first_row = max(0, int(min(horizon_row(rig, pose, [0.0, rig.width - 1.0]).min() for pose in poses)))
+        left, right = (
+            find_stripe_points(image, config.extraction, min(first_row, rig.height // 2))
+            for image in frame.images
+        )
+        frame = replace(frame, points=(left, right))
         before = RoadPose(known.stamp_s, known.pose, known.covariance)
         what = (
             "the lines that were followed show a pose that differs from the one before in {axis} by {value}"
         )
-        look = _look(attempt, stamp_s, before, what, before.ride_to(stamp_s))
-        if look.rejection is None:
-            self._lines = after
-        return look
+        first: _Look | None = None
+        for pose in poses:
+            followed = FrameSearch(frame, rig, config).followed(known, pose)
+            if followed is None:
+                continue
+            attempt = solve(followed, frame, rig, config)
+            if attempt.estimate is not None:
+                estimate = replace(attempt.estimate, reservations=lines.reservations)
+                attempt = replace(attempt, estimate=estimate.with_terms(*lines.road_terms))
+            after = KnownCamera.after(attempt, stamp_s)
+            look = _look(attempt, stamp_s, before, what, before.motion_to(stamp_s))
+            if look.rejection is None and after is not None:
+                self._lines = replace(lines, camera=after)
+                return look
+            first = first or replace(look, rejection=look.rejection or _LINES_LOST)
+        return first or _Look(None, _LINES_LOST)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -150,7 +150,11 @@ def find_road_surface(
 
 
 def surface_from(
-    start: Extrinsics, images: tuple[Image, Image], rig: StereoRig, coarse: CoarseRoad | None = None
+    start: Extrinsics,
+    images: tuple[Image, Image],
+    rig: StereoRig,
+    coarse: CoarseRoad | None = None,
+    first_attempt: int = 0,
 ) -> RoadSurface:
     """Align the road surface, all of it and the strip under the car, from a pose on.
 
@@ -159,9 +163,11 @@ def surface_from(
         images: Left and right image, (H, W) uint8.
         rig: Intrinsics and baseline.
         coarse: Plane of the dense disparities; None where it was not looked for.
+        first_attempt: As of :func:`.align_texture`.
     """
-    texture = align_texture(images, rig, start)
+    texture = align_texture(images, rig, start, first_attempt=first_attempt)
     if isinstance(texture, NotFitted):
         return RoadSurface(coarse, texture, texture)
-    strip = align_texture(images, rig, texture.extrinsics, limits_m=(-HALF_STRIP_M, HALF_STRIP_M))
+    limits_m = (-HALF_STRIP_M, HALF_STRIP_M)
+    strip = align_texture(images, rig, texture.extrinsics, limits_m=limits_m, first_attempt=first_attempt)
     return RoadSurface(coarse, texture, strip)
