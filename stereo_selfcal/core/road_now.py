@@ -10,14 +10,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .calibrator import Calibrator
 from .camera.rig import StereoRig
-from .config import CORRECT_ALL, CORRECT_NOTHING, CalibratorConfig, TextureConfig
+from .config import CORRECT_ALL, CORRECT_NOTHING, CalibratorConfig
 from .estimators.texture_alignment import SEARCH_PITCH_RAD
 from .evidence.camera_turn import CameraTurn, turned_back
 from .evidence.camera_yaw import YawTold, yaw_posterior
@@ -25,40 +24,30 @@ from .evidence.frame_evidence import FoundBy, FrameObservations, Hypothesis, cli
 from .evidence.measurements import Reading, pose_difference
 from .evidence.road_surface import RoadSurface, surface_from
 from .geometry.alignment import Alignment
-from .geometry.homography import horizon_row
 from .geometry.pose import Extrinsics
-from .geometry.uncertainty import UncertaintyTerm
 from .lanes import frame_checks
-from .lanes.hough import FOLLOWED_PX
-from .lanes.stripe_points import StripePoints, find_stripe_points
+from .lanes.stripe_points import StripePoints
 from .rejection import Bound, Rejection, RejectReason
-from .reservations import Reservation
 from .results import CalibrationResult, rejected, result_of
 from .road.priors import HARD_RIDE_STD, RIDE_MEMORY_S
 from .search.attempt import Attempt
-from .search.known import MOST_SIGMAS, KnownCamera
+from .search.known import MOST_SIGMAS
 from .search.refusal import FIND_ROAD
+from .search.road_lines import RoadLines
 from .search.solve import solve
-from .search.strategy import FrameSearch, choose
+from .search.strategy import choose
 from .types import Array, Image
 
 # A frame is looked at cold so long after the last cold one. The watch does so more often; without it, this
 # costs a tenth of what following costs.
 COLD_EVERY_S = 5.0
-# Where frames are not confirmed, one is looked at cold so long after the last: a processor that takes half of
-# that for it keeps up.
-COLD_APART_S = 1.0
+# Where frames are not confirmed, one is looked at cold so long after the last: as often as the watch does.
+COLD_APART_S = 2.0
 # A cold frame is compared with a followed one whose stamp differs by no more than a frame of 10 Hz.
 _SAME_MOMENT_S = 0.1
 _REMEMBERED = 64  # followed frames that a cold one may come to: six seconds of 10 Hz
 # A road that needs more blur for its texture is taken for one that still does for so long.
 _SAME_ROAD_S = 1.0
-# Pitches against the frame before from which lines are followed, one after the other: so far apart that what
-# is reached from two of them overlaps.
-_PITCH_STEP_PX = 1.5 * FOLLOWED_PX
-_PITCH_STEPS = (0, 1, -1, 2, -2)
-# What the shape of a road between lines adds to the uncertainty of a pose from them.
-_ROAD_TERMS = ("roughness", "camber", "mismatch")
 _UNKNOWN_ALIGNMENT = Alignment.from_values({})
 _LINES_LOST = Rejection(
     RejectReason.NO_LINES_FOUND,
@@ -113,30 +102,6 @@ class RoadPose:
         return std
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _FollowedLines:
-    """Lines that a cold frame has found to be those of a road, and what else it has found.
-
-    Attributes:
-        camera: The lines, and the pose over the road when they were seen last.
-        road_terms: Terms of the uncertainty by the shape of the road between them.
-        reservations: What the cold frame could not check.
-    """
-
-    camera: KnownCamera
-    road_terms: tuple[UncertaintyTerm, ...]
-    reservations: tuple[Reservation, ...]
-
-    @classmethod
-    def of(cls, chosen: Attempt | None, stamp_s: float) -> _FollowedLines | None:
-        """Return those of a cold frame; None where it has no clear ones."""
-        camera = KnownCamera.after(chosen, stamp_s)
-        if camera is None or chosen is None or chosen.estimate is None:
-            return None
-        terms = tuple(term for term in chosen.estimate.terms if term.name in _ROAD_TERMS)
-        return cls(camera, terms, chosen.estimate.reservations)
-
-
 class RoadTracker:
     """Follows the pose over the road from frame to frame of a rig whose mount is known. One thread at a time.
 
@@ -163,7 +128,7 @@ class RoadTracker:
             yaw_posterior(self._yaw_told, None, rig, calibrated=True).yaw_rad if correct_yaw else 0.0
         )
         self._followed: deque[RoadPose] = deque(maxlen=_REMEMBERED)
-        self._lines: _FollowedLines | None = None
+        self._lines: RoadLines | None = None
         self._attempt, self._attempt_s = 0, -math.inf
         self._by_lines = False
         self._cold_s: float | None = None
@@ -230,7 +195,7 @@ class RoadTracker:
         result = self._calibrator.calibrate_frame(*images, stamp_s, apart_s)
         self._cold_s = stamp_s
         chosen = choose(result.attempts)
-        self._lines = _FollowedLines.of(chosen, stamp_s)
+        self._lines = RoadLines.of(chosen, stamp_s, self._rig)
         self._by_lines = self._lines is not None and chosen is not None and chosen.hypothesis.texture is None
         return result
 
@@ -256,6 +221,7 @@ class RoadTracker:
                 continue
             looks.append(look)
             if look.rejection is None:
+                self._by_lines = way == self._by_its_lines
                 break
         attempts = tuple(look.attempt for look in looks if look.attempt is not None)
         refusals = [look.rejection for look in looks if look.rejection is not None]
@@ -271,7 +237,11 @@ class RoadTracker:
         surfaces: list[RoadSurface] = []
         if not 0.0 <= stamp_s - self._attempt_s < _SAME_ROAD_S:
             self._attempt, self._attempt_s = 0, stamp_s
-        for start in self._starts(stamp_s):
+        expected = self._expected(stamp_s)
+        # A car that brakes or drives off: the range that is searched from one start begins where that of the
+        # other ends.
+        for step in (0, 1, -1):
+            start = replace(expected, pitch_rad=expected.pitch_rad + 2.0 * step * SEARCH_PITCH_RAD)
             surfaces.append(surface_from(start, frame.images, self._rig, None, self._attempt))
             if surfaces[-1].located is not None:
                 break
@@ -288,54 +258,29 @@ class RoadTracker:
         what = "the road is seen under a pose that differs from that of the mount in {axis} by {value}"
         return _look(attempt, stamp_s, self._mount, what, np.array(HARD_RIDE_STD))
 
-    def _starts(self, stamp_s: float) -> Iterator[Extrinsics]:
-        """Yield the expected pose; then those of a car that brakes or drives off, as far as it can pitch."""
+    def _expected(self, stamp_s: float) -> Extrinsics:
+        """Return the pose that is most probable: the last one, which fades into that of the mount."""
         expected = self._mount.pose.as_array()
         if self._followed:
             last = self._followed[-1]
             lasts = math.exp(-abs(stamp_s - last.stamp_s) / RIDE_MEMORY_S)
             expected = expected + lasts * (last.pose.as_array() - expected)
-        # The range that is searched from one start begins where that of the other ends.
-        for pitch_rad in (0.0, 2.0 * SEARCH_PITCH_RAD, -2.0 * SEARCH_PITCH_RAD):
-            yield Extrinsics.from_array(expected + np.array([0.0, pitch_rad, 0.0]))
+        return Extrinsics.from_array(expected)
 
     def _by_its_lines(self, frame: FrameObservations, stamp_s: float) -> _Look | None:
-        """Return what the lines of the frame before tell; None where it had none.
-
-        They are the paint that a cold frame has found on the road. So what their surroundings told of them
-        there is not asked again.
-        """
-        lines, rig = self._lines, self._rig
-        if lines is None or not lines.camera.reaches(stamp_s) or self._config.texture.required:
+        """Return what the lines of the road tell; None where none were seen lately."""
+        lines = self._lines
+        if lines is None or self._config.texture.required:
             return None
-        known, config = lines.camera, replace(self._config, texture=TextureConfig(check=0))
-        poses = [
-            replace(known.pose, pitch_rad=known.pose.pitch_rad + step * _PITCH_STEP_PX / rig.fy)
-            for step in _PITCH_STEPS
-        ]
-        first_row = max(0, int(min(horizon_row(rig, pose, [0.0, rig.width - 1.0]).min() for pose in poses)))
-        left, right = (
-            find_stripe_points(image, config.extraction, min(first_row, rig.height // 2))
-            for image in frame.images
-        )
-        frame = replace(frame, points=(left, right))
-        before = RoadPose(known.stamp_s, known.pose, known.covariance)
-        what = (
-            "the lines that were followed show a pose that differs from the one before in {axis} by {value}"
-        )
+        if stamp_s - lines.camera.stamp_s > COLD_EVERY_S:
+            return None
+        before = RoadPose(lines.camera.stamp_s, lines.camera.pose, lines.camera.covariance)
+        what = "the lines of the road show a pose that differs from the one before in {axis} by {value}"
         first: _Look | None = None
-        for pose in poses:
-            followed = FrameSearch(frame, rig, config).followed(known, pose)
-            if followed is None:
-                continue
-            attempt = solve(followed, frame, rig, config)
-            if attempt.estimate is not None:
-                estimate = replace(attempt.estimate, reservations=lines.reservations)
-                attempt = replace(attempt, estimate=estimate.with_terms(*lines.road_terms))
-            after = KnownCamera.after(attempt, stamp_s)
+        for attempt, after in lines.attempts(frame, stamp_s, self._rig, self._config):
             look = _look(attempt, stamp_s, before, what, before.motion_to(stamp_s))
             if look.rejection is None and after is not None:
-                self._lines = replace(lines, camera=after)
+                self._lines = after
                 return look
             first = first or replace(look, rejection=look.rejection or _LINES_LOST)
         return first or _Look(None, _LINES_LOST)

@@ -51,7 +51,7 @@ _MIN_VOTES = 2.0
 _SUPPORT_PX = 6.0
 # Points this close to a line of the frame before may be points of it: a car drifts and turns by as much in a
 # tenth of a second (0.3 m/s and 0.5 deg, seen with a focal length of 700 px, are 4 px and 6 px).
-FOLLOWED_PX = 10.0
+_FOLLOWED_PX = 10.0
 # Share of the votes of a line that may lie beyond the rows it is measured in, at either end: stray points of
 # a tree behind it.
 _TAIL_SHARE = 0.02
@@ -156,7 +156,7 @@ def peak_near(points: StripePoints, u_mid: float, slope: float, v_mid: float) ->
         v_mid: Row [px].
     """
     vote, theta, half_width = _votes(points)
-    for reach_px in (FOLLOWED_PX, _SUPPORT_PX):
+    for reach_px in (_FOLLOWED_PX, _SUPPORT_PX):
         distance = (points.columns - u_mid - slope * (points.rows - v_mid)) / math.hypot(1.0, slope)
         along = np.abs(theta - math.degrees(math.atan(-slope))) <= half_width
         support = np.flatnonzero((np.abs(distance) < reach_px) & along & (vote > 0.0))

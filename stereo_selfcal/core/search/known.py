@@ -23,9 +23,11 @@ from ..types import Array
 from .attempt import Attempt
 from .lines_on_road import is_clear
 
-# A line is followed as long as a car that drifts has moved it by no more than half the distance of the two
-# stripes of a double line, 0.12 m each with 0.12 m between them: then the other stripe is nearer.
-MOST_AGE_S = 0.12 / SIDEWAYS_MPS
+# Half the distance of the two stripes of a double line, 0.12 m each with 0.12 m between them: what has moved
+# by more may be taken for the other stripe.
+HALF_DOUBLE_LINE_M = 0.12
+# A line is followed as long as a car that drifts has moved it by no more.
+MOST_AGE_S = HALF_DOUBLE_LINE_M / SIDEWAYS_MPS
 # Beyond so many standard deviations, the prediction was wrong, or the frame is: one of 5000 frames.
 MOST_SIGMAS = 4.0
 

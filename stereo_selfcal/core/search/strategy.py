@@ -17,7 +17,6 @@ from ..evidence.camera_turn import CameraTurn, with_prior
 from ..evidence.camera_yaw import yaw_of_matches
 from ..evidence.cross_checks import remaining_turn
 from ..evidence.frame_evidence import FoundBy, FrameObservations, Hypothesis
-from ..geometry.pose import Extrinsics
 from ..lanes.extra_lines import find_extra_lines
 from ..lanes.hypotheses import (
     LaneHypotheses,
@@ -99,12 +98,11 @@ class FrameSearch:
             if attempts[-1].accepted or attempts[-1].refused_by in _CONTRADICTIONS:
                 return
 
-    def followed(self, known: KnownCamera, expected: Extrinsics | None = None) -> Hypothesis | None:
+    def followed(self, known: KnownCamera) -> Hypothesis | None:
         """Return the hypothesis that the lines bound the lane that did so in another frame.
 
         Args:
             known: The lines of that frame, and where they lay on the road.
-            expected: Pose over the road where its surface does not tell it; None for that of the other frame.
 
         Returns:
             The lines, as this frame shows them: on its road surface where that is seen. None where two are
@@ -113,7 +111,7 @@ class FrameSearch:
         frame, rig, config = self._frame, self._rig, self._config
         texture = None if frame.surface is None else frame.surface.located
         if texture is None:
-            pose = coarse_pose(frame).coarse or expected or known.pose
+            pose = coarse_pose(frame).coarse or known.pose
             left, right = (known.follow(camera, frame.points[camera], pose, rig) for camera in (0, 1))
             found = pair_candidates((left, right), frame.points, frame.images, rig, config)
         else:
@@ -136,6 +134,20 @@ class FrameSearch:
             return Hypothesis(FoundBy.KNOWN, lines, found.matches, below)
         told = yaw_of_matches(found.matches, rig, texture.extrinsics)
         return Hypothesis(FoundBy.KNOWN, lines, found.matches, texture=texture, yaw_told=told)
+
+    def clearest(self) -> Hypothesis | None:
+        """Return the hypothesis that the clearest two lines of the image are those of a known road.
+
+        Returns:
+            The lines; None without two.
+        """
+        found = self._lines_in_image()
+        if not isinstance(found.patterns, list):
+            return None
+        pattern, points = found.patterns[0], self._frame.points
+        extra = find_extra_lines(pattern, found.matches, points, self._rig, self._config)
+        below = lines_below_plane(found.patterns, self._rig)[0]
+        return Hypothesis(FoundBy.KNOWN, pattern.joined(extra), found.matches, below)
 
     def _all(self, attempts: Sequence[Attempt]) -> Iterator[Hypothesis]:
         texture = None if self._frame.surface is None else self._frame.surface.located
