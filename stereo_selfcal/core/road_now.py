@@ -149,9 +149,10 @@ class RoadTracker:
             return rejected(refusal, stamp_s)
         images = np.asarray(left), np.asarray(right)
         since_s = self._since_cold_s(stamp_s)
-        result = None if since_s >= COLD_EVERY_S else self._from_known(images, stamp_s, stamp_difference_s)
+        guard = since_s >= COLD_EVERY_S
+        result = None if guard else self._from_known(images, stamp_s, stamp_difference_s)
         if result is None or not (result.accepted or since_s < COLD_APART_S):
-            result = self._cold(images, stamp_s, stamp_difference_s)
+            result = self._cold(images, stamp_s, stamp_difference_s, guard=guard)
         road = RoadPose.of(result)
         if road is not None:
             self._followed.append(road)
@@ -190,12 +191,16 @@ class RoadTracker:
         self._followed.clear()
         self._lines, self._by_lines, self._cold_s = None, False, None
 
-    def _cold(self, images: tuple[Image, Image], stamp_s: float, apart_s: float) -> CalibrationResult:
-        """Look at a frame as if nothing were known."""
+    def _cold(
+        self, images: tuple[Image, Image], stamp_s: float, apart_s: float, *, guard: bool
+    ) -> CalibrationResult:
+        """Look at a frame as if nothing were known: as a guard, or as it is not confirmed."""
         result = self._calibrator.calibrate_frame(*images, stamp_s, apart_s)
         self._cold_s = stamp_s
         chosen = choose(result.attempts)
-        self._lines = RoadLines.of(chosen, stamp_s, self._rig)
+        # A guard that refuses what was followed takes the lines away; a frame that shows none does not.
+        if result.accepted or guard:
+            self._lines = RoadLines.of(chosen, stamp_s, self._rig)
         self._by_lines = self._lines is not None and chosen is not None and chosen.hypothesis.texture is None
         return result
 
