@@ -46,6 +46,7 @@ SECTIONS = {
     "kills": "kills.kill_table",
     "mutated_files": "mutated_files.mutated_files_table",
     "mutations": "mutations.mutations_table",
+    "road_pose": "road_pose.road_pose_tables",
     "idle": "idle.idle_table",
     "answers": "idle.answer_table",
     "watch": "watch.watch_tables",

@@ -5,17 +5,21 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import math
 import os
 import sys
 import threading
 import time
-from collections.abc import Callable
+from array import array
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
 
 import numpy as np
 import rclpy
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from rcl_interfaces.srv import GetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -37,6 +41,7 @@ SIDES = ("left", "right")
 RIG = StereoRig(1280, 720, 1033.2, 1033.2, 639.5, 359.5, PAPER_RIG.baseline_m)
 _SENSOR_DATA = QoSProfile(depth=5, reliability=QoSReliabilityPolicy.BEST_EFFORT)
 _PATIENCE_S = 60.0
+DRIVE_HZ = 10.0
 # From the first answer on: until each process has sent to the one that asks. Opening the shared memory of a
 # newcomer, Fast DDS sleeps for a third of a second in one of three cases or so (healthy_check of its ports),
 # in which the process that does it, be it the node or the one that asks, can send nothing.
@@ -50,12 +55,39 @@ def road() -> dict[str, np.ndarray]:
 
 
 def camera(hz: float) -> None:
-    """Publish a stereo camera until killed; images and CameraInfo at the same rate."""
+    """Publish a stereo camera that sees one road until killed; images and CameraInfo at the same rate."""
+    pair = road()
+    _publish(hz, [tuple(pair[side] for side in SIDES)])
+
+
+def drive(path: str) -> None:
+    """Publish the frames of a file over and over at 10 Hz; print the index and the stamp [ns] of each.
+
+    Args:
+        path: A file of NumPy with ``frames`` (N, 2, H, W) uint8.
+    """
+    stamps: list[int] = []
+    try:
+        _publish(DRIVE_HZ, list(np.load(path)["frames"]), stamps)
+    finally:
+        sys.stdout.write(json.dumps(stamps) + "\n")
+        sys.stdout.flush()
+
+
+def _publish(hz: float, frames: Sequence[Sequence[np.ndarray]], stamps: list[int] | None = None) -> None:
+    """Publish pairs of images over and over until killed, with their CameraInfo.
+
+    Args:
+        hz: Pairs per second.
+        frames: Left and right image of each.
+        stamps: The stamp [ns] of each pair is appended to it.
+    """
     ros = Node("camera")
     pairs = {}
-    for side, pixels in road().items():
+    images = {}
+    for index, side in enumerate(SIDES):
+        images[side] = [array("B", np.ascontiguousarray(frame[index]).tobytes()) for frame in frames]
         image = Image(height=RIG.height, width=RIG.width, encoding="mono8", step=RIG.width)
-        image.data.frombytes(pixels.tobytes())
         shift = -RIG.fx * RIG.baseline_m if side == "right" else 0.0
         info = CameraInfo(
             width=RIG.width,
@@ -66,13 +98,17 @@ def camera(hz: float) -> None:
             r=np.eye(3).ravel(),
             p=[RIG.fx, 0.0, RIG.cx, shift, 0.0, RIG.fy, RIG.cy, 0.0, 0.0, 0.0, 1.0, 0.0],
         )
-        pairs[ros.create_publisher(Image, f"/{side}/image_rect", _SENSOR_DATA)] = image
-        pairs[ros.create_publisher(CameraInfo, f"/{side}/camera_info", _SENSOR_DATA)] = info
+        pairs[side, ros.create_publisher(Image, f"/{side}/image_rect", _SENSOR_DATA)] = image
+        pairs["", ros.create_publisher(CameraInfo, f"/{side}/camera_info", _SENSOR_DATA)] = info
     next_s = time.monotonic()
-    while True:
-        stamp = ros.get_clock().now().to_msg()
-        for publisher, message in pairs.items():
-            message.header.stamp = stamp
+    for number in itertools.count():
+        now = ros.get_clock().now()
+        if stamps is not None:
+            stamps.append(now.nanoseconds)
+        for (side, publisher), message in pairs.items():
+            if side:
+                message.data = images[side][number % len(frames)]
+            message.header.stamp = now.to_msg()
             publisher.publish(message)
         next_s = max(next_s + 1.0 / hz, time.monotonic() - 1.0)
         time.sleep(max(0.0, next_s - time.monotonic()))
@@ -124,6 +160,31 @@ def calibrate(seconds: float) -> None:
     sys.stdout.write(json.dumps([*counts, message]) + "\n")
 
 
+def listen(seconds: float) -> None:
+    """Listen to ~/road_pose; print of each message its stamp and its arrival [ns], and its pose.
+
+    The pose is height, pitch and roll [m, rad, rad].
+    """
+    ros = Node("listener")
+    heard = []
+
+    def received(message: PoseWithCovarianceStamped) -> None:
+        arrived_ns = time.time_ns()
+        stamp, pose = message.header.stamp, message.pose.pose
+        q = pose.orientation
+        pitch = math.asin(2.0 * (q.w * q.y - q.z * q.x))
+        roll = math.atan2(2.0 * (q.w * q.x + q.y * q.z), 1.0 - 2.0 * (q.x**2 + q.y**2))
+        stamp_ns = stamp.sec * 10**9 + stamp.nanosec
+        heard.append((stamp_ns, arrived_ns, pose.position.z, pitch, roll))
+
+    ros.create_subscription(PoseWithCovarianceStamped, f"{NODE}/road_pose", received, 10)
+    end_s = time.monotonic() + seconds
+    while time.monotonic() < end_s:
+        rclpy.spin_once(ros, timeout_sec=0.2)
+    sys.stdout.write(json.dumps(heard) + "\n")
+    sys.stdout.flush()
+
+
 def variant(kind: str) -> None:
     """Run the node as it is (``lazy``, ``watch``), or as it could be.
 
@@ -159,14 +220,17 @@ def variant(kind: str) -> None:
 
 
 def main(arguments: list[str]) -> None:
-    """Run one of the processes: camera HZ, ask S, calibrate S, node VARIANT."""
+    """Run one of the processes: camera HZ, drive FILE, ask S, calibrate S, listen S, node VARIANT."""
     what, argument = arguments
     if what == "node":
         variant(argument)
         return
     rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
     with suppress(KeyboardInterrupt):
-        {"camera": camera, "ask": ask, "calibrate": calibrate}[what](float(argument))
+        if what == "drive":
+            drive(argument)
+        else:
+            {"camera": camera, "ask": ask, "calibrate": calibrate, "listen": listen}[what](float(argument))
 
 
 if __name__ == "__main__":

@@ -55,6 +55,7 @@ class CalibrationReport:
         watch: Finding of the watch, one sentence.
         alignment: Finding of the watch over the right camera's alignment.
         progress: How far the running call has come, None while none is running.
+        road_pose: What ``~/road_pose`` publishes, or why nothing, one sentence.
     """
 
     state: str
@@ -67,6 +68,7 @@ class CalibrationReport:
     watch: str = "off"
     alignment: AlignmentFinding = field(default_factory=AlignmentFinding)
     progress: CallProgress | None = None
+    road_pose: str = "nobody listens"
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,6 +200,7 @@ def _calibration(snapshot: Snapshot) -> _Part:
     values |= _estimate(report)
     values |= _alignment(report)
     values["watch"] = report.watch
+    values["road_pose"] = report.road_pose
     values |= {"last_answer": report.last_answer, **_frames(report.frames)}
     values |= {"road_frame": snapshot.road_frame, "camera_frame": snapshot.camera_frame}
     level, text = _verdict(report)

@@ -1,4 +1,4 @@
-"""Single current frames, for the watch and the pictures, while no call of ``~/calibrate`` takes them."""
+"""Single current frames, for the watch, the road and pictures, while no call of ``~/calibrate`` has them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from ..core.camera.bit_depth import BitDepth
@@ -85,8 +85,23 @@ def missing_info(source: PairSource) -> str:
     return f"no CameraInfo on {' and '.join(missing)}: {why}"
 
 
+@dataclass(slots=True, eq=False)
+class _Wait:
+    """A wait for a frame, which others may share.
+
+    Attributes:
+        frame: What came of it, once it is over.
+        over: Whether it is over.
+    """
+
+    frame: LiveFrame | NoFrame | None = None
+    over: threading.Event = field(default_factory=threading.Event)
+
+
 class LiveFrames:
     """Shares the input between calls, which need every frame, and users of single frames. A call goes first.
+
+    Users who wait at the same time get the same frame.
 
     Args:
         source: The input.
@@ -99,6 +114,8 @@ class LiveFrames:
         self._depth = BitDepth()
         self._taking = threading.Lock()
         self._claimed = threading.Event()
+        self._waits = threading.Lock()
+        self._wait: _Wait | None = None  # that of the user who has the input
 
     @contextmanager
     def all(self) -> Iterator[StereoInput]:
@@ -118,14 +135,41 @@ class LiveFrames:
         Args:
             timeout_s: How long to wait [s].
         """
-        if self._claimed.is_set() or not self._taking.acquire(blocking=False):
-            return None
-        try:
-            return self._wait(timeout_s)
-        finally:
-            self._taking.release()
+        end_s = time.monotonic() + timeout_s
+        while not self._claimed.is_set():
+            with self._waits:
+                mine = self._taking.acquire(blocking=False)
+                if mine:
+                    self._wait = _Wait()
+                wait = self._wait
+            if wait is None:  # a call has the input, whose claim has just ended
+                return None
+            if mine:
+                return self._take(wait, timeout_s)
+            self._share(wait, end_s)
+            if isinstance(wait.frame, LiveFrame) or time.monotonic() >= end_s:
+                return wait.frame
+            timeout_s = max(0.0, end_s - time.monotonic())  # of another user, whose patience was shorter
+        return None
 
-    def _wait(self, timeout_s: float) -> LiveFrame | NoFrame | None:
+    def _take(self, wait: _Wait, timeout_s: float) -> LiveFrame | NoFrame | None:
+        """Take the input for one frame, and hand what comes to everybody who waits."""
+        try:
+            wait.frame = self._next(timeout_s)
+            return wait.frame
+        finally:
+            with self._waits:
+                self._wait = None
+                self._taking.release()
+            wait.over.set()
+
+    def _share(self, wait: _Wait, end_s: float) -> None:
+        """Wait until another user's wait is over, or a call takes the input, or time is up."""
+        while not wait.over.wait(min(_SLICE_S, max(0.0, end_s - time.monotonic()))):
+            if self._claimed.is_set() or time.monotonic() >= end_s:
+                return
+
+    def _next(self, timeout_s: float) -> LiveFrame | NoFrame | None:
         start_s, before = time.monotonic(), self._source.state.counts
         self._source.begin()
         try:

@@ -41,6 +41,7 @@ from .pair_source import known_rectifier
 from .parameters import NodeParameters
 from .record import FrameRecord, FrameReport
 from .reporter import DiagnosticsReporter
+from .road_pose import RoadPose
 from .views import Views
 
 _RECALIBRATE = "recalibrate"
@@ -85,6 +86,9 @@ class SelfcalNode:
             self._views = Views(
                 self.node, self._live.one, lambda: self._keeper.active, lambda: self._parameters.config
             )
+            self._road_pose = RoadPose(
+                self.node, self._live.one, lambda: self._keeper.active, lambda: self._parameters.config
+            )
             self._reporter = DiagnosticsReporter(
                 self.node, self._input, lambda: self._parameters.config, self._calibration_report
             )
@@ -116,14 +120,16 @@ class SelfcalNode:
             self.node.get_logger().info(f"listening to {topics.left} and {topics.right}; call ~/calibrate")
             failed.pop_all()
         self._views.start()
+        self._road_pose.start()
         self._monitor.start()
 
     def stop(self) -> None:
-        """End a running call, the watch and the pictures: the node shuts down."""
+        """End a running call, the watch, the road and the pictures: the node shuts down."""
         self._input.stop()
         self._monitor.cancel()
         self._outputs.stop()  # the watch may be waiting for them
         self._monitor.stop()
+        self._road_pose.stop()
         self._views.stop()
 
     def _on_parameters(self, config: NodeConfig) -> None:
@@ -242,6 +248,7 @@ class SelfcalNode:
         self._count(report)
         if report.rig is None:
             return
+        self._road_pose.compare(report.result)
         turned = self._keeper.alignment.message
         resets = self._keeper.resets
         event = self._keeper.watched(report.result, report.rig)
@@ -290,6 +297,7 @@ class SelfcalNode:
             last_success=self._last_success,
             frames=self._record.statistics,
             alignment=self._keeper.alignment,
+            road_pose=self._road_pose.described,
             progress=None if call is None else call.progress,
         )
 

@@ -135,6 +135,72 @@ def test_call_takes_over_from_whoever_waits():
         assert (source.begun, source.ended) == (2, 1)
 
 
+def test_users_who_wait_at_the_same_time_get_the_same_frame():
+    """The watch, the road and the pictures: none of them keeps the others from the images."""
+    source, got = Input(), []
+    frames = live(source)
+    source.next_pair = lambda timeout_s: source.waiting.set() or (arrived.wait(timeout_s) and pair()) or None
+    arrived = threading.Event()
+    lookers = [threading.Thread(target=lambda: got.append(frames.one(60.0))) for _ in range(3)]
+    lookers[0].start()
+    source.waiting.wait()
+    for looker in lookers[1:]:
+        looker.start()
+    until_waiting(frames, 2)
+    arrived.set()
+    for looker in lookers:
+        looker.join(60.0)
+    assert len(got) == 3 and isinstance(got[0], LiveFrame)
+    assert got[1] is got[0] and got[2] is got[0]
+    assert (source.begun, source.ended) == (1, 1)
+
+
+def test_a_user_of_more_patience_goes_on_where_another_one_has_given_up(monkeypatch):
+    source, got = Input(), []
+    frames = live(source)
+    impatient = threading.Event()
+
+    def next_pair(timeout_s):
+        source.waiting.set()
+        impatient.wait(60.0)
+        return pair() if source.begun == 2 else None
+
+    source.next_pair = next_pair
+    first = threading.Thread(target=lambda: got.append(("first", frames.one(0.0))))
+    first.start()
+    source.waiting.wait()
+    second = threading.Thread(target=lambda: got.append(("second", frames.one(600.0))))
+    second.start()
+    until_waiting(frames, 1)
+    impatient.set()
+    for looker in (first, second):
+        looker.join(60.0)
+    found = dict(got)
+    assert isinstance(found["first"], NoFrame) and isinstance(found["second"], LiveFrame)
+    assert (source.begun, source.ended) == (2, 2)
+
+
+def test_a_call_takes_over_from_all_who_wait():
+    source, got = Input(), []
+    frames = live(source)
+    lookers = [threading.Thread(target=lambda: got.append(frames.one(600.0))) for _ in range(2)]
+    for looker in lookers:
+        looker.start()
+    source.waiting.wait()
+    until_waiting(frames, 1)
+    with frames.all():
+        for looker in lookers:
+            looker.join(60.0)
+        assert got == [None, None]
+
+
+def until_waiting(frames, number):
+    """Wait until so many users share the wait of another one."""
+    waits = frames._wait.over
+    while len(waits._cond._waiters) < number:
+        threading.Event().wait(0.001)
+
+
 def test_call_that_fails_gives_the_input_back():
     source = Input(pair())
     frames = live(source)

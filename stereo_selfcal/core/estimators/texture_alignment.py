@@ -12,7 +12,7 @@ product of the gradients in the left and in the right image, and noise alone giv
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -84,6 +84,7 @@ def align_texture(
     far_m: float = FAR_M,
     keep_paint: bool = False,
     vertical_px: float = 0.0,
+    first_attempt: int = 0,
 ) -> TextureFit | NotFitted:
     """Align the grey values of the road ahead of the camera.
 
@@ -97,6 +98,7 @@ def align_texture(
         keep_paint: Whether to use painted stripes as well; else the result is independent of the stripes.
         vertical_px: Row of a point in the right image minus that in the left one [px]; 0 where it is not
             known.
+        first_attempt: Attempt to begin with: that which another frame of the same road needed.
 
     Returns:
         The fit with its quality, or the reason why nothing could be aligned.
@@ -106,7 +108,8 @@ def align_texture(
     if isinstance(searched, NotFitted):
         return searched
     first: TextureFit | None = None
-    for blur, thinnings in _ATTEMPTS:
+    for attempt in (*range(first_attempt, len(_ATTEMPTS)), *range(first_attempt)):
+        blur, thinnings = _ATTEMPTS[attempt]
         fit = _align(images, rig, searched, layout, blur, thinnings, keep_paint, vertical_px)
         if isinstance(fit, NotFitted):
             given_up = fit
@@ -115,6 +118,7 @@ def align_texture(
         if not run < _MOST_RUN:
             given_up = NotFitted("distance from the start over what is searched", run, Bound.MOST, _MOST_RUN)
             continue
+        fit = replace(fit, attempt=attempt)
         if fit.enough_texture:
             return fit
         first = first or fit

@@ -53,6 +53,7 @@ class TextureFit:
         cells_variance: (C,) variances of the heights caused by the noise of the images [m^2].
         halves: Differences (3,) of the poses by near and far, and by left and right half of the road, with
             their standard deviations (3,) [m, rad, rad].
+        attempt: Which attempt it is: a road with little texture needs more blur.
     """
 
     extrinsics: Extrinsics
@@ -64,6 +65,7 @@ class TextureFit:
     cells_weight: Array
     cells_variance: Array
     halves: tuple[tuple[Array, Array], ...] = ()
+    attempt: int = 0
 
     @property
     def covariance(self) -> Array:

@@ -20,7 +20,7 @@ from ..estimators.dense_disparity import DenseDisparities
 from ..estimators.landmarks import Landmarks, describe_points
 from ..estimators.matched_points import match_points
 from ..estimators.row_alignment import LEAST_SMOOTH_PX, RowAlignment, align_rows, turn_by_smooth_rows
-from ..geometry.alignment import optical_rotation
+from ..geometry.alignment import Alignment, optical_rotation
 from ..geometry.pose import Extrinsics
 from ..rejection import Bound, NotFitted, fitted
 from ..road.priors import (
@@ -52,6 +52,7 @@ class CameraTurn:
         landmarks: These points, so that another frame can find them again; None without any.
         lacking: Why the rows were not compared; None where they were.
         corrected: Whether the right image was turned back by it.
+        of_frame: Whether it was measured in the same frame; else it is the mean of others.
     """
 
     pitch_rad: float
@@ -62,6 +63,7 @@ class CameraTurn:
     landmarks: Landmarks | None = None
     lacking: NotFitted | None = None
     corrected: bool = False
+    of_frame: bool = True
 
     @property
     def seen(self) -> bool:
@@ -97,6 +99,20 @@ class CameraTurn:
         return cls(-offset.offset_px / rig.fy, -offset.roll_rad, np.diag(stds**2))
 
     @classmethod
+    def known(cls, alignment: Alignment, rig: StereoRig) -> CameraTurn:
+        """Return the turn that frames before have told, with the prior of calibrated pairs.
+
+        Args:
+            alignment: How the right camera is turned, by these frames.
+            rig: Intrinsics.
+        """
+        if not np.all(alignment.known()[:2]):
+            return cls.unknown(NotFitted("frames that tell the turn of the right camera", 0, Bound.LEAST, 1))
+        distortion_px = rig.fx * alignment.unexplained_rad or RECTIFICATION_STD_PX
+        turn = alignment.pitch_rad, alignment.roll_rad
+        return with_prior(cls(*turn, alignment.covariance[:2, :2], distortion_px, of_frame=False))
+
+    @classmethod
     def unknown(cls, why: NotFitted) -> CameraTurn:
         """Return what calibrations leave, where no rows are compared."""
         return cls(0.0, 0.0, np.diag(np.square(CALIBRATED_TURN_STD_RAD[:2])), lacking=why)
@@ -111,7 +127,8 @@ class CameraTurn:
         if not self.corrected and self.seen:
             variances = variances + np.square([self.pitch_rad, self.roll_rad])
         pitch, roll = (math.sqrt(float(each)) for each in variances)
-        return RigStd(pitch, roll, yaw_rad, self.distortion_px, rows_measured=self.seen, ahead=self._ahead)
+        measured = self.seen and self.of_frame
+        return RigStd(pitch, roll, yaw_rad, self.distortion_px, rows_measured=measured, ahead=self._ahead)
 
     @property
     def _ahead(self) -> float:

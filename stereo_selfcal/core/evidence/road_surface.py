@@ -55,20 +55,20 @@ class RoadSurface:
     """What the images show of the road surface.
 
     Attributes:
-        coarse: Plane of the dense disparities; or why there is none.
-        texture: Alignment of the texture, from that plane on; or why there is none.
+        coarse: Plane of the dense disparities; or why there is none; None where it was not looked for.
+        texture: Alignment of the texture, from that plane or a known pose on; or why there is none.
         strip: Alignment of the strip under the car alone, from there on; or why there is none. A pavement
             beside the lane is not the road, and its texture may have determined the plane.
     """
 
-    coarse: CoarseRoad | NotFitted
+    coarse: CoarseRoad | NotFitted | None
     texture: TextureFit | NotFitted
     strip: TextureFit | NotFitted
 
     @property
     def clear_plane(self) -> CoarseRoad | None:
         """The coarse plane, where enough of the road agrees with it to exclude lines; else None."""
-        return None if isinstance(self.coarse, NotFitted) or not self.coarse.clear else self.coarse
+        return self.coarse if isinstance(self.coarse, CoarseRoad) and self.coarse.clear else None
 
     @property
     def seen(self) -> TextureFit | None:
@@ -146,8 +146,28 @@ def find_road_surface(
     """
     if isinstance(coarse, NotFitted):
         return RoadSurface(coarse, coarse, coarse)
-    texture = align_texture(images, rig, coarse.extrinsics)
+    return surface_from(coarse.extrinsics, images, rig, coarse)
+
+
+def surface_from(
+    start: Extrinsics,
+    images: tuple[Image, Image],
+    rig: StereoRig,
+    coarse: CoarseRoad | None = None,
+    first_attempt: int = 0,
+) -> RoadSurface:
+    """Align the road surface, all of it and the strip under the car, from a pose on.
+
+    Args:
+        start: The pose.
+        images: Left and right image, (H, W) uint8.
+        rig: Intrinsics and baseline.
+        coarse: Plane of the dense disparities; None where it was not looked for.
+        first_attempt: As of :func:`.align_texture`.
+    """
+    texture = align_texture(images, rig, start, first_attempt=first_attempt)
     if isinstance(texture, NotFitted):
         return RoadSurface(coarse, texture, texture)
-    strip = align_texture(images, rig, texture.extrinsics, limits_m=(-HALF_STRIP_M, HALF_STRIP_M))
+    limits_m = (-HALF_STRIP_M, HALF_STRIP_M)
+    strip = align_texture(images, rig, texture.extrinsics, limits_m=limits_m, first_attempt=first_attempt)
     return RoadSurface(coarse, texture, strip)

@@ -81,6 +81,13 @@ class StripePoints:
     noise_grey: float
     gradient: Response
 
+    @classmethod
+    def none(cls) -> StripePoints:
+        """Return those of an image in which none are looked for."""
+        empty = np.empty(0)
+        gradient = np.empty((0, 0), np.float32)
+        return cls(empty, empty, empty, empty, empty, empty, empty, empty, 0.0, gradient)
+
     def chosen(self, which: Mask) -> StripePoints:
         """Return some of the points, with the same image.
 

@@ -84,3 +84,7 @@ RIDE_MEMORY_S = 1.5
 # What the place of a standing car does, whose springs rest: unevenness of 3 mm under wheels that are 2.7 m
 # and 1.6 m apart (0.06, 0.1 deg), and a vertical curve of 10 km radius up to the road ahead (0.07 deg).
 STANDING_STD = (0.003, math.radians(0.1), math.radians(0.1))
+# The same of what a car can do at all: brakes and acceleration pitch it by 2 deg, a bend rolls it by 5 deg
+# (Milliken and Milliken, as above), a hump lifts it by the travel of its springs. These are taken as three
+# standard deviations.
+HARD_RIDE_STD = (0.10 / 3.0, math.radians(2.0 / 3.0), math.radians(5.0 / 3.0))

@@ -102,6 +102,5 @@ def coarse_pose(frame: FrameObservations) -> StagePoses:
     Args:
         frame: Images, and what is known of them without a hypothesis.
     """
-    if frame.surface is None or isinstance(frame.surface.coarse, NotFitted):
-        return StagePoses()
-    return StagePoses(coarse=frame.surface.coarse.extrinsics)
+    coarse = None if frame.surface is None else frame.surface.coarse
+    return StagePoses() if coarse is None or isinstance(coarse, NotFitted) else StagePoses(coarse.extrinsics)

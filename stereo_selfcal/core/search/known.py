@@ -23,11 +23,13 @@ from ..types import Array
 from .attempt import Attempt
 from .lines_on_road import is_clear
 
-# A line is followed as long as a car that drifts has moved it by no more than half the distance of the two
-# stripes of a double line, 0.12 m each with 0.12 m between them: then the other stripe is nearer.
-MOST_AGE_S = 0.12 / SIDEWAYS_MPS
+# Half the distance of the two stripes of a double line, 0.12 m each with 0.12 m between them: what has moved
+# by more may be taken for the other stripe.
+HALF_DOUBLE_LINE_M = 0.12
+# A line is followed as long as a car that drifts has moved it by no more.
+MOST_AGE_S = HALF_DOUBLE_LINE_M / SIDEWAYS_MPS
 # Beyond so many standard deviations, the prediction was wrong, or the frame is: one of 5000 frames.
-_MOST_SIGMAS = 4.0
+MOST_SIGMAS = 4.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +80,7 @@ class KnownCamera:
         moved = 2.0 - 2.0 * math.exp(-abs(stamp_s - self.stamp_s) / RIDE_MEMORY_S)
         variance = np.diag(self.covariance + attempt.estimate.covariance) + moved * np.square(RIDE_STD)
         difference = attempt.estimate.pose.as_array() - self.pose.as_array()
-        return bool(np.all(np.abs(difference) <= _MOST_SIGMAS * np.sqrt(variance)))
+        return bool(np.all(np.abs(difference) <= MOST_SIGMAS * np.sqrt(variance)))
 
     def follow(self, camera: int, points: StripePoints, pose: Extrinsics, rig: StereoRig) -> Candidates:
         """Return the lines of one image near those of the frame before, as these lay on the road.

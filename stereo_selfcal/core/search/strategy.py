@@ -135,6 +135,20 @@ class FrameSearch:
         told = yaw_of_matches(found.matches, rig, texture.extrinsics)
         return Hypothesis(FoundBy.KNOWN, lines, found.matches, texture=texture, yaw_told=told)
 
+    def clearest(self) -> Hypothesis | None:
+        """Return the hypothesis that the clearest two lines of the image are those of a known road.
+
+        Returns:
+            The lines; None without two.
+        """
+        found = self._lines_in_image()
+        if not isinstance(found.patterns, list):
+            return None
+        pattern, points = found.patterns[0], self._frame.points
+        extra = find_extra_lines(pattern, found.matches, points, self._rig, self._config)
+        below = lines_below_plane(found.patterns, self._rig)[0]
+        return Hypothesis(FoundBy.KNOWN, pattern.joined(extra), found.matches, below)
+
     def _all(self, attempts: Sequence[Attempt]) -> Iterator[Hypothesis]:
         texture = None if self._frame.surface is None else self._frame.surface.located
         if texture is not None:

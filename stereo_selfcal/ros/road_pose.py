@@ -1,0 +1,204 @@
+"""``~/road_pose``: the camera over the road at this moment, for subscribers only.
+
+While somebody listens and a calibration is active, current frames are taken one by one, at most ten a second,
+and the road is followed by the known camera (:class:`~stereo_selfcal.core.road_now.RoadTracker`). A frame
+that is refused is not published; ``/diagnostics`` says why nothing comes. A call of ``~/calibrate`` has all
+images, and nothing comes meanwhile.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+import traceback
+from collections import deque
+from collections.abc import Callable
+
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from ..core.camera.pairing import stamp_to_s
+from ..core.config import CalibratorConfig
+from ..core.results import CalibrationResult
+from ..core.road_now import RoadTracker
+from .activation import other_cameras
+from .calibration_keeper import ActiveCalibration
+from .config import NodeConfig
+from .live import LiveFrame, NoFrame
+from .messages import pose_message
+from .overrides import QOS_PREFIX, check_qos_overrides, start_values
+from .shutdown import silent_after_shutdown
+
+TOPIC = "~/road_pose"
+PERIOD_S = 0.1
+# How long one wait for a frame may take; its reason is reported then.
+_PATIENCE_S = 1.0
+# While nobody listens, somebody is looked for as often as this.
+_LISTENERS_EVERY_S = 0.2
+# A silence as long as this is reported with its reason: several frames have been refused.
+SILENT_S = 1.0
+_QUEUE = 10
+_RATE_OVER = 20  # messages over which the rate is measured
+NOT_CALIBRATED = "there is no active calibration: call ~/calibrate"
+CALL_RUNNING = "a call of ~/calibrate has all images, or the node shuts down"
+
+
+class RoadPose:
+    """Follows the road and publishes the pose over it, in a thread of its own.
+
+    Args:
+        node: The node.
+        take: Returns a current frame, why there is none, or None while a call has them all; its
+            argument is how long it may wait [s].
+        active: Returns the active calibration.
+        config: Returns the parameters.
+        clock: Steady time [s], for tests.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        take: Callable[[float], LiveFrame | NoFrame | None],
+        active: Callable[[], ActiveCalibration | None],
+        config: Callable[[], NodeConfig],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._node = node
+        self._take = take
+        self._active = active
+        self._config = config
+        self._clock = clock
+        check_qos_overrides(f"{QOS_PREFIX}{node.resolve_topic_name(TOPIC)}.publisher.", start_values(node))
+        self._publisher = node.create_publisher(
+            PoseWithCovarianceStamped,
+            TOPIC,
+            QoSProfile(depth=_QUEUE),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
+        self._known: tuple[CalibrationResult, CalibratorConfig, RoadTracker] | None = None
+        self._looked_at: deque[CalibrationResult] = deque(maxlen=4)
+        self._sent_s: deque[float] = deque(maxlen=_RATE_OVER)
+        self._since_s = self._clock()
+        self._last_stamp_ns: int | None = None
+        self._why = NOT_CALIBRATED
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="road_pose", daemon=True)
+
+    def start(self) -> None:
+        """Follow the road until :meth:`stop`."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End it and wait for it."""
+        self._stopped.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    @property
+    def wanted(self) -> bool:
+        """Whether somebody listens."""
+        with silent_after_shutdown(self._node.context):
+            return bool(self._publisher.get_subscription_count())
+        return False
+
+    @property
+    def described(self) -> str:
+        """What is published, or why nothing is, one sentence."""
+        if not self.wanted:
+            return "nobody listens"
+        sent = tuple(self._sent_s)
+        silent_s = self._clock() - (sent[-1] if sent else self._since_s)
+        if silent_s >= SILENT_S or not sent:
+            return f"nothing is published: {self._why}"
+        if len(sent) == 1:
+            return "published"
+        return f"published {(len(sent) - 1) / max(sent[-1] - sent[0], PERIOD_S):.1f} times a second"
+
+    def compare(self, cold: CalibrationResult) -> None:
+        """Take what the watch has found in a frame; returns at once.
+
+        Args:
+            cold: Result of a frame that was looked at as if nothing were known.
+        """
+        if cold.accepted:
+            self._looked_at.append(cold.slim())
+
+    def step(self) -> None:
+        """Take a frame, follow the road in it, and publish its pose; or note why nothing is published."""
+        active = self._active()
+        if active is None:
+            self._known, self._why = None, NOT_CALIBRATED
+            self._stopped.wait(_LISTENERS_EVERY_S)
+            return
+        frame = self._take(_PATIENCE_S)
+        refused = self._refused(frame, active)
+        if refused or not isinstance(frame, LiveFrame) or frame.stamp_ns == self._last_stamp_ns:
+            self._why = refused or self._why
+            self._stopped.wait(PERIOD_S)
+            return
+        self._last_stamp_ns = frame.stamp_ns
+        tracker = self._tracker(active)
+        while self._looked_at:
+            tracker.compare(self._looked_at.popleft())
+        result = tracker.follow(frame.left, frame.right, stamp_to_s(frame.stamp_ns), frame.stamp_difference_s)
+        if not result.accepted:
+            self._why = result.message
+        elif self._active() is active:  # else a reset came meanwhile, or another calibration
+            self._publisher.publish(_message(result, active, self._config(), frame.stamp_ns))
+            self._sent_s.append(self._clock())
+
+    def _refused(self, frame: LiveFrame | NoFrame | None, active: ActiveCalibration) -> str:
+        """Return why a frame cannot be looked at; "" where it can."""
+        if frame is None:
+            return CALL_RUNNING
+        if isinstance(frame, NoFrame):
+            return frame.reason
+        if frame.refusal is not None:
+            return frame.refusal.message
+        return frame.problem or other_cameras(active.rig, frame.rig)
+
+    def _tracker(self, active: ActiveCalibration) -> RoadTracker:
+        """Return the tracker of the active calibration; a new one where that or the settings are new."""
+        config = self._config().calibrator
+        if self._known is None or self._known[:2] != (active.result, config):
+            self._looked_at.clear()
+            self._known = active.result, config, RoadTracker(active.rig, config, active.result)
+        return self._known[2]
+
+    def _run(self) -> None:
+        delay_s, listened = 0.0, False
+        while not self._stopped.wait(delay_s):
+            begun_s, wanted = self._clock(), self.wanted
+            delay_s = _LISTENERS_EVERY_S
+            if wanted != listened:
+                listened = wanted
+                self._known, self._since_s = None, begun_s
+                self._sent_s.clear()
+            if not wanted:
+                continue
+            try:
+                self.step()
+            except Exception as error:  # noqa: BLE001 - a frame that fails must not end the following
+                self._known, self._why = None, f"internal error: {type(error).__name__}: {error}"
+                if self._node.context.ok() and not self._stopped.is_set():
+                    self._node.get_logger().error(
+                        f"{TOPIC} failed on a frame:\n{traceback.format_exc()}", throttle_duration_sec=60.0
+                    )
+            delay_s = max(0.0, begun_s + PERIOD_S - self._clock())
+
+
+def _message(
+    result: CalibrationResult, active: ActiveCalibration, config: NodeConfig, stamp_ns: int
+) -> PoseWithCovarianceStamped:
+    """Return the pose of a moment, with frame and layout of ``~/pose``.
+
+    Args:
+        result: An accepted result of one frame.
+        active: The calibration of the mount.
+        config: Parameters of the node.
+        stamp_ns: Stamp of the frame [ns].
+    """
+    assert result.extrinsics is not None and result.covariance is not None
+    return pose_message(result.extrinsics, result.covariance, config.road_frame, stamp_ns)
