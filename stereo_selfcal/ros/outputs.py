@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rcl_interfaces.msg import ParameterEvent
@@ -14,13 +13,19 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from sensor_msgs.msg import CameraInfo
 from visualization_msgs.msg import MarkerArray
 
-from ..core.errors import ConfigError, OutputError
+from ..core.errors import OutputError
 from ..core.geometry.camera_info_repair import RepairedPair
 from ..core.geometry.homography import SIDES
 from ..core.results import CalibrationResult
 from ..core.types import Array
+from ..files.frames import PlacedCamera
 from ..files.node_settings import RESULT_PREFIX
-from ..files.result_file import alignment_parameters, evidence_parameters, result_parameters
+from ..files.result_file import (
+    alignment_parameters,
+    evidence_parameters,
+    result_parameters,
+    yaw_parameters,
+)
 from ..files.saved_result import RESULT_NAMES
 from .config import NodeConfig
 from .markers import markers_message, no_markers_message
@@ -30,9 +35,10 @@ from .messages import (
     extrinsics_message,
     no_camera_info_message,
     pose_message,
-    transform_message,
+    transform_messages,
 )
 from .parameters import NodeParameters
+from .tf_tree import TfTree
 
 # The default callback group runs only short work: after this time it is taken to hang.
 _PUBLISH_TIMEOUT_S = 10.0
@@ -53,6 +59,7 @@ class Publication:
         stamp_ns: Stamp of the (last) frame [ns].
         lanes: Lane lines of the last frame on the road, each (N, 2) [m]; empty where they are not known.
         pair: The corrected CameraInfo of both cameras; None where the cameras are not known.
+        placed: The camera in the vehicle; None before CameraInfo has told which frame is meant.
     """
 
     result: CalibrationResult
@@ -60,13 +67,14 @@ class Publication:
     stamp_ns: int
     lanes: tuple[Array, ...] = ()
     pair: RepairedPair | None = None
+    placed: PlacedCamera | None = None
 
 
 @dataclass(slots=True, eq=False)
 class _Request:
-    """What the default callback group is to do for another thread: publish, or withdraw where it is None."""
+    """What the default callback group is to do for another thread."""
 
-    publication: Publication | None
+    work: Callable[[], None]
     done: threading.Event = field(default_factory=threading.Event)
     error: Exception | None = None
 
@@ -79,7 +87,7 @@ class Outputs:
         parameters: Its parameters.
 
     Raises:
-        ConfigError: ``publish_tf`` is set where there is no tf2_ros.
+        ConfigError: ``publish_tf`` is set where tf2_ros or tf2_msgs is not installed.
     """
 
     def __init__(self, node: Node, parameters: NodeParameters) -> None:
@@ -94,7 +102,7 @@ class Outputs:
             if parameters.config.publish_camera_info
             else []
         )
-        self._transform = _transform_broadcaster(node) if parameters.config.publish_tf else None
+        self._tree = TfTree(node) if parameters.config.publish_tf else None
         # Done in the default callback group, in which the parameter services run.
         self._request: _Request | None = None
         self._stopped = False
@@ -109,7 +117,12 @@ class Outputs:
             OutputError: The result is a rejection, or holds NaN or infinity; or the node shuts down.
             TimeoutError: The callback group hangs.
         """
-        self._do(publication)
+        self._do(lambda: self.publish_now(publication))
+
+    @property
+    def conflict(self) -> str:
+        """Why nothing is sent to ``/tf_static``, or who contradicts it, one sentence; "" if all is well."""
+        return "" if self._tree is None else self._tree.conflict
 
     def withdraw(self) -> None:
         """Withdraw what was published; callers and errors as of :meth:`publish`.
@@ -118,10 +131,10 @@ class Outputs:
         deleted, and the CameraInfo is that of cameras that are not calibrated. ``~/pose`` and ``/tf_static``
         cannot express it.
         """
-        self._do(None)
+        self._do(self.withdraw_now)
 
-    def _do(self, publication: Publication | None) -> None:
-        request = _Request(publication)
+    def _do(self, work: Callable[[], None]) -> None:
+        request = _Request(work)
         self._request = request
         if self._stopped:  # asked after the request is set, so that it is not missed by stop()
             raise OutputError(_SHUTDOWN)
@@ -138,27 +151,32 @@ class Outputs:
             OutputError: As :meth:`publish`; then nothing was published.
         """
         result, config, stamp_ns = publication.result, publication.config, publication.stamp_ns
-        parameters = result_parameters(result)
-        extrinsics, covariance = result.extrinsics, result.covariance
-        assert extrinsics is not None and covariance is not None
+        parameters = result_parameters(result) | yaw_parameters(result)
+        extrinsics = result.extrinsics
+        assert extrinsics is not None
         # All messages are made before the first is published: an error leaves nothing half published.
         said = parameters | evidence_parameters(result)
         gone = [name for name in self._said if name not in said]
         event = extrinsics_message(self._node.get_fully_qualified_name(), stamp_ns, said, gone)
-        pose = pose_message(extrinsics, covariance, config.road_frame, stamp_ns)
         markers = markers_message(extrinsics, publication.lanes, config.road_frame, stamp_ns)
-        transform = transform_message(extrinsics, config.road_frame, config.camera_frame, stamp_ns)
         pair = publication.pair
         infos = [camera_info_message(each, stamp_ns) for each in ((pair.left, pair.right) if pair else ())]
         self._parameters.publish_result(parameters | alignment_parameters(result))
         self._extrinsics.publish(event)
         self._said = tuple(said)
-        self._pose.publish(pose)
         self._markers.publish(markers)
-        if self._transform is not None:
-            self._transform.sendTransform(transform)
+        self.publish_camera(publication)
         for publisher, info in zip(self._camera_infos, infos, strict=False):
             publisher.publish(info)
+
+    def publish_camera(self, publication: Publication) -> None:
+        """Publish where the camera is in the vehicle, where that is known; to be called as the above."""
+        placed = publication.placed
+        if placed is not None:
+            self._pose.publish(pose_message(placed, publication.stamp_ns))
+        if self._tree is not None:
+            named = placed if placed is not None and not placed.problem else None
+            self._tree.send([] if named is None else transform_messages(named, publication.stamp_ns))
 
     def stop(self) -> None:
         """End the waiting in :meth:`publish`: the node shuts down, and the request will not be served."""
@@ -175,6 +193,8 @@ class Outputs:
         self._extrinsics.publish(deleted_message(self._node.get_fully_qualified_name(), stamp_ns, self._said))
         self._said = _EXTRINSICS
         self._markers.publish(no_markers_message())
+        if self._tree is not None:
+            self._tree.send([])
         for publisher in self._camera_infos:
             publisher.publish(no_camera_info_message(stamp_ns))
 
@@ -183,23 +203,8 @@ class Outputs:
         if request is None:
             return
         try:
-            if request.publication is None:
-                self.withdraw_now()
-            else:
-                self.publish_now(request.publication)
+            request.work()
         except Exception as error:  # noqa: BLE001 - raised again in the thread that waits
             request.error = error
         finally:
             request.done.set()
-
-
-def _transform_broadcaster(node: Node) -> Any:
-    """Return tf2's broadcaster. It is imported only where it is needed, as not every system has it."""
-    try:
-        tf2_ros = importlib.import_module("tf2_ros")
-    except ImportError as error:
-        raise ConfigError(
-            f"publish_tf is true, but tf2_ros cannot be imported ({error}): install tf2_ros_py or set "
-            "publish_tf to false"
-        ) from error
-    return tf2_ros.StaticTransformBroadcaster(node)

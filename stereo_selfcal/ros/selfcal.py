@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.qos import qos_profile_parameters
@@ -30,6 +31,7 @@ from .calibration_keeper import CalibrationKeeper
 from .call_progress import CallProgress
 from .config import NodeConfig
 from .diagnostics import CalibrationReport
+from .frames import camera_frame, info_frames
 from .inputs import StereoInput
 from .live import LiveFrames, known_rig
 from .markers import lanes_on_road
@@ -41,9 +43,12 @@ from .pair_source import known_rectifier
 from .parameters import NodeParameters
 from .record import FrameRecord, FrameReport
 from .reporter import DiagnosticsReporter
+from .shutdown import silent_after_shutdown
+from .transform_report import TransformReport
 from .views import Views
 
 _RECALIBRATE = "recalibrate"
+_FRAMES_EVERY_S = 1.0
 _BUSY = "busy: a calibration is running; call again when it has answered"
 
 
@@ -83,7 +88,11 @@ class SelfcalNode:
             self._last_answer = "not called yet"
             self._last_success: bool | None = None
             self._views = Views(
-                self.node, self._live.one, lambda: self._keeper.active, lambda: self._parameters.config
+                self.node,
+                self._live.one,
+                lambda: self._keeper.active,
+                lambda: self._parameters.config,
+                lambda: camera_frame(self._input, self._parameters.config),
             )
             self._reporter = DiagnosticsReporter(
                 self.node, self._input, lambda: self._parameters.config, self._calibration_report
@@ -108,6 +117,10 @@ class SelfcalNode:
                 self._on_watched,
                 self.node.context.ok,
                 self.node.get_logger(),
+            )
+            # In the default callback group, in which results are published.
+            self.node.create_timer(
+                _FRAMES_EVERY_S, self._follow_frames, clock=Clock(clock_type=ClockType.STEADY_TIME)
             )
             for text in unused_start_values(self.node):
                 self.node.get_logger().warning(text)
@@ -211,6 +224,14 @@ class SelfcalNode:
             self._activation.withdraw(problem)
         return not problem
 
+    def _follow_frames(self) -> None:
+        """Have the transform follow the names of frames; that of other cameras the watch takes back."""
+        config, active = self._parameters.config, self._keeper.active
+        infos = info_frames(self._input, config)
+        with silent_after_shutdown(self.node.context):
+            if active and infos is not None and not other_cameras(active.rig, self._known_rig(config)):
+                self._activation.follow_frames(infos)
+
     def _known_rig(self, config: NodeConfig) -> StereoRig | None:
         try:
             return known_rig(self._input, config)
@@ -290,6 +311,7 @@ class SelfcalNode:
             last_success=self._last_success,
             frames=self._record.statistics,
             alignment=self._keeper.alignment,
+            transform=TransformReport(self._activation.placed, self._activation.told),
             progress=None if call is None else call.progress,
         )
 
