@@ -71,7 +71,10 @@ class StandInTf2:
             if self.listeners:
                 break
             tree()
-        for topic, transform in (*self.others, *(("/tf_static", each) for each in sum(self.sent, []))):
+        for topic, transform in (
+            *self.others,
+            *(("/tf_static", each) for sent in self.sent for each in sent),
+        ):
             self.listeners[topic](TFMessage([transform]))
         for _ in range(100):
             if not self.listeners:

@@ -212,8 +212,8 @@ NODE_SETTINGS = (
     NodeSetting(
         "road_frame",
         ROAD_FRAME,
-        "Frame of the road under the camera, x along its heading: that of ~/markers; parent of camera_frame "
-        "while the yaw is not known",
+        "Frame of the road under the camera, x along its heading: parent of camera_frame while the yaw is "
+        "unknown",
     ),
     NodeSetting(
         "camera_frame",

@@ -17,6 +17,7 @@ from ..core.errors import ConfigError, RigError, printable
 from ..core.results import CalibrationResult
 from ..core.types import Array
 from ..files.frames import FrameNames, InfoFrames, PlacedCamera, place_camera
+from ..files.node_settings import CAMERA_FRAME
 from ..files.result_file import restore, restore_old_default
 from ..files.saved_result import check_fits, topics_source
 from .calibration_keeper import ActiveCalibration, CalibrationKeeper
@@ -138,7 +139,8 @@ class Activation:
             if published is None or active is None or self._frames == (config.frame_names, infos):
                 return
             before = self.told
-            self._published = replace(published, placed=self._placed(active, config, infos))
+            again = self._publication(active, config, published.stamp_ns, infos)
+            self._published = replace(again, lanes=published.lanes, pair=published.pair)
             self._outputs.publish_camera(self._published)
             for text in self.told:
                 if text not in before:
@@ -149,12 +151,17 @@ class Activation:
     def _publication(
         self, active: ActiveCalibration, config: NodeConfig, stamp_ns: int, infos: InfoFrames | None
     ) -> Publication:
-        placed = None if infos is None else self._placed(active, config, infos)
-        return Publication(active.result, config, stamp_ns, placed=placed)
+        """Return a calibration to be published, with the camera in the vehicle where its frames are known.
 
-    def _placed(self, active: ActiveCalibration, config: NodeConfig, infos: InfoFrames) -> PlacedCamera:
-        self._frames = config.frame_names, infos
-        return place_camera(active.result, active.rig, config.frame_names, infos)
+        The default name of the camera is taken for its body before CameraInfo has come, as hardly any camera
+        is called so. ``/tf_static``, which cannot be taken back, waits all the same.
+        """
+        names = config.frame_names
+        self._frames = None if infos is None else (names, infos)
+        if infos is None and names.camera_frame != CAMERA_FRAME:
+            return Publication(active.result, config, stamp_ns)
+        placed = place_camera(active.result, active.rig, names, infos or InfoFrames())
+        return Publication(active.result, config, stamp_ns, placed=placed, frames_told=infos is not None)
 
     def activate(
         self, found: FoundCalibration, config: NodeConfig, is_wanted: Callable[[], bool]

@@ -6,16 +6,14 @@ from array import array
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion, TransformStamped
+from geometry_msgs.msg import Point, Pose, PoseWithCovarianceStamped, Quaternion, TransformStamped
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, RegionOfInterest
 from sensor_msgs.msg import Image as ImageMessage
 
 from ..core.camera.plain_camera_info import PlainCameraInfo
-from ..core.geometry.pose import Extrinsics, road_from_camera_rotation
 from ..core.geometry.vehicle import RigidTransform
 from ..core.types import Image
 from ..files.frames import PlacedCamera
@@ -63,15 +61,16 @@ def deleted_message(node: str, stamp_ns: int, names: Iterable[str]) -> Parameter
     return ParameterEvent(stamp=time_message(stamp_ns), node=node, deleted_parameters=deleted)
 
 
-def quaternion_message(extrinsics: Extrinsics) -> Quaternion:
-    """Return the rotation R_y(pitch) R_x(roll) as a unit quaternion with w >= 0."""
-    rotation = road_from_camera_rotation(extrinsics.pitch_rad, extrinsics.roll_rad)
-    return _quaternion(RigidTransform(rotation, np.zeros(3)))
-
-
-def _quaternion(transform: RigidTransform) -> Quaternion:
+def quaternion_message(transform: RigidTransform) -> Quaternion:
+    """Return the rotation of a transform as a unit quaternion with w >= 0."""
     x, y, z, w = transform.quaternion()
     return Quaternion(x=x, y=y, z=z, w=w)
+
+
+def rigid_pose_message(transform: RigidTransform) -> Pose:
+    """Return a transform as a pose: of its source frame in its target frame."""
+    x, y, z = map(float, transform.translation_m)
+    return Pose(position=Point(x=x, y=y, z=z), orientation=quaternion_message(transform))
 
 
 def pose_message(placed: PlacedCamera, stamp_ns: int) -> PoseWithCovarianceStamped:
@@ -84,9 +83,7 @@ def pose_message(placed: PlacedCamera, stamp_ns: int) -> PoseWithCovarianceStamp
     message = PoseWithCovarianceStamped()
     message.header.stamp = time_message(stamp_ns)
     message.header.frame_id = placed.parent
-    pose, transform = message.pose.pose, placed.camera.transform
-    pose.position.x, pose.position.y, pose.position.z = map(float, transform.translation_m)
-    pose.orientation = _quaternion(transform)
+    message.pose.pose = rigid_pose_message(placed.camera.transform)
     message.pose.covariance = placed.camera.covariance.ravel()
     return message
 
@@ -113,7 +110,7 @@ def _transform_message(transform: RigidTransform, parent: str, child: str, stamp
     message.header.frame_id = parent
     moved = message.transform.translation
     moved.x, moved.y, moved.z = map(float, transform.translation_m)
-    message.transform.rotation = _quaternion(transform)
+    message.transform.rotation = quaternion_message(transform)
     return message
 
 

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
@@ -60,6 +60,7 @@ class Publication:
         lanes: Lane lines of the last frame on the road, each (N, 2) [m]; empty where they are not known.
         pair: The corrected CameraInfo of both cameras; None where the cameras are not known.
         placed: The camera in the vehicle; None before CameraInfo has told which frame is meant.
+        frames_told: Whether CameraInfo has told it, so that it may go to ``/tf_static``.
     """
 
     result: CalibrationResult
@@ -68,6 +69,7 @@ class Publication:
     lanes: tuple[Array, ...] = ()
     pair: RepairedPair | None = None
     placed: PlacedCamera | None = None
+    frames_told: bool = True
 
 
 @dataclass(slots=True, eq=False)
@@ -150,33 +152,51 @@ class Outputs:
         Raises:
             OutputError: As :meth:`publish`; then nothing was published.
         """
-        result, config, stamp_ns = publication.result, publication.config, publication.stamp_ns
+        result, stamp_ns = publication.result, publication.stamp_ns
         parameters = result_parameters(result) | yaw_parameters(result)
-        extrinsics = result.extrinsics
-        assert extrinsics is not None
         # All messages are made before the first is published: an error leaves nothing half published.
+        in_vehicle = self._in_vehicle(publication)
         said = parameters | evidence_parameters(result)
         gone = [name for name in self._said if name not in said]
         event = extrinsics_message(self._node.get_fully_qualified_name(), stamp_ns, said, gone)
-        markers = markers_message(extrinsics, publication.lanes, config.road_frame, stamp_ns)
         pair = publication.pair
         infos = [camera_info_message(each, stamp_ns) for each in ((pair.left, pair.right) if pair else ())]
         self._parameters.publish_result(parameters | alignment_parameters(result))
         self._extrinsics.publish(event)
         self._said = tuple(said)
-        self._markers.publish(markers)
-        self.publish_camera(publication)
+        self._publish_in_vehicle(*in_vehicle)
         for publisher, info in zip(self._camera_infos, infos, strict=False):
             publisher.publish(info)
 
     def publish_camera(self, publication: Publication) -> None:
-        """Publish where the camera is in the vehicle, where that is known; to be called as the above."""
-        placed = publication.placed
-        if placed is not None:
-            self._pose.publish(pose_message(placed, publication.stamp_ns))
+        """Publish where the camera is in the vehicle anew; to be called as :meth:`publish_now`."""
+        self._publish_in_vehicle(*self._in_vehicle(publication))
+
+    def _in_vehicle(
+        self, publication: Publication
+    ) -> tuple[MarkerArray, PoseWithCovarianceStamped | None, list[TransformStamped]]:
+        """Return the messages of where the camera is, as far as its frames are known."""
+        placed, config, stamp_ns = publication.placed, publication.config, publication.stamp_ns
+        extrinsics = publication.result.extrinsics
+        assert extrinsics is not None
+        if placed is None:
+            return markers_message(extrinsics, publication.lanes, config.road_frame, stamp_ns), None, []
+        markers = markers_message(extrinsics, publication.lanes, placed.parent, stamp_ns, placed.camera)
+        sent = publication.frames_told and not placed.problem
+        transforms = transform_messages(placed, stamp_ns) if sent else []
+        return markers, pose_message(placed, stamp_ns), transforms
+
+    def _publish_in_vehicle(
+        self,
+        markers: MarkerArray,
+        pose: PoseWithCovarianceStamped | None,
+        transforms: list[TransformStamped],
+    ) -> None:
+        self._markers.publish(markers)
+        if pose is not None:
+            self._pose.publish(pose)
         if self._tree is not None:
-            named = placed if placed is not None and not placed.problem else None
-            self._tree.send([] if named is None else transform_messages(named, publication.stamp_ns))
+            self._tree.send(transforms)
 
     def stop(self) -> None:
         """End the waiting in :meth:`publish`: the node shuts down, and the request will not be served."""

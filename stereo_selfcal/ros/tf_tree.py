@@ -122,8 +122,14 @@ class TfTree:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._broadcaster = _imported("tf2_ros").StaticTransformBroadcaster(node)
-        self._message_type = _imported("tf2_msgs.msg").TFMessage
+        try:
+            self._broadcaster = importlib.import_module("tf2_ros").StaticTransformBroadcaster(node)
+            self._message_type = importlib.import_module("tf2_msgs.msg").TFMessage
+        except ImportError as error:
+            raise ConfigError(
+                f"publish_tf is true, but tf2 cannot be imported ({error}): install tf2_ros_py and tf2_msgs, "
+                "or set publish_tf to false"
+            ) from error
         self._group = MutuallyExclusiveCallbackGroup()
         self._lock = threading.Lock()
         self._wanted: list[TransformStamped] = []
@@ -214,15 +220,3 @@ def _numbers(transform: Any) -> _Numbers:
     """Return where a transform puts its child, with all digits: they come back as they were sent."""
     moved, turned = transform.transform.translation, transform.transform.rotation
     return moved.x, moved.y, moved.z, turned.x, turned.y, turned.z, turned.w
-
-
-def _imported(module: str) -> Any:
-    """Return a module of tf2."""
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        package = "tf2_ros_py" if module == "tf2_ros" else "tf2_msgs"
-        raise ConfigError(
-            f"publish_tf is true, but {module} cannot be imported ({error}): install {package} or set "
-            "publish_tf to false"
-        ) from error
