@@ -23,6 +23,7 @@ from ..core.errors import ConfigError, SelfcalError, one_line, printable
 from ..core.geometry.camera_info_repair import RepairedPair, repaired_pairs
 from ..files.atomic_file import write_atomically
 from ..files.exports import CAMERA_INFO, export_paths, write_exports
+from ..files.frames import FrameNames, InfoFrames, PlacedCamera, place_camera
 from ..files.node_settings import TARGET_NAMES
 from ..files.parameter_file import chosen_config, load_frames, load_targets
 from ..files.result_file import write_result
@@ -64,7 +65,7 @@ class _Settings:
 
     config: CalibratorConfig
     rig: StereoRig | None
-    frames: tuple[str, str]
+    frames: FrameNames
     selection: Selection
     targets: Targets | None
 
@@ -292,7 +293,7 @@ def _run_with_output(source: FrameSource, settings: _Settings, arguments: argpar
 
 
 def _write_files(
-    source: FrameSource, replay: Replay, arguments: argparse.Namespace, frames: tuple[str, str]
+    source: FrameSource, replay: Replay, arguments: argparse.Namespace, frames: FrameNames
 ) -> list[str]:
     """Write what the options ask for; no result that rests on a part of a damaged recording.
 
@@ -317,7 +318,7 @@ def _write_files(
 
 
 def _write_result(
-    path: Path, source: FrameSource, replay: Replay, exports: Sequence[str], frames: tuple[str, str]
+    path: Path, source: FrameSource, replay: Replay, exports: Sequence[str], frames: FrameNames
 ) -> None:
     estimate, rig = replay.estimate, replay.rig
     pairs = _repaired_pairs(replay, exports)
@@ -325,9 +326,15 @@ def _write_result(
         # The folders above the recording are nobody's business.
         asked = None if replay.goal is None else replay.goal.targets
         write_result(path, estimate, rig, source=source.name, seed=replay.config.seed, targets=asked)
-        write_exports(path, exports, estimate.extrinsics, rig, *frames, pairs)
+        write_exports(path, exports, _placed(replay, frames), rig, pairs, frames.pair_name)
     elif pairs:
-        write_exports(path, exports, None, rig, *frames, pairs)
+        write_exports(path, exports, None, rig, pairs, frames.pair_name)
+
+
+def _placed(replay: Replay, frames: FrameNames) -> PlacedCamera:
+    """Return the camera in the vehicle; what CameraInfo calls it, the recording tells."""
+    infos = InfoFrames(of_rig=True) if replay.cameras is None else InfoFrames.of(replay.cameras)
+    return place_camera(replay.estimate, replay.rig, frames, infos)
 
 
 def _write_report(path: Path, source: FrameSource, replay: Replay) -> None:

@@ -1,9 +1,10 @@
 """The calibration in the formats of other tools, as text and as files beside the result file.
 
 :data:`CAMERA_INFO` is the CameraInfo of the pair, corrected by how the right camera was found to be turned.
-All others hold the same transform, with all its digits: ``p_road = R_y(pitch) R_x(roll) p_camera +
-[0, 0, height]`` is the roll, pitch, yaw about fixed axes of URDF, tf2 and Autoware, with the road as parent
-and the camera body (x forward, y left, z up) as child.
+All others hold the transform of ``~/pose`` and ``/tf_static``, with all its digits: roll, pitch, yaw about
+fixed axes, as URDF, tf2 and Autoware have them. The parent is the vehicle, or the road while the yaw is not
+known; the child is the camera body or the optical frame of the left camera (:mod:`.frames`). Homographies are
+over the road in either case.
 """
 
 from __future__ import annotations
@@ -21,100 +22,107 @@ from ..core.camera.rig import StereoRig
 from ..core.errors import ConfigError, OutputError, printable
 from ..core.geometry.camera_info_repair import RepairedPair
 from ..core.geometry.homography import SIDES, image_from_road
-from ..core.geometry.pose import Extrinsics
+from ..core.geometry.vehicle import CameraAxes
 from .atomic_file import write_atomically
 from .camera_info_file import format_camera_info, is_ours
+from .frames import PlacedCamera
+from .node_settings import CAMERA_FRAME
 
 _TRANSLATION, _ROTATION = ("x", "y", "z"), ("roll", "pitch", "yaw")
-_AXES = "x forward, y left, z up; metres, radians; roll, pitch, yaw about fixed axes"
+_UNITS = "metres, radians; roll, pitch, yaw about fixed axes"
+_CHILDREN = {
+    CameraAxes.BODY: "Camera body (x forward, y left, z up; in the middle of the baseline)",
+    CameraAxes.OPTICAL: "Optical frame of the left camera (x right, y down, z forward)",
+}
+_VEHICLE = "in the vehicle's frame (on the road, x forward along the direction of travel; the yaw is known)"
+_ROAD = "in the road's frame (under the camera, x forward along its heading; yaw 0"
 _HOMOGRAPHY = """\
 # s (u, v, 1) = image_from_road (x, y, 1): the point x metres ahead of the cameras and y metres left of the
 # middle between them, on the road, is seen in column u and row v of the rectified image (the centre of its
 # first pixel is 0, 0). s is the depth of the point in front of the camera [m]; where s < 0 it is not seen.
+# x points along the heading of the camera, which is not the direction of travel: this holds for road_frame.
 """
 
 
-def urdf(extrinsics: Extrinsics, rig: StereoRig, parent_frame: str, child_frame: str) -> str:
-    """Return a URDF with the joint from the road to the camera body.
+def urdf(placed: PlacedCamera, rig: StereoRig) -> str:
+    """Return a URDF with the joint from the vehicle to the camera.
 
     The links are those of the description that includes it.
 
     Args:
-        extrinsics: The calibration.
+        placed: The camera in the vehicle.
         rig: The rig (not needed here; all exports are called alike).
-        parent_frame: Frame of the road.
-        child_frame: Frame of the camera body.
     """
-    joint = quoteattr(f"{parent_frame}_to_{child_frame}")
-    transform = extrinsics.as_transform()
+    parent, child = placed.parent, placed.child
+    joint = quoteattr(f"{parent}_to_{child}")
+    transform = placed.camera.transform.as_dict()
     xyz, rpy = (" ".join(repr(transform[axis]) for axis in axes) for axes in (_TRANSLATION, _ROTATION))
     return f"""\
 <?xml version="1.0" encoding="utf-8"?>
-<!-- Camera body in the road frame: {_AXES}. -->
+<!-- {_describe(placed)} -->
 <robot name="stereo_selfcal">
   <joint name={joint} type="fixed">
-    <parent link={quoteattr(parent_frame)}/>
-    <child link={quoteattr(child_frame)}/>
+    <parent link={quoteattr(parent)}/>
+    <child link={quoteattr(child)}/>
     <origin xyz="{xyz}" rpy="{rpy}"/>
   </joint>
 </robot>
 """
 
 
-def static_transform_publisher(
-    extrinsics: Extrinsics, rig: StereoRig, parent_frame: str, child_frame: str
-) -> str:
+def static_transform_publisher(placed: PlacedCamera, rig: StereoRig) -> str:
     """Return a shell script of one command, which publishes the transform on ``/tf_static``.
 
     Args:
-        extrinsics: The calibration.
+        placed: The camera in the vehicle.
         rig: The rig (not needed here; all exports are called alike).
-        parent_frame: Frame of the road.
-        child_frame: Frame of the camera body.
     """
     words = ["ros2", "run", "tf2_ros", "static_transform_publisher"]
-    for name, value in extrinsics.as_transform().items():
+    for name, value in placed.camera.transform.as_dict().items():
         words += [f"--{name}", repr(value)]
-    words += ["--frame-id", parent_frame, "--child-frame-id", child_frame]
-    return f"#!/bin/sh\n# Camera body in the road frame: {_AXES}.\n{shlex.join(words)}\n"
+    words += ["--frame-id", placed.parent, "--child-frame-id", placed.child]
+    return f"#!/bin/sh\n# {_describe(placed)}\n{shlex.join(words)}\n"
 
 
-def autoware(extrinsics: Extrinsics, rig: StereoRig, parent_frame: str, child_frame: str) -> str:
+def autoware(placed: PlacedCamera, rig: StereoRig) -> str:
     """Return a YAML file as the sensor kits of Autoware have it: ``parent: {child: {x, y, z, ...}}``.
 
     Args:
-        extrinsics: The calibration.
+        placed: The camera in the vehicle.
         rig: The rig (not needed here; all exports are called alike).
-        parent_frame: Frame of the road.
-        child_frame: Frame of the camera body.
     """
-    document = {parent_frame: {child_frame: extrinsics.as_transform()}}
+    document = {placed.parent: {placed.child: placed.camera.transform.as_dict()}}
     text: str = yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
-    return f"# Camera body in the road frame: {_AXES}.\n{text}"
+    return f"# {_describe(placed)}\n{text}"
 
 
-def homographies(extrinsics: Extrinsics, rig: StereoRig, parent_frame: str, child_frame: str) -> str:
+def homographies(placed: PlacedCamera, rig: StereoRig) -> str:
     """Return a YAML file with the ground homography of each camera, (3, 3) row by row.
 
     Args:
-        extrinsics: The calibration.
+        placed: The camera over the road.
         rig: The rig.
-        parent_frame: Frame of the road.
-        child_frame: Frame of the camera body.
     """
     document: dict[str, object] = {
-        "road_frame": parent_frame,
-        "camera_frame": child_frame,
+        "road_frame": placed.road,
+        "camera_frame": placed.child,
         "image_width": rig.width,
         "image_height": rig.height,
     }
     for side in SIDES:
-        rows = [[float(value) for value in row] for row in image_from_road(rig, extrinsics, side)]
+        rows = [[float(value) for value in row] for row in image_from_road(rig, placed.pose, side)]
         document[side] = {"image_from_road": rows}
     text: str = yaml.safe_dump(
         document, sort_keys=False, allow_unicode=True, default_flow_style=None, width=math.inf
     )
     return _HOMOGRAPHY + text
+
+
+def _describe(placed: PlacedCamera) -> str:
+    """Return what a transform is of, as a comment. It has no names in it: those may hold anything."""
+    road = f"{_ROAD}, as it is not known)" if placed.yaw_remark else f"{_ROAD})"
+    parent = _VEHICLE if placed.camera.yaw_known else road
+    return f"{_CHILDREN[placed.camera.axes]} {parent}: {_UNITS}."
 
 
 def camera_infos(pairs: Sequence[RepairedPair], camera_name: str) -> dict[str, str]:
@@ -143,7 +151,7 @@ class Export(NamedTuple):
     """One format: the ending of its file's name, and the function that returns its text."""
 
     suffix: str
-    text: Callable[[Extrinsics, StereoRig, str, str], str]
+    text: Callable[[PlacedCamera, StereoRig], str]
 
 
 EXPORTS: Mapping[str, Export] = {
@@ -185,43 +193,43 @@ def export_paths(result_path: Path, names: Sequence[str]) -> list[Path]:
 def write_exports(
     result_path: Path,
     names: Sequence[str],
-    extrinsics: Extrinsics | None,
+    placed: PlacedCamera | None,
     rig: StereoRig,
-    road_frame: str,
-    camera_frame: str,
     pairs: Sequence[RepairedPair] = (),
+    pair_name: str = CAMERA_FRAME,
 ) -> list[Path]:
     """Write exports beside a result file, each whole or not at all.
 
     Args:
         result_path: The result file; ``out.yaml`` gets ``out.urdf.xml`` and so on beside it.
         names: Names of the exports (:data:`EXPORT_NAMES`).
-        extrinsics: The calibration; None where there is none, for which the CameraInfo alone is written.
+        placed: The camera in the vehicle; None where there is no calibration, for which the CameraInfo alone
+            is written.
         rig: The rig it holds for.
-        road_frame: Frame of the road.
-        camera_frame: Frame of the camera body.
         pairs: The CameraInfo for :data:`CAMERA_INFO`, as :func:`camera_infos` takes them.
+        pair_name: Name of the pair of cameras in it.
 
     Returns:
         The files, in the order of the names.
 
     Raises:
-        OutputError: A frame has a name that not every format can hold, or a CameraInfo file that was not
-            written here would be replaced; then no file is written. Or a file cannot be written; those
-            before it are.
+        OutputError: A frame has no name, or one that not every format can hold, or a CameraInfo file that
+            was not written here would be replaced; then no file is written. Or a file cannot be written;
+            those before it are.
     """
-    for frame in (road_frame, camera_frame):
+    if placed is not None and placed.problem and any(name in EXPORTS for name in names):
+        raise OutputError(placed.problem)
+    frames = (pair_name,) if placed is None else (placed.parent, placed.child, pair_name)
+    for frame in frames:
         if not frame.isprintable():
             raise OutputError(f"frame {frame!r} cannot be exported: give it a name of printable characters")
     texts: dict[Path, str] = {}
     for name in names:
         if name != CAMERA_INFO:
-            if extrinsics is None:
-                continue
-            text = EXPORTS[name].text(extrinsics, rig, road_frame, camera_frame)
-            texts[_beside(result_path, EXPORTS[name].suffix)] = text
+            if placed is not None:
+                texts[_beside(result_path, EXPORTS[name].suffix)] = EXPORTS[name].text(placed, rig)
             continue
-        for suffix, text in camera_infos(pairs, camera_frame).items():
+        for suffix, text in camera_infos(pairs, pair_name).items():
             path = _beside(result_path, suffix)
             if not is_ours(path):
                 raise OutputError(

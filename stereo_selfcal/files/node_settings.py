@@ -17,6 +17,9 @@ from ..core.geometry.pose import STD_NAMES
 from ..core.tolerances import DEFAULT_HEIGHT_STD_M, DEFAULT_PITCH_STD_RAD, DEFAULT_ROLL_STD_RAD
 
 NODE_NAME = "stereo_selfcal"
+VEHICLE_FRAME, ROAD_FRAME, CAMERA_FRAME = "base_footprint", "road", "stereo_camera"
+# Value of camera_frame: the name is that of the left CameraInfo.
+FROM_CAMERA_INFO = "from_camera_info"
 RIG_PREFIX = "rig."
 RESULT_PREFIX = "extrinsics."
 # Parameters of the standard deviations that are good enough, in the order of a pose.
@@ -36,6 +39,7 @@ OLD_OUTPUT_PATH = f"~/.ros/{NODE_NAME}.yaml"
 _GREATEST_PIXELS = 100_000
 _GREATEST_BASELINE_M = 100.0
 _GREATEST_QUEUE = 1000
+_GREATEST_MOUNT_M = 100.0
 # Far beyond what any calibration has; who asks for nothing gives 0. They detect values in mm or degrees.
 _GREATEST_TARGET_M = 1.0
 _GREATEST_TARGET_RAD = 1.0
@@ -183,9 +187,39 @@ NODE_SETTINGS = (
         "watch's frames takes over, also where nothing is calibrated yet",
         choices=("warn", "recalibrate"),
     ),
-    NodeSetting("road_frame", "road", "Frame of the road, in ~/pose and ~/markers"),
     NodeSetting(
-        "camera_frame", "stereo_camera", "Frame of the camera body: x forward, y left, z up, mid-baseline"
+        "vehicle_frame",
+        VEHICLE_FRAME,
+        "Frame of the vehicle on the road, x along the direction of travel: parent of camera_frame once the "
+        "yaw is known; the name of road_frame: the yaw and mount.* are left out",
+    ),
+    NodeSetting(
+        "mount.x_m",
+        0.0,
+        "How far ahead of the origin of vehicle_frame the middle of the baseline is",
+        "m",
+        -_GREATEST_MOUNT_M,
+        _GREATEST_MOUNT_M,
+    ),
+    NodeSetting(
+        "mount.y_m",
+        0.0,
+        "How far to the left of it",
+        "m",
+        -_GREATEST_MOUNT_M,
+        _GREATEST_MOUNT_M,
+    ),
+    NodeSetting(
+        "road_frame",
+        ROAD_FRAME,
+        "Frame of the road under the camera, x along its heading: parent of camera_frame while the yaw is "
+        "unknown",
+    ),
+    NodeSetting(
+        "camera_frame",
+        CAMERA_FRAME,
+        "Frame of the camera body (x forward, y left, z up, mid-baseline); the frame_id of the left "
+        f"CameraInfo, or {FROM_CAMERA_INFO}: the optical frame of the left camera",
     ),
     NodeSetting(
         "exports",
@@ -203,7 +237,7 @@ NODE_SETTINGS = (
     NodeSetting(
         "publish_tf",
         False,
-        "Whether /tf_static gets camera_frame as a child of road_frame; needs tf2_ros",
+        "Whether /tf_static gets the transform of camera_frame; needs tf2_ros",
         fixed=True,
     ),
     NodeSetting("rig.width", 0, "Image width; 0: from CameraInfo", "px", 0, _GREATEST_PIXELS),

@@ -9,6 +9,8 @@ from typing import Any
 from ..core.config import CalibratorConfig, flatten
 from ..core.drive.targets import Targets
 from ..core.errors import ConfigError, printable, shortened
+from ..core.geometry.vehicle import PlaceInVehicle
+from .frames import FRAME_NAMES, PLACE_NAMES, FrameNames
 from .node_settings import (
     NODE_NAME,
     NODE_SETTINGS,
@@ -64,26 +66,31 @@ def chosen_config(path: Path | None, seed: int | None) -> CalibratorConfig:
     return CalibratorConfig.from_mapping(settings | {"seed": seed})
 
 
-def load_frames(path: Path | str | None) -> tuple[str, str]:
-    """Return the names of the road and the camera frame: those of a parameter file, or the node's defaults.
+def load_frames(path: Path | str | None) -> FrameNames:
+    """Return the frames of the vehicle, the road and the camera: of a parameter file, or the node's defaults.
 
     Raises:
-        ConfigError: The file cannot be read, is no parameter file, or a name is no text.
+        ConfigError: The file cannot be read, is no parameter file, or a name or a number is wrong.
     """
-    names = ("road_frame", "camera_frame")
-    values = {setting.name: setting.default for setting in NODE_SETTINGS if setting.name in names}
-    given = {} if path is None else node_parameters(path)
-    road, camera = (given.get(name, values[name]) for name in names)
-    for name, value in zip(names, (road, camera), strict=True):
-        if not isinstance(value, str) or not value.strip():
-            raise ConfigError(
-                f"{printable(str(path))}: {name} is {shortened(value)}: the name of a frame is needed"
-            )
-        try:
+    if path is None:
+        return FrameNames()
+    shown, given = f"{printable(str(path))}: ", flatten(node_parameters(path))
+    settings = {setting.name: setting for setting in NODE_SETTINGS}
+    values = {name: given.get(name, settings[name].default) for name in FRAME_NAMES}
+    for name, value in values.items():
+        if not isinstance(value, str):
+            raise ConfigError(f"{shown}{name} is {shortened(value)}: the name of a frame is needed")
+    x_m, y_m = (
+        _checked(settings[name], given.get(name, settings[name].default), shown) for name in PLACE_NAMES
+    )
+    frames = FrameNames(**values, place=PlaceInVehicle(float(x_m), float(y_m)))
+    try:
+        for name, value in values.items():
             check_text(name, value)
-        except ConfigError as error:
-            raise ConfigError(f"{printable(str(path))}: {error}") from error
-    return str(road), str(camera)
+        frames.check()
+    except ConfigError as error:
+        raise ConfigError(f"{shown}{error}") from error
+    return frames
 
 
 def load_targets(path: Path | str | None, given: Mapping[str, Any] | None = None) -> Targets:

@@ -6,7 +6,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rclpy.node import Node
@@ -16,6 +16,8 @@ from ..core.camera.rig import StereoRig
 from ..core.errors import ConfigError, RigError, printable
 from ..core.results import CalibrationResult
 from ..core.types import Array
+from ..files.frames import FrameNames, InfoFrames, PlacedCamera, place_camera
+from ..files.node_settings import CAMERA_FRAME
 from ..files.result_file import restore, restore_old_default
 from ..files.saved_result import check_fits, topics_source
 from .calibration_keeper import ActiveCalibration, CalibrationKeeper
@@ -73,6 +75,8 @@ class Activation:
         self._topics = topics.left, topics.right
         self._lock = threading.Lock()  # a call and the watch may publish at the same time
         self._files: set[Path] = set()  # result files of this run
+        self._published: Publication | None = None
+        self._frames: tuple[FrameNames, InfoFrames] | None = None  # those it was published with
 
     def restore(self) -> None:
         """Activate the calibration of the last run; to be called before the node is spun."""
@@ -98,9 +102,66 @@ class Activation:
             self._keeper.reject(problem)
             return
         self._files.add(restored.path)
-        self._outputs.publish_now(Publication(active.result, config, restored.saved.stamp_ns))
+        # Which frame camera_frame is, the CameraInfo to come will tell.
+        infos = InfoFrames(of_rig=True) if config.rig else None
+        publication = self._publication(active, config, restored.saved.stamp_ns, infos)
+        self._outputs.publish_now(publication)
+        self._published = publication
         self._keeper.load(active)
-        logger.info(f"{active.saved}: {active.result.message}")
+        logger.info("; ".join([f"{active.saved}: {active.result.message}", *self.told]))
+
+    @property
+    def placed(self) -> PlacedCamera | None:
+        """The camera in the vehicle as it is published; None where it is not."""
+        published = self._published
+        return None if published is None else published.placed
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """What is to be known of the published transform, a sentence each; none where all is well."""
+        placed = self.placed
+        each = (placed.yaw_remark, placed.problem) if placed is not None else ()
+        return tuple(filter(None, (*each, self._outputs.conflict)))
+
+    def follow_frames(self, infos: InfoFrames) -> None:
+        """Publish where the camera is in the vehicle anew, where the names of frames or its place are new.
+
+        To be called from the default callback group.
+
+        Args:
+            infos: What CameraInfo calls the cameras now.
+        """
+        if not self._lock.acquire(blocking=False):  # what is being published has the newest frames
+            return
+        try:
+            published, active = self._published, self._keeper.active
+            config = self._parameters.config
+            if published is None or active is None or self._frames == (config.frame_names, infos):
+                return
+            before = self.told
+            again = self._publication(active, config, published.stamp_ns, infos)
+            self._published = replace(again, lanes=published.lanes, pair=published.pair)
+            self._outputs.publish_camera(self._published)
+            for text in self.told:
+                if text not in before:
+                    self._node.get_logger().warning(text)
+        finally:
+            self._lock.release()
+
+    def _publication(
+        self, active: ActiveCalibration, config: NodeConfig, stamp_ns: int, infos: InfoFrames | None
+    ) -> Publication:
+        """Return a calibration to be published, with the camera in the vehicle where its frames are known.
+
+        The default name of the camera is taken for its body before CameraInfo has come, as hardly any camera
+        is called so. ``/tf_static``, which cannot be taken back, waits all the same.
+        """
+        names = config.frame_names
+        self._frames = None if infos is None else (names, infos)
+        if infos is None and names.camera_frame != CAMERA_FRAME:
+            return Publication(active.result, config, stamp_ns)
+        placed = place_camera(active.result, active.rig, names, infos or InfoFrames())
+        return Publication(active.result, config, stamp_ns, placed=placed, frames_told=infos is not None)
 
     def activate(
         self, found: FoundCalibration, config: NodeConfig, is_wanted: Callable[[], bool]
@@ -113,7 +174,8 @@ class Activation:
             is_wanted: Returns whether it is wanted still; asked when nothing can come in between any more.
 
         Returns:
-            Where it was saved, or why it was not; None where it was not wanted, and nothing was done.
+            Where it was saved, or why it was not, and what is to be known of its transform; None where it was
+            not wanted, and nothing was done.
         """
         result = found.result
         with self._lock:
@@ -123,25 +185,32 @@ class Activation:
                 result, found.rig, time.monotonic(), saved="not yet", cameras=found.cameras
             )
             pair = next(iter(active.repaired_pairs), None) if config.publish_camera_info else None
-            self._outputs.publish(Publication(result, config, found.stamp_ns, found.lanes, pair))
+            infos = InfoFrames(of_rig=True) if config.rig else None
+            if found.cameras is not None:
+                infos = InfoFrames.of(found.cameras)
+            publication = self._publication(active, config, found.stamp_ns, infos)
+            publication = replace(publication, lanes=found.lanes, pair=pair)
+            self._outputs.publish(publication)
+            self._published = publication
             # It is active from here on, even if it cannot be saved.
             self._keeper.accept(active, found.by_watch)
             if config.output_path is not None:
                 self._files.add(config.output_path)
             try:
                 asked = None if found.by_watch or config.targets.any_std else config.targets
-                saved, failed = save(active, config, topics_source(*self._topics), asked)
+                saved, failed = save(active, config, topics_source(*self._topics), self.placed, asked)
             except Exception as error:  # noqa: BLE001 - it is in effect, so the answer is no failure
                 self._node.get_logger().error(traceback.format_exc())
                 saved = f"in effect, but not saved: {type(error).__name__}: {error}, see the node's log"
                 failed = True
             self._keeper.saved(saved, failed)
-            return saved
+            return "; ".join([saved, *self.told])
 
     def withdraw(self, problem: str) -> None:
         """Take the calibration back, as it is of other cameras; its file stays."""
         with self._lock:
             self._keeper.withdraw(problem)
+            self._published = self._frames = None
             self._outputs.withdraw()
 
     def reset(self) -> tuple[str, bool]:
@@ -152,6 +221,7 @@ class Activation:
         """
         with self._lock:
             active = self._keeper.reset()
+            self._published = self._frames = None
             path = self._parameters.config.output_path
             files = self._files if path is None else self._files | {path}
             kept, failed = keep_aside(

@@ -11,7 +11,9 @@ from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
 from ..core.drive.targets import Targets
 from ..core.errors import ConfigError, RigError
+from ..core.geometry.vehicle import PlaceInVehicle
 from ..files.exports import parse_exports
+from ..files.frames import FRAME_NAMES, PLACE_NAMES, FrameNames
 from ..files.node_settings import RIG_PREFIX, all_settings, check_text, is_calibrator_setting
 
 # Parameters that are text and have another type here.
@@ -37,8 +39,10 @@ class NodeConfig:
         target_roll_std_rad: The same of the roll [rad].
         monitor_period_s: Time between two frames of the watch [s], 0 for none.
         on_drift: "warn" or "recalibrate".
+        vehicle_frame: Frame of the vehicle.
         road_frame: Frame of the road.
-        camera_frame: Frame of the camera body.
+        camera_frame: Frame of the camera, or :data:`.FROM_CAMERA_INFO`.
+        mount: Where the camera is in the vehicle's frame.
         exports: Names of the files written beside the result file.
         publish_camera_info: Whether the corrected CameraInfo of the pair is published.
         publish_tf: Whether the result goes to /tf_static as well.
@@ -59,8 +63,10 @@ class NodeConfig:
     target_roll_std_rad: float
     monitor_period_s: float
     on_drift: str
+    vehicle_frame: str
     road_frame: str
     camera_frame: str
+    mount: PlaceInVehicle
     exports: tuple[str, ...]
     publish_camera_info: bool
     publish_tf: bool
@@ -83,17 +89,15 @@ class NodeConfig:
                 raise ConfigError(
                     f"{name} is {values[name]!r}: it must be one of {', '.join(setting.choices)}{remedy}"
                 )
-        for name in ("road_frame", "camera_frame"):
-            if not values[name].strip():
-                raise ConfigError(f"{name} is empty: the name of a frame is needed")
+        mount = PlaceInVehicle(*(values[name] for name in PLACE_NAMES))
+        frames = FrameNames(**{name: values[name] for name in FRAME_NAMES}, place=mount)
+        frames.check(for_tf=values["publish_tf"])
         given = sorted(name for name in SETTINGS if name.startswith(RIG_PREFIX) and values[name])
         if given and not values["rectified"]:
             raise ConfigError(
                 f"{given[0]} is set, but rectified is false: rig.* describes rectified cameras; leave it 0, "
                 "as K, D, R and P of raw ones come from CameraInfo"
             )
-        if values["publish_tf"]:
-            _check_tf_frames(values["road_frame"], values["camera_frame"])
         rig = {
             name.removeprefix(RIG_PREFIX): values[name] for name in SETTINGS if name.startswith(RIG_PREFIX)
         }
@@ -102,6 +106,7 @@ class NodeConfig:
             **{name: values[name] for name in cls.__slots__ if name in values and name not in _CONVERTED},
             output_path=_output_path(values["output_path"]),
             exports=_exports(values["exports"], values["output_path"]),
+            mount=mount,
             rig=rig if any(rig.values()) else {},
             calibrator=CalibratorConfig.from_mapping(settings),
         )
@@ -111,6 +116,11 @@ class NodeConfig:
         """What is good enough for a call."""
         stds = (self.target_height_std_m, self.target_pitch_std_rad, self.target_roll_std_rad)
         return Targets(*stds, self.frames)
+
+    @property
+    def frame_names(self) -> FrameNames:
+        """The frames of a transform."""
+        return FrameNames(self.vehicle_frame, self.road_frame, self.camera_frame, self.mount)
 
     def rig_from_parameters(self) -> StereoRig | None:
         """Return the rig of ``rig.*``, None when it is to come from CameraInfo.
@@ -136,17 +146,6 @@ def _exports(text: str, output_path: str) -> tuple[str, ...]:
     if names and not output_path.strip():
         raise ConfigError(f"exports is {text!r}, but output_path, beside which they are written, is empty")
     return names
-
-
-def _check_tf_frames(road_frame: str, camera_frame: str) -> None:
-    """Refuse frame names that tf2 would refuse, or that would form a loop in the tree."""
-    if road_frame == camera_frame:
-        raise ConfigError(
-            f"road_frame and camera_frame are both {road_frame!r}: with publish_tf they must differ"
-        )
-    for name, frame in (("road_frame", road_frame), ("camera_frame", camera_frame)):
-        if frame.startswith("/"):
-            raise ConfigError(f"{name} is {frame!r}: frames of /tf_static do not begin with a slash")
 
 
 def _output_path(text: str) -> Path | None:

@@ -31,6 +31,7 @@ from .calibration_keeper import ActiveCalibration
 from .call_progress import CallProgress
 from .pair_source import Topics
 from .record import FrameStatistics
+from .transform_report import TransformReport
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -56,6 +57,7 @@ class CalibrationReport:
         alignment: Finding of the watch over the right camera's alignment.
         progress: How far the running call has come, None while none is running.
         road_pose: What ``~/road_pose`` publishes, or why nothing, one sentence.
+        transform: Where the camera is in the vehicle, as it is published.
     """
 
     state: str
@@ -69,6 +71,7 @@ class CalibrationReport:
     alignment: AlignmentFinding = field(default_factory=AlignmentFinding)
     progress: CallProgress | None = None
     road_pose: str = "nobody listens"
+    transform: TransformReport = field(default_factory=TransformReport)
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,6 +201,8 @@ def _calibration(snapshot: Snapshot) -> _Part:
     if report.progress is not None:
         values |= report.progress.values()
     values |= _estimate(report)
+    if report.active is not None:
+        values |= report.transform.values(report.active.result.travel)
     values |= _alignment(report)
     values["watch"] = report.watch
     values["road_pose"] = report.road_pose
@@ -226,7 +231,8 @@ def _verdict(report: CalibrationReport) -> tuple[bytes, str]:
             )
         if report.active.save_failed:
             return WARN, f"{text}; {report.active.saved}"
-        wrong = (report.alignment.message or _misalignment(report.active), _lateness(report.active))
+        turned = report.alignment.message or _misalignment(report.active)
+        wrong = (*report.transform.faults, turned, _lateness(report.active))
         if any(wrong):
             return WARN, "; ".join([text, *filter(None, wrong)])
     return level, text
@@ -252,7 +258,11 @@ def _lateness(active: ActiveCalibration) -> str:
 
 def _described(active: ActiveCalibration) -> str:
     extrinsics, std = active.result.extrinsics, active.result.std
-    return "no numbers" if extrinsics is None or std is None else extrinsics.describe(std)
+    if extrinsics is None or std is None:
+        return "no numbers"
+    travel = active.result.travel
+    yaw = f", {travel.describe_yaw()}" if travel is not None and travel.tells_yaw else ""
+    return extrinsics.describe(std) + yaw
 
 
 def _estimate(report: CalibrationReport) -> dict[str, str]:

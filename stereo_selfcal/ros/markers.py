@@ -7,7 +7,7 @@ else the road's frame. What is known in the road's frame (the road, its lanes, t
 from __future__ import annotations
 
 import numpy as np
-from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from geometry_msgs.msg import Point, Vector3
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -19,7 +19,7 @@ from ..core.lanes.lane_pair import LanePattern
 from ..core.types import Array
 from ..pictures.canvas import BLUE, DARK, SKY_BLUE, VERMILION, WHITE, Colour
 from ..pictures.road_grid import GRID_FAR_M, GRID_HALF_WIDTH_M
-from .messages import time_message
+from .messages import rigid_pose_message, time_message
 
 _ROAD_THICKNESS_M = 0.01
 _ROAD_OPACITY = 0.5
@@ -84,11 +84,11 @@ def markers_message(
     road = Marker(ns="road", type=Marker.CUBE, color=_colour(DARK, _ROAD_OPACITY))
     road.scale = Vector3(x=GRID_FAR_M, y=2 * GRID_HALF_WIDTH_M, z=_ROAD_THICKNESS_M)
     middle_m = np.array([GRID_FAR_M / 2, 0.0, -_ROAD_THICKNESS_M / 2])  # its top is the road surface
-    road.pose = _pose(on_road.after(RigidTransform(np.eye(3), middle_m)))
+    road.pose = rigid_pose_message(on_road.after(RigidTransform(np.eye(3), middle_m)))
 
     arrow = Marker(ns="camera", type=Marker.ARROW, color=_colour(SKY_BLUE))
     arrow.scale.x, arrow.scale.y, arrow.scale.z = _ARROW_M
-    arrow.pose = _pose(on_road.after(road_from_body))
+    arrow.pose = rigid_pose_message(on_road.after(road_from_body))
 
     text = Marker(ns="camera", id=1, type=Marker.TEXT_VIEW_FACING, color=_colour(WHITE))
     text.scale.z = _TEXT_M
@@ -129,11 +129,6 @@ def _arrow(
     marker.scale.x, marker.scale.y = diameters_m
     marker.points = [_point(end) for end in ends]
     return marker
-
-
-def _pose(parent_from_marker: RigidTransform) -> Pose:
-    x, y, z, w = parent_from_marker.quaternion()
-    return Pose(position=_point(parent_from_marker.translation_m), orientation=Quaternion(x=x, y=y, z=z, w=w))
 
 
 def _point(place_m: Array) -> Point:

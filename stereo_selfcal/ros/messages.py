@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from array import array
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion, TransformStamped
+from geometry_msgs.msg import Point, Pose, PoseWithCovarianceStamped, Quaternion, TransformStamped
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, RegionOfInterest
 from sensor_msgs.msg import Image as ImageMessage
 
 from ..core.camera.plain_camera_info import PlainCameraInfo
-from ..core.geometry.pose import Extrinsics
-from ..core.types import Array, Image
+from ..core.geometry.vehicle import RigidTransform
+from ..core.types import Image
+from ..files.frames import PlacedCamera
 
 _NS_PER_S = 1_000_000_000
 _LAST_NS = 2**31 * _NS_PER_S - 1  # the seconds of builtin_interfaces/Time have 32 bits
-
-# Rows of (height_m, pitch_rad, roll_rad) in the 6 x 6 covariance of a pose. Its order is x, y, z, and the
-# rotations about the fixed axes X, Y, Z. R_y(pitch) R_x(roll) turns about the fixed X by roll, then about the
-# fixed Y by pitch.
-_POSE_ROWS = (2, 4, 3)
 
 
 def time_message(stamp_ns: int) -> Time:
@@ -67,55 +61,56 @@ def deleted_message(node: str, stamp_ns: int, names: Iterable[str]) -> Parameter
     return ParameterEvent(stamp=time_message(stamp_ns), node=node, deleted_parameters=deleted)
 
 
-def quaternion_message(extrinsics: Extrinsics) -> Quaternion:
-    """Return the rotation R_y(pitch) R_x(roll) as a unit quaternion with w >= 0."""
-    sin_pitch, cos_pitch = math.sin(extrinsics.pitch_rad / 2), math.cos(extrinsics.pitch_rad / 2)
-    sin_roll, cos_roll = math.sin(extrinsics.roll_rad / 2), math.cos(extrinsics.roll_rad / 2)
-    return Quaternion(
-        x=cos_pitch * sin_roll, y=sin_pitch * cos_roll, z=-sin_pitch * sin_roll, w=cos_pitch * cos_roll
-    )
+def quaternion_message(transform: RigidTransform) -> Quaternion:
+    """Return the rotation of a transform as a unit quaternion with w >= 0."""
+    x, y, z, w = transform.quaternion()
+    return Quaternion(x=x, y=y, z=z, w=w)
 
 
-def pose_message(
-    extrinsics: Extrinsics, covariance: Array, road_frame: str, stamp_ns: int
-) -> PoseWithCovarianceStamped:
-    """Return the pose of the camera body in the road frame.
+def rigid_pose_message(transform: RigidTransform) -> Pose:
+    """Return a transform as a pose: of its source frame in its target frame."""
+    x, y, z = map(float, transform.translation_m)
+    return Pose(position=Point(x=x, y=y, z=z), orientation=quaternion_message(transform))
+
+
+def pose_message(placed: PlacedCamera, stamp_ns: int) -> PoseWithCovarianceStamped:
+    """Return the pose of the camera in the vehicle, or over the road while the yaw is not known.
 
     Args:
-        extrinsics: The calibration.
-        covariance: (3, 3) covariance of (height_m, pitch_rad, roll_rad).
-        road_frame: Name of the road frame.
+        placed: The camera.
         stamp_ns: Stamp of the (last) frame [ns].
     """
     message = PoseWithCovarianceStamped()
     message.header.stamp = time_message(stamp_ns)
-    message.header.frame_id = road_frame
-    message.pose.pose.position.z = float(extrinsics.height_m)
-    message.pose.pose.orientation = quaternion_message(extrinsics)
-    # x, y and yaw are zero by definition: the road frame lies under the camera and points along its heading.
-    # Their variance is exactly zero.
-    pose_covariance = np.zeros((6, 6))
-    pose_covariance[np.ix_(_POSE_ROWS, _POSE_ROWS)] = covariance
-    message.pose.covariance = pose_covariance.ravel()
+    message.header.frame_id = placed.parent
+    message.pose.pose = rigid_pose_message(placed.camera.transform)
+    message.pose.covariance = placed.camera.covariance.ravel()
     return message
 
 
-def transform_message(
-    extrinsics: Extrinsics, road_frame: str, camera_frame: str, stamp_ns: int
-) -> TransformStamped:
-    """Return the camera body (child) in the road frame (parent): it maps p_camera to p_road.
+def transform_messages(placed: PlacedCamera, stamp_ns: int) -> list[TransformStamped]:
+    """Return the camera (child) in the vehicle (parent): it maps p_camera to p_vehicle.
+
+    Where the yaw is known, the frame of the road follows: a child of the vehicle, and nobody's parent.
 
     Args:
-        extrinsics: The calibration.
-        road_frame: Name of the road frame.
-        camera_frame: Name of the camera's body frame.
+        placed: The camera; it has a name.
         stamp_ns: Stamp of the (last) frame [ns].
     """
-    message = TransformStamped(child_frame_id=camera_frame)
+    messages = [_transform_message(placed.camera.transform, placed.parent, placed.child, stamp_ns)]
+    if placed.camera.yaw_known:
+        road = placed.camera.parent_from_road
+        messages.append(_transform_message(road, placed.parent, placed.road, stamp_ns))
+    return messages
+
+
+def _transform_message(transform: RigidTransform, parent: str, child: str, stamp_ns: int) -> TransformStamped:
+    message = TransformStamped(child_frame_id=child)
     message.header.stamp = time_message(stamp_ns)
-    message.header.frame_id = road_frame
-    message.transform.translation.z = float(extrinsics.height_m)
-    message.transform.rotation = quaternion_message(extrinsics)
+    message.header.frame_id = parent
+    moved = message.transform.translation
+    moved.x, moved.y, moved.z = map(float, transform.translation_m)
+    message.transform.rotation = quaternion_message(transform)
     return message
 
 

@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
-import importlib
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from sensor_msgs.msg import CameraInfo
 from visualization_msgs.msg import MarkerArray
 
-from ..core.errors import ConfigError, OutputError
+from ..core.errors import OutputError
 from ..core.geometry.camera_info_repair import RepairedPair
 from ..core.geometry.homography import SIDES
 from ..core.results import CalibrationResult
 from ..core.types import Array
+from ..files.frames import PlacedCamera
 from ..files.node_settings import RESULT_PREFIX
-from ..files.result_file import alignment_parameters, evidence_parameters, result_parameters
+from ..files.result_file import (
+    alignment_parameters,
+    evidence_parameters,
+    result_parameters,
+    yaw_parameters,
+)
 from ..files.saved_result import RESULT_NAMES
 from .config import NodeConfig
 from .markers import markers_message, no_markers_message
@@ -30,9 +35,10 @@ from .messages import (
     extrinsics_message,
     no_camera_info_message,
     pose_message,
-    transform_message,
+    transform_messages,
 )
 from .parameters import NodeParameters
+from .tf_tree import TfTree
 
 # The default callback group runs only short work: after this time it is taken to hang.
 _PUBLISH_TIMEOUT_S = 10.0
@@ -53,6 +59,8 @@ class Publication:
         stamp_ns: Stamp of the (last) frame [ns].
         lanes: Lane lines of the last frame on the road, each (N, 2) [m]; empty where they are not known.
         pair: The corrected CameraInfo of both cameras; None where the cameras are not known.
+        placed: The camera in the vehicle; None before CameraInfo has told which frame is meant.
+        frames_told: Whether CameraInfo has told it, so that it may go to ``/tf_static``.
     """
 
     result: CalibrationResult
@@ -60,13 +68,15 @@ class Publication:
     stamp_ns: int
     lanes: tuple[Array, ...] = ()
     pair: RepairedPair | None = None
+    placed: PlacedCamera | None = None
+    frames_told: bool = True
 
 
 @dataclass(slots=True, eq=False)
 class _Request:
-    """What the default callback group is to do for another thread: publish, or withdraw where it is None."""
+    """What the default callback group is to do for another thread."""
 
-    publication: Publication | None
+    work: Callable[[], None]
     done: threading.Event = field(default_factory=threading.Event)
     error: Exception | None = None
 
@@ -79,7 +89,7 @@ class Outputs:
         parameters: Its parameters.
 
     Raises:
-        ConfigError: ``publish_tf`` is set where there is no tf2_ros.
+        ConfigError: ``publish_tf`` is set where tf2_ros or tf2_msgs is not installed.
     """
 
     def __init__(self, node: Node, parameters: NodeParameters) -> None:
@@ -94,7 +104,7 @@ class Outputs:
             if parameters.config.publish_camera_info
             else []
         )
-        self._transform = _transform_broadcaster(node) if parameters.config.publish_tf else None
+        self._tree = TfTree(node) if parameters.config.publish_tf else None
         # Done in the default callback group, in which the parameter services run.
         self._request: _Request | None = None
         self._stopped = False
@@ -109,7 +119,12 @@ class Outputs:
             OutputError: The result is a rejection, or holds NaN or infinity; or the node shuts down.
             TimeoutError: The callback group hangs.
         """
-        self._do(publication)
+        self._do(lambda: self.publish_now(publication))
+
+    @property
+    def conflict(self) -> str:
+        """Why nothing is sent to ``/tf_static``, or who contradicts it, one sentence; "" if all is well."""
+        return "" if self._tree is None else self._tree.conflict
 
     def withdraw(self) -> None:
         """Withdraw what was published; callers and errors as of :meth:`publish`.
@@ -118,10 +133,10 @@ class Outputs:
         deleted, and the CameraInfo is that of cameras that are not calibrated. ``~/pose`` and ``/tf_static``
         cannot express it.
         """
-        self._do(None)
+        self._do(self.withdraw_now)
 
-    def _do(self, publication: Publication | None) -> None:
-        request = _Request(publication)
+    def _do(self, work: Callable[[], None]) -> None:
+        request = _Request(work)
         self._request = request
         if self._stopped:  # asked after the request is set, so that it is not missed by stop()
             raise OutputError(_SHUTDOWN)
@@ -137,28 +152,51 @@ class Outputs:
         Raises:
             OutputError: As :meth:`publish`; then nothing was published.
         """
-        result, config, stamp_ns = publication.result, publication.config, publication.stamp_ns
-        parameters = result_parameters(result)
-        extrinsics, covariance = result.extrinsics, result.covariance
-        assert extrinsics is not None and covariance is not None
+        result, stamp_ns = publication.result, publication.stamp_ns
+        parameters = result_parameters(result) | yaw_parameters(result)
         # All messages are made before the first is published: an error leaves nothing half published.
+        in_vehicle = self._in_vehicle(publication)
         said = parameters | evidence_parameters(result)
         gone = [name for name in self._said if name not in said]
         event = extrinsics_message(self._node.get_fully_qualified_name(), stamp_ns, said, gone)
-        pose = pose_message(extrinsics, covariance, config.road_frame, stamp_ns)
-        markers = markers_message(extrinsics, publication.lanes, config.road_frame, stamp_ns)
-        transform = transform_message(extrinsics, config.road_frame, config.camera_frame, stamp_ns)
         pair = publication.pair
         infos = [camera_info_message(each, stamp_ns) for each in ((pair.left, pair.right) if pair else ())]
         self._parameters.publish_result(parameters | alignment_parameters(result))
         self._extrinsics.publish(event)
         self._said = tuple(said)
-        self._pose.publish(pose)
-        self._markers.publish(markers)
-        if self._transform is not None:
-            self._transform.sendTransform(transform)
+        self._publish_in_vehicle(*in_vehicle)
         for publisher, info in zip(self._camera_infos, infos, strict=False):
             publisher.publish(info)
+
+    def publish_camera(self, publication: Publication) -> None:
+        """Publish where the camera is in the vehicle anew; to be called as :meth:`publish_now`."""
+        self._publish_in_vehicle(*self._in_vehicle(publication))
+
+    def _in_vehicle(
+        self, publication: Publication
+    ) -> tuple[MarkerArray, PoseWithCovarianceStamped | None, list[TransformStamped]]:
+        """Return the messages of where the camera is, as far as its frames are known."""
+        placed, config, stamp_ns = publication.placed, publication.config, publication.stamp_ns
+        extrinsics = publication.result.extrinsics
+        assert extrinsics is not None
+        if placed is None:
+            return markers_message(extrinsics, publication.lanes, config.road_frame, stamp_ns), None, []
+        markers = markers_message(extrinsics, publication.lanes, placed.parent, stamp_ns, placed.camera)
+        sent = publication.frames_told and not placed.problem
+        transforms = transform_messages(placed, stamp_ns) if sent else []
+        return markers, pose_message(placed, stamp_ns), transforms
+
+    def _publish_in_vehicle(
+        self,
+        markers: MarkerArray,
+        pose: PoseWithCovarianceStamped | None,
+        transforms: list[TransformStamped],
+    ) -> None:
+        self._markers.publish(markers)
+        if pose is not None:
+            self._pose.publish(pose)
+        if self._tree is not None:
+            self._tree.send(transforms)
 
     def stop(self) -> None:
         """End the waiting in :meth:`publish`: the node shuts down, and the request will not be served."""
@@ -175,6 +213,8 @@ class Outputs:
         self._extrinsics.publish(deleted_message(self._node.get_fully_qualified_name(), stamp_ns, self._said))
         self._said = _EXTRINSICS
         self._markers.publish(no_markers_message())
+        if self._tree is not None:
+            self._tree.send([])
         for publisher in self._camera_infos:
             publisher.publish(no_camera_info_message(stamp_ns))
 
@@ -183,23 +223,8 @@ class Outputs:
         if request is None:
             return
         try:
-            if request.publication is None:
-                self.withdraw_now()
-            else:
-                self.publish_now(request.publication)
+            request.work()
         except Exception as error:  # noqa: BLE001 - raised again in the thread that waits
             request.error = error
         finally:
             request.done.set()
-
-
-def _transform_broadcaster(node: Node) -> Any:
-    """Return tf2's broadcaster. It is imported only where it is needed, as not every system has it."""
-    try:
-        tf2_ros = importlib.import_module("tf2_ros")
-    except ImportError as error:
-        raise ConfigError(
-            f"publish_tf is true, but tf2_ros cannot be imported ({error}): install tf2_ros_py or set "
-            "publish_tf to false"
-        ) from error
-    return tf2_ros.StaticTransformBroadcaster(node)

@@ -32,8 +32,12 @@ _ALIGNMENT_DESCRIPTION = {
     "roll_std_rad": "Standard deviation of the right camera's roll [rad]",
     "yaw_std_rad": "Standard deviation of the right camera's yaw [rad]",
 }
+_YAW_DESCRIPTION = {
+    "yaw_rad": "Yaw of the camera against the direction of travel, > 0: it points left of it [rad]",
+    "yaw_std_rad": "Standard deviation of the yaw [rad]",
+}
 # All result parameters with their descriptions; each is unset while it is not known.
-_RESULTS = {RESULT_PREFIX + name: text for name, text in _RESULT_DESCRIPTION.items()} | {
+_RESULTS = {RESULT_PREFIX + name: text for name, text in (_RESULT_DESCRIPTION | _YAW_DESCRIPTION).items()} | {
     ALIGNMENT_PREFIX + name: text for name, text in _ALIGNMENT_DESCRIPTION.items()
 }
 

@@ -18,6 +18,7 @@ from ..core.errors import RigError
 from ..core.geometry.homography import SIDES
 from .config import NodeConfig
 from .diagnostics import CalibrationReport, CameraInfoReport, ImagesReport, Snapshot, diagnostics_message
+from .frames import camera_frame
 from .inputs import StereoInput
 from .intake import IntakeWindow
 from .live import missing_info
@@ -97,7 +98,7 @@ class DiagnosticsReporter:
         return Snapshot(
             node=self._node.get_fully_qualified_name(),
             road_frame=config.road_frame,
-            camera_frame=config.camera_frame,
+            camera_frame=camera_frame(self._source, config),
             calibration=self._calibration(),
             images=self._images(config),
             camera_info=self._camera_info(config),

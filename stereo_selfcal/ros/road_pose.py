@@ -13,6 +13,7 @@ import time
 import traceback
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
@@ -23,6 +24,7 @@ from ..core.camera.pairing import stamp_to_s
 from ..core.config import CalibratorConfig
 from ..core.results import CalibrationResult
 from ..core.road_now import RoadTracker
+from ..files.frames import FrameNames, InfoFrames, place_camera
 from .activation import other_cameras
 from .calibration_keeper import ActiveCalibration
 from .config import NodeConfig
@@ -54,6 +56,7 @@ class RoadPose:
             argument is how long it may wait [s].
         active: Returns the active calibration.
         config: Returns the parameters.
+        infos: Returns what CameraInfo calls the cameras.
         clock: Steady time [s], for tests.
     """
 
@@ -63,12 +66,14 @@ class RoadPose:
         take: Callable[[float], LiveFrame | NoFrame | None],
         active: Callable[[], ActiveCalibration | None],
         config: Callable[[], NodeConfig],
+        infos: Callable[[], InfoFrames] = InfoFrames,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._node = node
         self._take = take
         self._active = active
         self._config = config
+        self._infos = infos
         self._clock = clock
         check_qos_overrides(f"{QOS_PREFIX}{node.resolve_topic_name(TOPIC)}.publisher.", start_values(node))
         self._publisher = node.create_publisher(
@@ -146,7 +151,8 @@ class RoadPose:
         if not result.accepted:
             self._why = result.message
         elif self._active() is active:  # else a reset came meanwhile, or another calibration
-            self._publisher.publish(_message(result, active, self._config(), frame.stamp_ns))
+            names, infos = self._config().frame_names, self._infos()
+            self._publisher.publish(_message(result, active, names, infos, frame.stamp_ns))
             self._sent_s.append(self._clock())
 
     def _refused(self, frame: LiveFrame | NoFrame | None, active: ActiveCalibration) -> str:
@@ -190,15 +196,16 @@ class RoadPose:
 
 
 def _message(
-    result: CalibrationResult, active: ActiveCalibration, config: NodeConfig, stamp_ns: int
+    moment: CalibrationResult, active: ActiveCalibration, names: FrameNames, infos: InfoFrames, stamp_ns: int
 ) -> PoseWithCovarianceStamped:
-    """Return the pose of a moment, with frame and layout of ``~/pose``.
+    """Return the pose of a moment, with frame and layout of ``~/pose``: the yaw is that of the mount.
 
     Args:
-        result: An accepted result of one frame.
+        moment: An accepted result of one frame.
         active: The calibration of the mount.
-        config: Parameters of the node.
+        names: The frames as they are asked for.
+        infos: What CameraInfo calls the cameras.
         stamp_ns: Stamp of the frame [ns].
     """
-    assert result.extrinsics is not None and result.covariance is not None
-    return pose_message(result.extrinsics, result.covariance, config.road_frame, stamp_ns)
+    placed = place_camera(replace(moment, travel=active.result.travel), active.rig, names, infos)
+    return pose_message(placed, stamp_ns)

@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.qos import qos_profile_parameters
@@ -23,6 +24,7 @@ from ..core.faults import FaultLog
 from ..core.lanes.lane_pair import LanePattern
 from ..core.results import CalibrationResult
 from ..core.types import Array
+from ..files.frames import InfoFrames
 from ..files.node_settings import NODE_NAME
 from .activation import Activation, FoundCalibration, other_cameras
 from .calibration import INTERRUPTED, RESET, CalibrationCall
@@ -30,6 +32,7 @@ from .calibration_keeper import CalibrationKeeper
 from .call_progress import CallProgress
 from .config import NodeConfig
 from .diagnostics import CalibrationReport
+from .frames import camera_frame, info_frames
 from .inputs import StereoInput
 from .live import LiveFrames, known_rig
 from .markers import lanes_on_road
@@ -42,9 +45,12 @@ from .parameters import NodeParameters
 from .record import FrameRecord, FrameReport
 from .reporter import DiagnosticsReporter
 from .road_pose import RoadPose
+from .shutdown import silent_after_shutdown
+from .transform_report import TransformReport
 from .views import Views
 
 _RECALIBRATE = "recalibrate"
+_FRAMES_EVERY_S = 1.0
 _BUSY = "busy: a calibration is running; call again when it has answered"
 
 
@@ -84,10 +90,18 @@ class SelfcalNode:
             self._last_answer = "not called yet"
             self._last_success: bool | None = None
             self._views = Views(
-                self.node, self._live.one, lambda: self._keeper.active, lambda: self._parameters.config
+                self.node,
+                self._live.one,
+                lambda: self._keeper.active,
+                lambda: self._parameters.config,
+                lambda: camera_frame(self._input, self._parameters.config),
             )
             self._road_pose = RoadPose(
-                self.node, self._live.one, lambda: self._keeper.active, lambda: self._parameters.config
+                self.node,
+                self._live.one,
+                lambda: self._keeper.active,
+                lambda: self._parameters.config,
+                lambda: info_frames(self._input, self._parameters.config) or InfoFrames(),
             )
             self._reporter = DiagnosticsReporter(
                 self.node, self._input, lambda: self._parameters.config, self._calibration_report
@@ -112,6 +126,10 @@ class SelfcalNode:
                 self._on_watched,
                 self.node.context.ok,
                 self.node.get_logger(),
+            )
+            # In the default callback group, in which results are published.
+            self.node.create_timer(
+                _FRAMES_EVERY_S, self._follow_frames, clock=Clock(clock_type=ClockType.STEADY_TIME)
             )
             for text in unused_start_values(self.node):
                 self.node.get_logger().warning(text)
@@ -217,6 +235,14 @@ class SelfcalNode:
             self._activation.withdraw(problem)
         return not problem
 
+    def _follow_frames(self) -> None:
+        """Have the transform follow the names of frames; that of other cameras the watch takes back."""
+        config, active = self._parameters.config, self._keeper.active
+        infos = info_frames(self._input, config)
+        with silent_after_shutdown(self.node.context):
+            if active and infos is not None and not other_cameras(active.rig, self._known_rig(config)):
+                self._activation.follow_frames(infos)
+
     def _known_rig(self, config: NodeConfig) -> StereoRig | None:
         try:
             return known_rig(self._input, config)
@@ -298,6 +324,7 @@ class SelfcalNode:
             frames=self._record.statistics,
             alignment=self._keeper.alignment,
             road_pose=self._road_pose.described,
+            transform=TransformReport(self._activation.placed, self._activation.told),
             progress=None if call is None else call.progress,
         )
 

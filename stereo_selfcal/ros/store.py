@@ -10,6 +10,7 @@ from ..core.drive.targets import Targets
 from ..core.errors import OutputError, printable
 from ..files.atomic_file import cannot_be_written, set_aside
 from ..files.exports import CAMERA_INFO, write_exports
+from ..files.frames import PlacedCamera
 from ..files.node_settings import ros_home
 from ..files.result_file import restore, restore_old_default, write_result
 from ..files.saved_result import SavedResult
@@ -40,7 +41,11 @@ def restored_calibration(saved: SavedResult, path: Path, now_s: float) -> Active
 
 
 def save(
-    active: ActiveCalibration, config: NodeConfig, source: str, targets: Targets | None = None
+    active: ActiveCalibration,
+    config: NodeConfig,
+    source: str,
+    placed: PlacedCamera | None,
+    targets: Targets | None = None,
 ) -> tuple[str, bool]:
     """Save a calibration, and export it to the formats of ``exports``.
 
@@ -48,6 +53,7 @@ def save(
         active: The calibration.
         config: Parameters of the node.
         source: Where the images came from.
+        placed: The camera in the vehicle; None where CameraInfo has not told which frame is meant.
         targets: Standard deviations that were asked for, None where none were.
 
     Returns:
@@ -73,12 +79,11 @@ def save(
     shown = printable(str(path))
     if not config.exports:
         return f"saved to {shown}{kept}", False
-    extrinsics = active.result.extrinsics
-    assert extrinsics is not None  # it was written
-    frames = config.road_frame, config.camera_frame
     try:
+        if placed is None:
+            raise OutputError("no CameraInfo has told which frame camera_frame is: call ~/calibrate again")
         pairs = active.repaired_pairs if CAMERA_INFO in config.exports else ()
-        write_exports(path, config.exports, extrinsics, active.rig, *frames, pairs)
+        write_exports(path, config.exports, placed, active.rig, pairs, config.frame_names.pair_name)
     except _FAILURES as error:
         return f"saved to {shown}, but not exported: {_reason(error, path)}{kept}", True
     return f"saved to {shown} and exported as {', '.join(config.exports)}{kept}", False

@@ -57,6 +57,7 @@ class Views:
             argument is how long it may wait [s].
         active: Returns the active calibration.
         config: Returns the parameters.
+        frame: Returns the name of the camera's frame.
         clock: Steady time [s], for tests.
     """
 
@@ -66,12 +67,14 @@ class Views:
         take: Callable[[float], LiveFrame | NoFrame | None],
         active: Callable[[], ActiveCalibration | None],
         config: Callable[[], NodeConfig],
+        frame: Callable[[], str],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._node = node
         self._take = take
         self._active = active
         self._config = config
+        self._frame = frame
         self._clock = clock
         self._debug_image, self._birds_eye = (
             _publisher(node, topic) for topic in ("~/debug_image", "~/birds_eye")
@@ -183,7 +186,7 @@ class Views:
 
     def _publish(self, publisher: Publisher, picture: Image, stamp_ns: int) -> None:
         if publisher.get_subscription_count():
-            publisher.publish(image_message(picture, self._config().camera_frame, stamp_ns))
+            publisher.publish(image_message(picture, self._frame(), stamp_ns))
 
     def _run(self) -> None:
         while not self._stopped.wait(PERIOD_S):

@@ -138,7 +138,8 @@ def test_exports_are_written_beside_the_result(bag, calibrator, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == names
     pose = yaml.safe_load((tmp_path / "out.autoware.yaml").read_text())["asphalt"]["stereo_camera"]
     saved = load_result(tmp_path / "out.yaml").extrinsics
-    assert (pose["z"], pose["pitch"], pose["roll"]) == (saved.height_m, saved.pitch_rad, saved.roll_rad)
+    expected = (saved.height_m, saved.pitch_rad, saved.roll_rad)
+    assert (pose["z"], pose["pitch"], pose["roll"]) == pytest.approx(expected, rel=1e-12)
 
 
 def test_export_without_a_result_file_has_no_place(bag, calibrator, capsys):

@@ -9,7 +9,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stereo_selfcal import Extrinsics, RigError, StereoRig
+from stereo_selfcal import CalibrationResult, Extrinsics, RigError, StereoRig
 from stereo_selfcal.core.camera.plain_camera_info import PlainCameraInfo, RegionOfInterest
 from stereo_selfcal.core.camera.rectifier import StereoRectifier
 from stereo_selfcal.core.errors import OutputError
@@ -17,9 +17,11 @@ from stereo_selfcal.core.geometry.alignment import Alignment
 from stereo_selfcal.core.geometry.camera_info_repair import repair_camera_info, repaired_pairs
 from stereo_selfcal.files.camera_info_file import format_camera_info, is_ours, read_camera_info_file
 from stereo_selfcal.files.exports import CAMERA_INFO, camera_infos, export_paths, write_exports
+from stereo_selfcal.files.frames import FrameNames, InfoFrames, place_camera
 
 RIG = StereoRig(640, 480, 516.6, 500.3, 310.5, 250.25, 0.1481)
-POSE = Extrinsics(1.4, 0.05, -0.01)
+POSED = CalibrationResult("good", extrinsics=Extrinsics(1.4, 0.05, -0.01), covariance=np.eye(3) * 1e-6)
+PLACED = place_camera(POSED, RIG, FrameNames(), InfoFrames())
 TURNED = Alignment(0.002, 0.003, -0.002, np.diag([1e-8, 1e-8, 1e-8]))
 NAMES = "d", "k", "r", "p"
 
@@ -134,7 +136,7 @@ def test_any_other_file_is_refused_in_one_line(tmp_path, content):
 def test_a_corrected_pair_is_exported_with_the_original_beside_it(tmp_path):
     originals = PlainCameraInfo.of_rig(RIG)
     pair = repair_camera_info(*originals, TURNED)
-    paths = write_exports(tmp_path / "out.yaml", [CAMERA_INFO], POSE, RIG, "road", "front", [pair])
+    paths = write_exports(tmp_path / "out.yaml", [CAMERA_INFO], None, RIG, [pair], "front")
     assert sorted(path.name for path in paths) == [
         "out.left.yaml",
         "out.left_original.yaml",
@@ -150,7 +152,7 @@ def test_a_corrected_pair_is_exported_with_the_original_beside_it(tmp_path):
     assert "# the right camera is turned back in pitch, roll, yaw (pitch +0.115 deg (std 0.006)" in right
     assert yaml.safe_load(right)["camera_name"] == "front/right"
     # Once more: what was written here may be replaced.
-    assert write_exports(tmp_path / "out.yaml", [CAMERA_INFO], POSE, RIG, "road", "front", [pair]) == paths
+    assert write_exports(tmp_path / "out.yaml", [CAMERA_INFO], None, RIG, [pair], "front") == paths
 
 
 @pytest.mark.parametrize("name", ["out.left.yaml", "out.right_original.yaml"])
@@ -158,7 +160,7 @@ def test_a_camera_info_file_of_somebody_else_is_not_replaced(tmp_path, name):
     (tmp_path / name).write_text(OF_CAMERA_CALIBRATION)
     pairs = [repair_camera_info(*PlainCameraInfo.of_rig(RIG), TURNED)]
     with pytest.raises(OutputError, match=rf"{re.escape(name)} is not replaced: .*move it away"):
-        write_exports(tmp_path / "out.yaml", ["urdf", CAMERA_INFO], POSE, RIG, "road", "front", pairs)
+        write_exports(tmp_path / "out.yaml", ["urdf", CAMERA_INFO], PLACED, RIG, pairs, "front")
     assert [path.name for path in tmp_path.iterdir()] == [name]
     assert (tmp_path / name).read_text() == OF_CAMERA_CALIBRATION
 

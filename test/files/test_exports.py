@@ -13,9 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from independent_camera import project, turn
 
-from stereo_selfcal import ConfigError, Extrinsics, StereoRig
+from stereo_selfcal import CalibrationResult, ConfigError, Extrinsics, StereoRig
 from stereo_selfcal.core.errors import OutputError
 from stereo_selfcal.files.exports import EXPORTS, export_paths, parse_exports, write_exports
+from stereo_selfcal.files.frames import FrameNames, InfoFrames, place_camera
 
 RIG = StereoRig(640, 480, 516.6, 500.3, 310.5, 250.25, 0.1481)
 ODD_FRAME = 'it\'s "the" <car> & a: #1 $HOME 路'
@@ -25,8 +26,15 @@ angles = st.floats(-1.0, 1.0)
 poses = st.builds(Extrinsics, st.floats(0.05, 20.0), angles, angles)
 
 
+def placed(pose, parent="road", child="stereo_camera"):
+    """Return a camera over the road, of which no drive has told the yaw."""
+    result = CalibrationResult("good", extrinsics=pose, covariance=np.eye(3) * 1e-6, n_frames=1)
+    names = FrameNames(road_frame=parent, camera_frame=child)
+    return place_camera(result, RIG, names, InfoFrames(of_rig=True))
+
+
 def text_of(name, pose, parent="road", child="stereo_camera"):
-    return EXPORTS[name].text(pose, RIG, parent, child)
+    return EXPORTS[name].text(placed(pose, parent, child), RIG)
 
 
 def road_points(pose, xyz, rpy):
@@ -125,10 +133,8 @@ def test_script_is_one_command_to_a_real_shell(tmp_path):
     (path,) = write_exports(
         tmp_path / "out.yaml",
         ["static_transform_publisher"],
-        Extrinsics(1.4, 1e-5, -0.01),
+        placed(Extrinsics(1.4, 1e-5, -0.01), ODD_FRAME, "$(touch x)"),
         RIG,
-        ODD_FRAME,
-        "$(touch x)",
     )
     (tmp_path / "ros2").write_text('#!/bin/sh\nfor word in "$@"; do echo "$word"; done\n')
     (tmp_path / "ros2").chmod(0o755)
@@ -159,7 +165,7 @@ def test_every_text_names_its_units_and_axes_and_is_the_same_every_time(name):
 def test_files_are_written_beside_the_result(tmp_path):
     pose = Extrinsics(1.4, math.radians(3), -0.01)
     (tmp_path / "front.autoware.yaml").write_text("an older one")
-    paths = write_exports(tmp_path / "front.yaml", list(EXPORTS), pose, RIG, "road", "front")
+    paths = write_exports(tmp_path / "front.yaml", list(EXPORTS), placed(pose, "road", "front"), RIG)
     assert [path.name for path in paths] == [
         "front.urdf.xml",
         "front.static_transform_publisher.sh",
@@ -170,20 +176,22 @@ def test_files_are_written_beside_the_result(tmp_path):
     assert sorted(tmp_path.iterdir()) == sorted(paths)
     for path, name in zip(paths, EXPORTS, strict=True):
         assert path.read_text(encoding="utf-8") == text_of(name, pose, "road", "front")
-    assert write_exports(tmp_path / "front.yaml", [], pose, RIG, "road", "front") == []
+    assert write_exports(tmp_path / "front.yaml", [], placed(pose), RIG) == []
 
 
 @pytest.mark.parametrize("frame", ["a\nb", "a\0b", "caf\udce9"])
 def test_frame_that_some_format_cannot_hold_writes_nothing(tmp_path, frame):
     with pytest.raises(OutputError, match="cannot be exported"):
-        write_exports(tmp_path / "out.yaml", list(EXPORTS), Extrinsics(1.4, 0.0, 0.0), RIG, "road", frame)
+        write_exports(
+            tmp_path / "out.yaml", list(EXPORTS), placed(Extrinsics(1.4, 0.0, 0.0), "road", frame), RIG
+        )
     assert list(tmp_path.iterdir()) == []
 
 
 def test_export_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "out.autoware.yaml").mkdir()
     with pytest.raises(OutputError, match=r"out\.autoware\.yaml cannot be written: it is not a file"):
-        write_exports(tmp_path / "out.yaml", ["autoware"], Extrinsics(1.4, 0.0, 0.0), RIG, "road", "cam")
+        write_exports(tmp_path / "out.yaml", ["autoware"], placed(Extrinsics(1.4, 0.0, 0.0)), RIG)
 
 
 @pytest.mark.parametrize(

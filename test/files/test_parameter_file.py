@@ -8,6 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stereo_selfcal import CalibratorConfig, ConfigError
+from stereo_selfcal.core.geometry.vehicle import PlaceInVehicle
+from stereo_selfcal.files.frames import FrameNames
 from stereo_selfcal.files.parameter_file import load_calibrator_config, load_frames, node_parameters
 
 # Nine lines that stand for 3^20 words.
@@ -147,9 +149,26 @@ def test_wrong_settings_name_the_file(tmp_path, setting, words):
 
 def test_frames_are_those_of_the_file_or_the_nodes_own(tmp_path):
     path = tmp_path / "config.yaml"
-    path.write_text("/**: {ros__parameters: {road_frame: asphalt, seed: 3}}")
-    assert load_frames(path) == ("asphalt", "stereo_camera")
-    assert load_frames(None) == ("road", "stereo_camera")
+    path.write_text("/**: {ros__parameters: {road_frame: asphalt, mount: {x_m: 2}, mount.y_m: -0.5}}")
+    place = PlaceInVehicle(2.0, -0.5)
+    assert load_frames(path) == FrameNames("base_footprint", "asphalt", "stereo_camera", place)
+    assert load_frames(None) == FrameNames("base_footprint", "road", "stereo_camera", PlaceInVehicle())
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ("mount.x_m: 1700", "mount.x_m is 1700: it must lie in -100 ... 100 m"),
+        ("mount.y_m: left", "mount.y_m is 'left': a number is needed"),
+        ("vehicle_frame: stereo_camera", "camera_frame and vehicle_frame are both 'stereo_camera': no frame"),
+    ],
+)
+def test_place_and_frames_that_no_vehicle_has_are_refused(tmp_path, given, words):
+    path = tmp_path / "config.yaml"
+    path.write_text(f"/**: {{ros__parameters: {{{given}}}}}")
+    with pytest.raises(ConfigError) as error:
+        load_frames(path)
+    assert words in str(error.value) and "config.yaml: " in str(error.value)
 
 
 @pytest.mark.parametrize("name", ["' '", "5", "[road]"])

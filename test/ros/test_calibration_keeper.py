@@ -17,6 +17,7 @@ from stereo_selfcal.core.geometry.mount import MountEvidence
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import rejected
 from stereo_selfcal.files import atomic_file
+from stereo_selfcal.files.frames import FrameNames, InfoFrames, place_camera
 from stereo_selfcal.files.node_settings import all_settings
 from stereo_selfcal.files.result_file import load_result
 from stereo_selfcal.ros.calibration_keeper import ActiveCalibration, CalibrationKeeper
@@ -25,6 +26,7 @@ from stereo_selfcal.ros.store import keep_aside, restored_calibration, save
 
 DEFAULTS = {setting.name: setting.default for setting in all_settings()}
 ACTIVE = ActiveCalibration(a_result(), RIG, 0.0)
+PLACED = place_camera(a_result(), RIG, FrameNames(), InfoFrames())
 OTHER_RIG = dataclasses.replace(RIG, fx=500.0)
 STEP_S = 3.0
 REJECTION = Rejection(RejectReason.NO_LINES_FOUND, "lines", 0, Bound.LEAST, 2, "", "drive on")
@@ -209,20 +211,20 @@ def test_restored_has_the_age_of_its_stamp(tmp_path):
 
 def test_saved_with_its_exports(tmp_path):
     path = tmp_path / "out.yaml"
-    text, failed = save(ACTIVE, config(output_path=str(path), exports="urdf,autoware"), "topics")
+    text, failed = save(ACTIVE, config(output_path=str(path), exports="urdf,autoware"), "topics", PLACED)
     assert (text, failed) == (f"saved to {path} and exported as urdf, autoware", False)
     assert load_result(path).extrinsics == EXTRINSICS
     assert sorted(p.name for p in tmp_path.iterdir()) == ["out.autoware.yaml", "out.urdf.xml", "out.yaml"]
 
 
 def test_without_a_path_nothing_is_saved():
-    assert save(ACTIVE, config(), "topics") == ("not saved, as output_path is empty", False)
+    assert save(ACTIVE, config(), "topics", PLACED) == ("not saved, as output_path is empty", False)
 
 
 def test_exports_that_fail_leave_the_result_saved(tmp_path):
     path = tmp_path / "out.yaml"
     (tmp_path / "out.urdf.xml").mkdir()
-    text, failed = save(ACTIVE, config(output_path=str(path), exports="urdf"), "topics")
+    text, failed = save(ACTIVE, config(output_path=str(path), exports="urdf"), "topics", PLACED)
     assert failed
     assert text.startswith(f"saved to {path}, but not exported: ")
     assert load_result(path).extrinsics == EXTRINSICS
@@ -242,7 +244,7 @@ def test_full_disk_and_read_only_folder_are_named(tmp_path, monkeypatch, code, w
     with monkeypatch.context() as patch:
         patch.setattr(atomic_file.os, "write", fails)
         better = dataclasses.replace(ACTIVE, result=a_result(n_frames=9))
-        text, failed = save(better, config(output_path=str(path)), "topics")
+        text, failed = save(better, config(output_path=str(path)), "topics", PLACED)
     assert failed
     assert text.startswith("in effect, but not saved: ")
     assert words in text
@@ -254,7 +256,7 @@ def test_a_strange_file_is_kept_aside_before_saving(tmp_path):
     path = tmp_path / "out.yaml"
     path.write_text("my diary")
     text = f"saved to {path}; what was there, not of these images, is kept as {path}.rejected"
-    assert save(ACTIVE, config(output_path=str(path)), "topics") == (text, False)
+    assert save(ACTIVE, config(output_path=str(path)), "topics", PLACED) == (text, False)
     assert (tmp_path / "out.yaml.rejected").read_text() == "my diary"
 
 

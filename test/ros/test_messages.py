@@ -11,10 +11,13 @@ pytest.importorskip("rclpy")
 
 from rcl_interfaces.msg import ParameterType
 
-from stereo_selfcal import Extrinsics
+from stereo_selfcal import CalibrationResult, Extrinsics, StereoRig
 from stereo_selfcal.core.geometry.pose import road_from_camera_rotation
+from stereo_selfcal.core.geometry.vehicle import RigidTransform
+from stereo_selfcal.files.frames import FrameNames, InfoFrames, place_camera
 from stereo_selfcal.ros.messages import extrinsics_message, pose_message, quaternion_message, time_message
 
+RIG = StereoRig(640, 480, 516.6, 500.3, 310.5, 250.25, 0.1481)
 COVARIANCE = np.array([[4.0, 0.1, 0.2], [0.1, 5.0, 0.3], [0.2, 0.3, 6.0]])
 angles = st.floats(-1.0, 1.0)
 
@@ -42,22 +45,28 @@ def test_stamp_beyond_the_last_second_is_no_error():
     assert (message.sec, message.nanosec) == (2**31 - 1, 10**9 - 1)
 
 
+def turned(pitch, roll):
+    return RigidTransform(road_from_camera_rotation(pitch, roll), np.zeros(3))
+
+
 @given(angles, angles)
 def test_quaternion_is_the_rotation_of_the_contract(pitch, roll):
-    q = quaternion_message(Extrinsics(1.0, pitch, roll))
+    q = quaternion_message(turned(pitch, roll))
     assert math.isclose(q.x**2 + q.y**2 + q.z**2 + q.w**2, 1.0)
     assert q.w > 0
     np.testing.assert_allclose(rotation(q), road_from_camera_rotation(pitch, roll), atol=1e-12)
 
 
 def test_nose_down_is_positive_pitch_about_left():
-    q = quaternion_message(Extrinsics(1.0, 0.1, 0.0))
+    q = quaternion_message(turned(0.1, 0.0))
     forward = rotation(q) @ [1, 0, 0]
     assert forward[2] < 0 < q.y
 
 
 def test_pose():
-    pose = pose_message(Extrinsics(1.25, 0.1, -0.02), COVARIANCE, "road", 1_700_000_000_000_000_001)
+    result = CalibrationResult("good", extrinsics=Extrinsics(1.25, 0.1, -0.02), covariance=COVARIANCE)
+    placed = place_camera(result, RIG, FrameNames(), InfoFrames())
+    pose = pose_message(placed, 1_700_000_000_000_000_001)
     assert pose.header.frame_id == "road"
     assert (pose.header.stamp.sec, pose.header.stamp.nanosec) == (1_700_000_000, 1)
     position = pose.pose.pose.position
@@ -65,11 +74,13 @@ def test_pose():
     matrix = np.array(pose.pose.covariance).reshape(6, 6)
     z, rot_x, rot_y = 2, 3, 4
     expected = np.zeros((6, 6))
-    expected[z, z], expected[rot_y, rot_y], expected[rot_x, rot_x] = 4.0, 5.0, 6.0
+    # The roll turns about the axis that the pitch has turned down; the road's frame turns with the camera.
+    c = math.cos(0.1)
+    expected[z, z], expected[rot_y, rot_y], expected[rot_x, rot_x] = 4.0, 5.0, 6.0 * c**2
     expected[z, rot_y] = expected[rot_y, z] = 0.1
-    expected[z, rot_x] = expected[rot_x, z] = 0.2
-    expected[rot_x, rot_y] = expected[rot_y, rot_x] = 0.3
-    np.testing.assert_array_equal(matrix, expected)
+    expected[z, rot_x] = expected[rot_x, z] = 0.2 * c
+    expected[rot_x, rot_y] = expected[rot_y, rot_x] = 0.3 * c
+    np.testing.assert_allclose(matrix, expected, rtol=0, atol=1e-12)
 
 
 def test_extrinsics_event_holds_every_parameter_with_its_type():

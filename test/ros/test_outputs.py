@@ -3,7 +3,6 @@
 import math
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,12 +13,14 @@ import rclpy
 import ros_graph
 from independent_camera import ideal_pattern, turn
 from rclpy.parameter import Parameter
+from tf2_stand_in import StandInTf2
 from visualization_msgs.msg import Marker
 
 from stereo_selfcal import CalibrationResult, ConfigError, Extrinsics
 from stereo_selfcal.core.errors import OutputError
+from stereo_selfcal.files.frames import FrameNames, InfoFrames, place_camera
 from stereo_selfcal.ros.markers import lanes_on_road, markers_message
-from stereo_selfcal.ros.messages import image_message, transform_message
+from stereo_selfcal.ros.messages import image_message, transform_messages
 from stereo_selfcal.ros.outputs import Publication
 from stereo_selfcal.ros.selfcal import SelfcalNode
 
@@ -76,8 +77,12 @@ def test_lanes_of_an_earlier_result_are_deleted():
         assert [(m.id, m.action) for m in lines] == [(0, Marker.DELETE), (1, Marker.DELETE)]
 
 
+def placed(names, result=RESULT):
+    return place_camera(result, ros_graph.RIG, names, InfoFrames())
+
+
 def test_transform_takes_camera_points_to_the_road():
-    message = transform_message(POSE, "road", "stereo_camera", STAMP_NS)
+    (message,) = transform_messages(placed(FrameNames()), STAMP_NS)
     assert (message.header.frame_id, message.child_frame_id) == ("road", "stereo_camera")
     point = np.array([10.0, 2.0, -1.0])
     expected = turn("y", POSE.pitch_rad) @ turn("x", POSE.roll_rad) @ point + [0, 0, 1.4]
@@ -112,40 +117,39 @@ def start():
     rclpy.try_shutdown()
 
 
-class Broadcaster:
-    """In the place of tf2_ros.StaticTransformBroadcaster."""
-
-    made = ()
-
-    def __init__(self, node):
-        self.sent = []
-        Broadcaster.made = (*Broadcaster.made, self)
-
-    def sendTransform(self, transform):  # noqa: N802 - the name is tf2's
-        self.sent.append(transform)
-
-
 @pytest.fixture
 def tf2(monkeypatch):
-    monkeypatch.setattr(Broadcaster, "made", ())
-    monkeypatch.setitem(sys.modules, "tf2_ros", SimpleNamespace(StaticTransformBroadcaster=Broadcaster))
+    return StandInTf2(monkeypatch)
 
 
 def publish(selfcal, result=RESULT):
-    selfcal._outputs.publish_now(Publication(result, selfcal._parameters.config, STAMP_NS))
+    config = selfcal._parameters.config
+    camera = placed(config.frame_names, result)
+    selfcal._outputs.publish_now(Publication(result, config, STAMP_NS, placed=camera))
+    return camera
 
 
 def test_transform_goes_through_tf2(start, tf2):
     selfcal = start(publish_tf=True, road_frame="asphalt", camera_frame="zed")
-    (broadcaster,) = Broadcaster.made
-    assert broadcaster.sent == []  # no result, no transform
-    publish(selfcal)
-    assert broadcaster.sent == [transform_message(POSE, "asphalt", "zed", STAMP_NS)]
+    tf2.listened(selfcal.node)
+    assert tf2.sent == []  # no result, no transform
+    camera = publish(selfcal)
+    assert tf2.sent == [transform_messages(camera, STAMP_NS)]
+    (message,) = tf2.sent[0]
+    assert (message.header.frame_id, message.child_frame_id) == ("asphalt", "zed")
+
+
+def test_transform_waits_until_the_tree_is_known(start, tf2):
+    selfcal = start(publish_tf=True)
+    camera = publish(selfcal)
+    assert tf2.sent == []
+    tf2.listened(selfcal.node)
+    assert tf2.sent == [transform_messages(camera, STAMP_NS)]
 
 
 def test_transform_is_off_by_default(start, tf2):
     publish(start())
-    assert Broadcaster.made == ()
+    assert tf2.made == [] and tf2.listeners == {}
 
 
 def test_result_that_is_not_finite_goes_nowhere(start, tf2):
@@ -153,7 +157,8 @@ def test_result_that_is_not_finite_goes_nowhere(start, tf2):
     broken = CalibrationResult("bad", extrinsics=Extrinsics(math.nan, 0.0, 0.0), covariance=np.eye(3))
     with pytest.raises(Exception, match="not finite"):
         publish(selfcal, broken)
-    assert Broadcaster.made[0].sent == []
+    tf2.listened(selfcal.node)
+    assert tf2.sent == []
 
 
 def test_shutdown_ends_the_waiting_for_a_publication(start):
@@ -169,9 +174,10 @@ def test_shutdown_ends_the_waiting_for_a_publication(start):
                 attempt.result()
 
 
-def test_missing_tf2_is_said_at_the_start(start, monkeypatch):
-    monkeypatch.setitem(sys.modules, "tf2_ros", None)
-    with pytest.raises(ConfigError, match="install tf2_ros_py or set publish_tf to false"):
+@pytest.mark.parametrize("module", ["tf2_ros", "tf2_msgs.msg"])
+def test_missing_tf2_is_said_at_the_start(start, tf2, monkeypatch, module):
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(ConfigError, match="install tf2_ros_py and tf2_msgs, or set publish_tf to false"):
         start(publish_tf=True)
     watcher = rclpy.create_node("watcher")
     assert "stereo_selfcal" not in watcher.get_node_names()  # nor does half a node stay
@@ -183,6 +189,7 @@ def test_missing_tf2_is_said_at_the_start(start, monkeypatch):
     [
         ({"road_frame": "x", "camera_frame": "x"}, "must differ"),
         ({"camera_frame": "/cam"}, "camera_frame is '/cam': frames of /tf_static"),
+        ({"vehicle_frame": "/base_link"}, "vehicle_frame is '/base_link': frames of /tf_static"),
     ],
 )
 def test_frames_that_tf_cannot_take(start, tf2, frames, words):

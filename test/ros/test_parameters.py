@@ -15,6 +15,7 @@ from ros_graph import NodeProcess
 
 from stereo_selfcal import CalibratorConfig, ConfigError
 from stereo_selfcal.core.config import flatten
+from stereo_selfcal.core.geometry.travel import YAW_NAMES
 from stereo_selfcal.files.exports import EXPORTS
 from stereo_selfcal.files.node_settings import (
     ALIGNMENT_RESULTS,
@@ -53,7 +54,7 @@ def test_declared_parameters_are_those_of_the_table_and_the_results(graph, tmp_p
     with NodeProcess(tmp_path):
         declared = {name for name in graph.list_parameters() if not name.startswith("qos_overrides.")}
         assert set(ALIGNMENT_RESULTS) <= declared
-        results = {f"extrinsics.{name}" for name in RESULT_NAMES}
+        results = {f"extrinsics.{name}" for name in (*RESULT_NAMES, *YAW_NAMES)}
         assert declared - set(FOREIGN_NAMES) == {setting.name for setting in all_settings()} | results
         names = sorted(SETTINGS)
         descriptors = dict(zip(names, graph.describe(*names), strict=True))

@@ -53,7 +53,9 @@ class Stage:
             context=SimpleNamespace(ok=lambda: True),
             get_clock=lambda: SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=11)),
         )
-        self.views = Views(node, self.take, lambda: self.active, lambda: CONFIG, lambda: self.now_s)
+        self.views = Views(
+            node, self.take, lambda: self.active, lambda: CONFIG, lambda: "zed", lambda: self.now_s
+        )
         self.image, self.above = self.publishers["~/debug_image"], self.publishers["~/birds_eye"]
 
     def take(self, timeout_s):
@@ -108,7 +110,7 @@ def test_calibrated_frame_is_shown_for_a_while_then_the_current_one(stage):
     assert stage.bars() == [SKY_BLUE, SKY_BLUE]
     assert stage.taken == [PERIOD_S]
     assert stage.image.sent[-1].header.stamp.nanosec == 9
-    assert stage.image.sent[-1].header.frame_id == "stereo_camera"
+    assert stage.image.sent[-1].header.frame_id == "zed"
 
 
 def test_refused_frame_is_shown_with_why(stage):

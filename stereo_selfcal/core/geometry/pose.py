@@ -183,15 +183,6 @@ class Extrinsics:
         """
         return cls(**{name: float(values[name]) for name in POSE_NAMES})
 
-    def as_transform(self) -> dict[str, float]:
-        """Return the transform from the camera body to the road as URDF, tf2 and Autoware have it.
-
-        Returns:
-            x, y, z [m], then roll, pitch, yaw [rad] about fixed axes, by these names.
-        """
-        translation = {"x": 0.0, "y": 0.0, "z": float(self.height_m)}
-        return translation | {"roll": float(self.roll_rad), "pitch": float(self.pitch_rad), "yaw": 0.0}
-
     def describe(self, std: Extrinsics | None = None) -> str:
         """Return the pose as people read it, in metres and degrees.
 
