@@ -56,8 +56,8 @@ class RoadPose:
             argument is how long it may wait [s].
         active: Returns the active calibration.
         config: Returns the parameters.
-        infos: Returns what CameraInfo calls the cameras.
         clock: Steady time [s], for tests.
+        infos: Returns what CameraInfo calls the cameras.
     """
 
     def __init__(
@@ -66,8 +66,8 @@ class RoadPose:
         take: Callable[[float], LiveFrame | NoFrame | None],
         active: Callable[[], ActiveCalibration | None],
         config: Callable[[], NodeConfig],
-        infos: Callable[[], InfoFrames] = InfoFrames,
         clock: Callable[[], float] = time.monotonic,
+        infos: Callable[[], InfoFrames] = InfoFrames,
     ) -> None:
         self._node = node
         self._take = take

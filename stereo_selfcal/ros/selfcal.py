@@ -101,7 +101,7 @@ class SelfcalNode:
                 self._live.one,
                 lambda: self._keeper.active,
                 lambda: self._parameters.config,
-                lambda: info_frames(self._input, self._parameters.config) or InfoFrames(),
+                infos=lambda: info_frames(self._input, self._parameters.config) or InfoFrames(),
             )
             self._reporter = DiagnosticsReporter(
                 self.node, self._input, lambda: self._parameters.config, self._calibration_report
