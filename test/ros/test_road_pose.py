@@ -9,8 +9,10 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from stereo_selfcal.core.geometry.travel import Travel
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import CalibrationResult, rejected
+from stereo_selfcal.files.frames import InfoFrames, place_camera
 from stereo_selfcal.ros import road_pose as road_pose_module
 from stereo_selfcal.ros.calibration_keeper import ActiveCalibration
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
@@ -94,10 +96,20 @@ def stage(monkeypatch):
 
 def test_the_message_is_that_of_the_pose_with_the_stamp_of_the_left_image(stage):
     (message,) = stage.step()
-    assert message == pose_message(POSE, RESULT.covariance, CONFIG.road_frame, LIVE.stamp_ns)
+    placed = place_camera(RESULT, PAPER_RIG, CONFIG.frame_names, InfoFrames())
+    assert message == pose_message(placed, LIVE.stamp_ns) and message.header.frame_id == "road"
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (9, 7)
     assert Tracker.asked == [(pytest.approx(9.000000007), 0.002)]
     assert Tracker.made == [(PAPER_RIG, RESULT)]
+
+
+def test_where_the_mount_has_a_yaw_the_message_is_in_the_vehicle_with_it(stage):
+    travel = Travel(0.03, 0.05, np.eye(2) * 1e-6, 100, 1.3, 30.0)
+    stage.active = replace(stage.active, result=replace(RESULT, travel=travel))
+    (message,) = stage.step()
+    assert message.header.frame_id == "base_footprint"
+    assert message.pose.orientation.z == pytest.approx(0.015, abs=1e-3)
+    assert message.pose.covariance[35] == pytest.approx(1e-6)
 
 
 def test_the_same_frame_is_published_once(stage):
