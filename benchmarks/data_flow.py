@@ -211,6 +211,7 @@ NOT_ON_THE_WAY = {
     "that may have no solution, derivatives, medians",
     "geometry/pose, geometry/plane, geometry/rays, geometry/homography": "frames, signs and projections",
     "geometry/vehicle": "the camera in the vehicle's frame",
+    "road_now, search/road_lines": "the road at this moment, by the known camera",
     "search/refusal, search/diagnosis, search/both_images": "why a frame is refused",
     "evidence/far_disparity, evidence/camera_yaw, evidence/rig_unknowns, "
     "evidence/rig_measurements": "what is unknown of the rig, and what shows it",

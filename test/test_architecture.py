@@ -38,6 +38,7 @@ ROOMS = (
     "results",
     "drive",
     "calibrator",
+    "road_now",
     "analysis",
 )
 

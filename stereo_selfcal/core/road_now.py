@@ -218,24 +218,24 @@ class RoadTracker:
             yaw_corrected_rad=self._yaw_rad,
             stamp_difference_s=apart_s,
         ).with_yaw(None, self._rig)
-        looks: list[_Look] = []
+        answers: list[_AnswerOfWay] = []
         ways = self._by_its_lines, self._by_its_surface
         for way in ways if self._by_lines else ways[::-1]:
-            look = way(frame, stamp_s)
-            if look is None:
+            answer = way(frame, stamp_s)
+            if answer is None:
                 continue
-            looks.append(look)
-            if look.rejection is None:
+            answers.append(answer)
+            if answer.rejection is None:
                 self._by_lines = way == self._by_its_lines
                 break
-        attempts = tuple(look.attempt for look in looks if look.attempt is not None)
-        refusals = [look.rejection for look in looks if look.rejection is not None]
-        if looks and looks[-1].rejection is None:
-            return replace(result_of(looks[-1].attempt, attempts, stamp_s), known_start=True)
+        attempts = tuple(answer.attempt for answer in answers if answer.attempt is not None)
+        refusals = [answer.rejection for answer in answers if answer.rejection is not None]
+        if answers and answers[-1].rejection is None:
+            return replace(result_of(answers[-1].attempt, attempts, stamp_s), known_start=True)
         refusal = refusals[0] if refusals else _LINES_LOST
         return rejected(refusal, stamp_s, attempts=attempts, known_start=True)
 
-    def _by_its_surface(self, frame: FrameObservations, stamp_s: float) -> _Look | None:
+    def _by_its_surface(self, frame: FrameObservations, stamp_s: float) -> _AnswerOfWay | None:
         """Return what the road surface tells, from the first start from which it is aligned."""
         if not self._config.texture.check:
             return None
@@ -254,14 +254,14 @@ class RoadTracker:
         if lacking is not None:
             what = f"the road surface is not seen from the known camera: {lacking.what}"
             numbers = lacking.value, lacking.bound, lacking.limit, lacking.unit
-            return _Look(None, Rejection(RejectReason.ROAD_WITHOUT_TEXTURE, what, *numbers, FIND_ROAD))
+            return _AnswerOfWay(None, Rejection(RejectReason.ROAD_WITHOUT_TEXTURE, what, *numbers, FIND_ROAD))
         located = surfaces[-1].located
         assert located is not None  # nothing is lacking
         self._attempt = located.attempt
         hypothesis = Hypothesis(FoundBy.SURFACE, None, texture=located)
         attempt = solve(hypothesis, replace(frame, surface=surfaces[-1]), self._rig, self._config)
         what = "the road is seen under a pose that differs from that of the mount in {axis} by {value}"
-        return _look(attempt, stamp_s, self._mount, what, np.array(HARD_RIDE_STD))
+        return _answer_of_way(attempt, stamp_s, self._mount, what, np.array(HARD_RIDE_STD))
 
     def _expected(self, stamp_s: float) -> Extrinsics:
         """Return the pose that is most probable: the last one, which fades into that of the mount."""
@@ -272,7 +272,7 @@ class RoadTracker:
             expected = expected + lasts * (last.pose.as_array() - expected)
         return Extrinsics.from_array(expected)
 
-    def _by_its_lines(self, frame: FrameObservations, stamp_s: float) -> _Look | None:
+    def _by_its_lines(self, frame: FrameObservations, stamp_s: float) -> _AnswerOfWay | None:
         """Return what the lines of the road tell; None where none were seen lately."""
         lines = self._lines
         if lines is None or self._config.texture.required:
@@ -281,18 +281,18 @@ class RoadTracker:
             return None
         before = RoadPose(lines.camera.stamp_s, lines.camera.pose, lines.camera.covariance)
         what = "the lines of the road show a pose that differs from the one before in {axis} by {value}"
-        first: _Look | None = None
+        first: _AnswerOfWay | None = None
         for attempt, after in lines.attempts(frame, stamp_s, self._rig, self._config):
-            look = _look(attempt, stamp_s, before, what, before.motion_to(stamp_s))
-            if look.rejection is None and after is not None:
+            answer = _answer_of_way(attempt, stamp_s, before, what, before.motion_to(stamp_s))
+            if answer.rejection is None and after is not None:
                 self._lines = after
-                return look
-            first = first or replace(look, rejection=look.rejection or _LINES_LOST)
-        return first or _Look(None, _LINES_LOST)
+                return answer
+            first = first or replace(answer, rejection=answer.rejection or _LINES_LOST)
+        return first or _AnswerOfWay(None, _LINES_LOST)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Look:
+class _AnswerOfWay:
     """What one way to look at a frame has found.
 
     Attributes:
@@ -304,7 +304,9 @@ class _Look:
     rejection: Rejection | None = None
 
 
-def _look(attempt: Attempt, stamp_s: float, before: RoadPose, what: str, moved_std: Array) -> _Look:
+def _answer_of_way(
+    attempt: Attempt, stamp_s: float, before: RoadPose, what: str, moved_std: Array
+) -> _AnswerOfWay:
     """Return an attempt, refused where no motion explains how its pose differs from one before.
 
     Args:
@@ -315,13 +317,13 @@ def _look(attempt: Attempt, stamp_s: float, before: RoadPose, what: str, moved_s
         moved_std: (3,) standard deviations of the motion [m, rad, rad].
     """
     if attempt.estimate is None or not attempt.accepted:
-        return _Look(attempt, attempt.rejection or _not_fitted(attempt))
+        return _AnswerOfWay(attempt, attempt.rejection or _not_fitted(attempt))
     now = RoadPose(stamp_s, attempt.estimate.pose, attempt.estimate.covariance)
     reading = before.difference(now, what, moved_std)
     if reading.passed:
-        return _Look(attempt)
+        return _AnswerOfWay(attempt)
     numbers = reading.value, reading.bound, reading.threshold, reading.unit
-    return _Look(attempt, Rejection(RejectReason.TEXTURE_DISAGREES, reading.what, *numbers, _MOVED))
+    return _AnswerOfWay(attempt, Rejection(RejectReason.TEXTURE_DISAGREES, reading.what, *numbers, _MOVED))
 
 
 def _not_fitted(attempt: Attempt) -> Rejection:

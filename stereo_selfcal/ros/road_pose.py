@@ -47,7 +47,7 @@ NOT_CALIBRATED = "there is no active calibration: call ~/calibrate"
 CALL_RUNNING = "a call of ~/calibrate has all images, or the node shuts down"
 
 
-class RoadPose:
+class RoadPosePublisher:
     """Follows the road and publishes the pose over it, in a thread of its own.
 
     Args:

@@ -44,7 +44,7 @@ from .pair_source import known_rectifier
 from .parameters import NodeParameters
 from .record import FrameRecord, FrameReport
 from .reporter import DiagnosticsReporter
-from .road_pose import RoadPose
+from .road_pose import RoadPosePublisher
 from .shutdown import silent_after_shutdown
 from .transform_report import TransformReport
 from .views import Views
@@ -96,7 +96,7 @@ class SelfcalNode:
                 lambda: self._parameters.config,
                 lambda: camera_frame(self._input, self._parameters.config),
             )
-            self._road_pose = RoadPose(
+            self._road_pose = RoadPosePublisher(
                 self.node,
                 self._live.one,
                 lambda: self._keeper.active,

@@ -18,7 +18,7 @@ from stereo_selfcal.ros.calibration_keeper import ActiveCalibration
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
 from stereo_selfcal.ros.live import LiveFrame, NoFrame
 from stereo_selfcal.ros.messages import pose_message
-from stereo_selfcal.ros.road_pose import NOT_CALIBRATED, PERIOD_S, SILENT_S, RoadPose
+from stereo_selfcal.ros.road_pose import NOT_CALIBRATED, PERIOD_S, SILENT_S, RoadPosePublisher
 from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene
 
 CONFIG = NodeConfig.from_values({name: setting.default for name, setting in SETTINGS.items()})
@@ -72,7 +72,9 @@ class Stage:
             context=SimpleNamespace(ok=lambda: True),
             get_logger=lambda: SimpleNamespace(error=lambda text, **_: self.logged.append(text)),
         )
-        self.road = RoadPose(node, self.take, lambda: self.active, lambda: CONFIG, lambda: self.now_s)
+        self.road = RoadPosePublisher(
+            node, self.take, lambda: self.active, lambda: CONFIG, lambda: self.now_s
+        )
         self.road._stopped.wait = lambda _s: False  # no time is lost by waiting
 
     def take(self, timeout_s):
