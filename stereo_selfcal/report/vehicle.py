@@ -61,7 +61,7 @@ def yaw_chart(replay: Replay) -> list[dict[str, str]]:
     return [{"title": "Yaw [deg], against the direction of travel", "svg": svg}]
 
 
-def travel_section(estimate: CalibrationResult) -> dict[str, Any] | None:
+def vehicle_section(estimate: CalibrationResult) -> dict[str, Any] | None:
     """Return what the section of the vehicle says; None while the yaw is not known.
 
     Args:
