@@ -85,7 +85,9 @@ def test_nothing_is_shown_while_the_yaw_is_unknown(unknown):
     outcome = replay(unknown, [step(i) for i in range(N_FRAMES - 1)])
     assert yaw_chart(outcome) == [] and vehicle_section(outcome.estimate) is None
     text = page(outcome)
-    assert 'id="vehicle"' not in text and "direction of travel" not in text
+    assert (
+        'id="vehicle"' not in text and "Yaw [deg]" not in text and "</span> direction of travel" not in text
+    )
     assert text == page(replace(outcome, travel_steps=()))
 
 
