@@ -23,9 +23,8 @@ import numpy as np
 from stereo_selfcal import Calibrator, CalibratorConfig, Extrinsics
 from stereo_selfcal.cli import limits as limits_command
 from stereo_selfcal.core.estimators.fitness import PatternFitness
-from stereo_selfcal.core.geometry.pose import road_from_camera_rotation
 from stereo_selfcal.core.lanes.stripe_points import find_stripe_points
-from stereo_selfcal.core.types import Array, Image
+from stereo_selfcal.core.types import Image
 from stereo_selfcal.pictures.birds_eye import draw_birds_eye
 from stereo_selfcal.pictures.camera_view import draw_camera_view
 from stereo_selfcal.pictures.canvas import DARK, VERMILION, WHITE, Canvas
@@ -38,159 +37,14 @@ from stereo_selfcal.synth.worlds import RIGS, named_world, render_world
 from . import outputs
 from .alignment_drawing import alignment_svg
 from .data_flow import data_flow_svg
+from .frames_drawing import frames_svg
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "figures"
 
 _WIDTH_PX = 960
 _JPEG_QUALITY = 85
 
-# Angles of the drawing, much larger than those of any car, to be seen.
-_PITCH, _ROLL, _YAW = math.radians(14), math.radians(14), math.radians(18)
-_INK, _ROAD, _CAMERA, _ANGLE = "#333333", "#0072b2", "#d55e00", "#009e73"  # Okabe and Ito
-
 _GAP_PX = 6
-
-
-def frames_svg() -> bytes:
-    """Draw the frames and the signs: from the side, from behind, from above."""
-    side = _Panel("from the right side", "pitch > 0: nose down", right=(1, 0, 0), up=(0, 0, 1), left=20)
-    behind = _Panel("from behind", "roll > 0: right side down", right=(0, -1, 0), up=(0, 0, 1), left=350)
-    above = _Panel(
-        "from above", "lane_yaw > 0: points left of the lane", right=(0, -1, 0), up=(1, 0, 0), left=680
-    )
-    side.pose(road_from_camera_rotation(_PITCH, 0.0), height=118, axes="xz", turned="x", name="pitch")
-    behind.pose(road_from_camera_rotation(0.0, _ROLL), height=118, axes="yz", turned="y", name="roll")
-    above.lane(road_from_camera_rotation(0.0, 0.0, _YAW))
-    body = "\n".join(line for panel in (side, behind, above) for line in panel.parts)
-    return f"""<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1010 330"
- font-family="sans-serif" font-size="14">
-<title>Frames and signs of stereo_selfcal</title>
-<defs>{"".join(_arrow_head(colour) for colour in (_INK, _ROAD, _CAMERA, _ANGLE))}</defs>
-<rect width="1010" height="330" rx="6" fill="#ffffff"/>
-{body}
-</svg>
-""".encode()
-
-
-class _Panel:
-    """One view of the drawing: an orthographic projection of road coordinates."""
-
-    def __init__(
-        self, title: str, sign: str, right: tuple[int, ...], up: tuple[int, ...], left: float
-    ) -> None:
-        self._axes = np.array([right, [-value for value in up]], dtype=float)  # rows of an SVG run down
-        self._left = left
-        self._origin = np.array([left + 120.0, 255.0])
-        self.parts = [
-            _text((left + 155, 30), f"<tspan font-weight='bold'>{title}</tspan>", _INK, "middle"),
-            _text((left + 155, 312), _escaped(sign), _ANGLE, "middle"),
-        ]
-
-    def pose(self, rotation: Array, height: float, axes: str, turned: str, name: str) -> None:
-        """Draw road frame, camera frame at a height, and the angle between one pair of axes."""
-        if axes[0] == "y":  # left is to the left here: room for it
-            self._origin[0] += 90
-        eye = np.array([0.0, 0.0, height])
-        ends = self._at([0, 0, 0]), self._at(eye)
-        ground = self._origin[1]
-        self.parts.append(
-            f'<line x1="{self._left + 10}" y1="{ground}" x2="{self._left + 300}" y2="{ground}" '
-            f'stroke="#999999" stroke-width="5"/>'
-        )
-        self.parts.append(_line(*ends, _INK, dash=True))
-        middle = (ends[0] + ends[1]) / 2
-        self.parts.append(_text((middle[0] - 8, middle[1] + 5), "height", _INK, "end"))
-        self._frame(np.zeros(3), np.eye(3), axes, 70, _ROAD, aside=(11, -3))
-        level = np.eye(3)["xyz".index(turned)]
-        self.parts.append(_line(self._at(eye), self._at(eye + 130 * level), "#999999", dash=True))
-        self._camera(eye, rotation, axes)
-        self._frame(eye, rotation, axes, 88, _CAMERA)
-        self._angle(eye, level, rotation @ level, 120, name)
-
-    def lane(self, rotation: Array) -> None:
-        """Draw a lane from above, and a camera that does not look along it."""
-        self._origin = np.array([self._left + 155.0, 225.0])
-        for offset in (-120, 120):
-            self.parts.append(
-                _line(self._at([-40, offset, 0]), self._at([185, offset, 0]), "#999999", width=6)
-            )
-        forward = np.array([1.0, 0.0, 0.0])
-        self.parts.append(_line(self._at([0, 0, 0]), self._at([150, 0, 0]), "#999999", dash=True))
-        self.parts.append(_text(self._at([160, 0, 0]), "along the lane", _INK, "middle"))
-        self._camera(np.zeros(3), rotation, "yx")
-        self._frame(np.zeros(3), rotation, "xy", 95, _CAMERA)
-        self._angle(np.zeros(3), forward, rotation @ forward, 125, "lane_yaw")
-
-    def _at(self, point: Sequence[float] | Array) -> Array:
-        place: Array = self._origin + self._axes @ np.asarray(point, dtype=float)
-        return place
-
-    def _frame(
-        self,
-        origin: Array,
-        rotation: Array,
-        axes: str,
-        length: float,
-        colour: str,
-        aside: tuple[int, int] = (0, 5),
-    ) -> None:
-        for name in axes:
-            direction = rotation[:, "xyz".index(name)]
-            end = self._at(origin + length * direction)
-            self.parts.append(_line(self._at(origin), end, colour, arrow=True, width=2.5))
-            shift = (-aside[0], aside[1]) if name == "y" else aside
-            label = self._at(origin + (length + (14 if aside[0] == 0 else 0)) * direction)
-            self.parts.append(_text(label + shift, name, colour, "middle"))
-
-    def _camera(self, origin: Array, rotation: Array, axes: str) -> None:
-        """Draw the body of the rig: a box along the first of the axes shown."""
-        half = {"x": 16.0, "y": 42.0, "z": 11.0}
-        first, second = (rotation[:, "xyz".index(name)] * half[name] for name in axes)
-        corners = [self._at(origin + a * first + b * second) for a, b in ((1, 1), (1, -1), (-1, -1), (-1, 1))]
-        path = " ".join(f"{x:.1f},{y:.1f}" for x, y in corners)
-        self.parts.append(f'<polygon points="{path}" fill="#f0d0b0" stroke="{_CAMERA}"/>')
-
-    def _angle(self, origin: Array, start: Array, end: Array, radius: float, name: str) -> None:
-        """Draw the angle from one direction to another as an arc with an arrow."""
-        steps = np.linspace(0.0, 1.0, 13)
-        directions = [(1 - t) * start + t * end for t in steps]
-        points = [self._at(origin + radius * d / np.linalg.norm(d)) for d in directions]
-        path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
-        self.parts.append(
-            f'<polyline points="{path}" fill="none" stroke="{_ANGLE}" stroke-width="2.5" '
-            f'marker-end="url(#head{_ANGLE[1:]})"/>'
-        )
-        middle = directions[6] / np.linalg.norm(directions[6])
-        outwards = self._at(origin + (radius + 12) * middle)
-        anchor = "start" if outwards[0] > points[6][0] + 4 else "end"
-        self.parts.append(_text((outwards[0], outwards[1] + 5), name, _ANGLE, anchor))
-
-
-def _line(
-    a: Array, b: Array, colour: str, dash: bool = False, arrow: bool = False, width: float = 1.5
-) -> str:
-    more = ' stroke-dasharray="5 4"' if dash else ""
-    more += f' marker-end="url(#head{colour[1:]})"' if arrow else ""
-    return (
-        f'<line x1="{a[0]:.1f}" y1="{a[1]:.1f}" x2="{b[0]:.1f}" y2="{b[1]:.1f}" '
-        f'stroke="{colour}" stroke-width="{width}"{more}/>'
-    )
-
-
-def _text(place: Sequence[float] | Array, text: str, colour: str, anchor: str) -> str:
-    return f'<text x="{place[0]:.1f}" y="{place[1]:.1f}" fill="{colour}" text-anchor="{anchor}">{text}</text>'
-
-
-def _arrow_head(colour: str) -> str:
-    return (
-        f'<marker id="head{colour[1:]}" viewBox="0 0 10 10" refX="8" refY="5" '
-        f'markerWidth="5" markerHeight="5" orient="auto">'
-        f'<path d="M0 0 L10 5 L0 10 z" fill="{colour}"/></marker>'
-    )
-
-
-def _escaped(text: str) -> str:
-    return text.replace("&", "&amp;").replace(">", "&gt;").replace("<", "&lt;")
 
 
 def overview() -> bytes:

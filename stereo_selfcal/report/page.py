@@ -30,7 +30,7 @@ from .remedies import remedy_of
 from .travel import travel_sentence
 from .tried import tried
 from .uncertainty import uncertainty_table, unit_symbol
-from .vehicle import travel_section, yaw_chart
+from .vehicle import vehicle_section, yaw_chart
 
 _TEMPLATE = "report.html.j2"
 _MOST_CAUSES = 3  # named in the verdict
@@ -60,7 +60,7 @@ def render_report(source: FrameSource, replay: Replay) -> str:
         counts=_counts(rows),
         pictures=pictures(source, replay),
         charts=[*charts(rows, drive), *yaw_chart(replay)],
-        vehicle=travel_section(replay.estimate),
+        vehicle=vehicle_section(replay.estimate),
         alignment=alignment_section(replay),
         residuals=residuals(rows, drive),
         gates=gates(rows),

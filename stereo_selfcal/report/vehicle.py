@@ -61,7 +61,7 @@ def yaw_chart(replay: Replay) -> list[dict[str, str]]:
     return [{"title": "Yaw [deg], against the direction of travel", "svg": svg}]
 
 
-def travel_section(estimate: CalibrationResult) -> dict[str, Any] | None:
+def vehicle_section(estimate: CalibrationResult) -> dict[str, Any] | None:
     """Return what the section of the vehicle says; None while the yaw is not known.
 
     Args:
@@ -75,7 +75,7 @@ def travel_section(estimate: CalibrationResult) -> dict[str, Any] | None:
     sketch = _Sketch(travel)
     return {
         "sentence": f"The camera points {abs(yaw_deg):.2f}° (standard deviation {std_deg}°) to the {side} "
-        f"of the direction of travel, by {travel.n_steps} steps of the drive.",
+        "of the direction of travel.",
         "svg": sketch.svg(),
         "drawn": sketch.remark,
     }

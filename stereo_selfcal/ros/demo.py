@@ -240,7 +240,13 @@ def _write_picture(frame: StereoFrame, saved: SavedResult, path: Path) -> str:
     calibrator = Calibrator(saved.rig, config)
     result = calibrator.add(frame.left, frame.right, frame.stamp_s)
     # Lines and gates are those of the frame; the calibration is that of the mount, as the node has answered.
-    of_mount = replace(result, extrinsics=saved.extrinsics, covariance=saved.covariance, uncertainty=())
+    of_mount = replace(
+        result,
+        extrinsics=saved.extrinsics,
+        covariance=saved.covariance,
+        uncertainty=(),
+        travel=saved.evidence.travel,
+    )
     picture = draw_overview(frame.left, frame.right, saved.rig, of_mount if result.accepted else result)
     encoded, png = cv2.imencode(path.suffix, picture)
     if not encoded:

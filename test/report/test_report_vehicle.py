@@ -18,7 +18,7 @@ from stereo_selfcal.core.drive.drive import Drive, DriveSegment
 from stereo_selfcal.core.geometry.travel import Travel
 from stereo_selfcal.offline import FrameRow, Replay, Selection
 from stereo_selfcal.report.page import render_report
-from stereo_selfcal.report.vehicle import travel_section, yaw_chart
+from stereo_selfcal.report.vehicle import vehicle_section, yaw_chart
 from stereo_selfcal.synth.scenes import PAPER_RIG
 
 POSE = Extrinsics(1.4, 0.05, 0.0)
@@ -83,9 +83,11 @@ def test_in_bends_the_dots_have_what_the_lever_does_taken_off():
 @pytest.mark.parametrize("unknown", [None, travel(std_rad=math.radians(1.01))])
 def test_nothing_is_shown_while_the_yaw_is_unknown(unknown):
     outcome = replay(unknown, [step(i) for i in range(N_FRAMES - 1)])
-    assert yaw_chart(outcome) == [] and travel_section(outcome.estimate) is None
+    assert yaw_chart(outcome) == [] and vehicle_section(outcome.estimate) is None
     text = page(outcome)
-    assert 'id="vehicle"' not in text and "of the yaw, the motion" not in text
+    assert (
+        'id="vehicle"' not in text and "Yaw [deg]" not in text and "</span> direction of travel" not in text
+    )
     assert text == page(replace(outcome, travel_steps=()))
 
 
@@ -126,14 +128,14 @@ def angle_drawn_deg(section):
     ],
 )
 def test_the_sketch_says_how_much_it_exaggerates(yaw_deg, factor, words):
-    section = travel_section(replay(travel(math.radians(yaw_deg))).estimate)
+    section = vehicle_section(replay(travel(math.radians(yaw_deg))).estimate)
     assert angle_drawn_deg(section) == pytest.approx(factor * yaw_deg, abs=0.1)
     assert words in section["sentence"]
     assert (f"drawn {factor} times as large" in section["drawn"]) == (factor > 1)
 
 
 def test_a_large_yaw_is_drawn_smaller_and_said_so():
-    section = travel_section(replay(travel(math.radians(-60.0))).estimate)
+    section = vehicle_section(replay(travel(math.radians(-60.0))).estimate)
     assert angle_drawn_deg(section) == pytest.approx(-25.0, abs=0.1)
     assert "smaller than it is" in section["drawn"]
 
@@ -141,7 +143,7 @@ def test_a_large_yaw_is_drawn_smaller_and_said_so():
 @pytest.mark.parametrize("yaw_deg", [-60.0, -2.9, -0.4, 0.0, 0.4, 2.9, 60.0])
 def test_no_text_of_the_sketch_is_cut_off_and_none_overlap(yaw_deg):
     """Not on a phone either, where letters are 22 units high and at most 0.62 as wide on average."""
-    svg = travel_section(replay(travel(math.radians(yaw_deg))).estimate)["svg"]
+    svg = vehicle_section(replay(travel(math.radians(yaw_deg))).estimate)["svg"]
     _, _, width, height = map(float, ElementTree.fromstring(svg).get("viewBox").split())
     boxes = []
     for text in (e for e in ElementTree.fromstring(svg).iter() if e.tag.endswith("text")):
