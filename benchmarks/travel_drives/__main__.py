@@ -28,12 +28,18 @@ def main(arguments: list[str]) -> int:
     cv2.setNumThreads(1)
     revision = chosen.revision or estimator_revision()
     wanted = plans(chosen.seed, chosen.first, chosen.count, small=not chosen.full)
-    run(wanted, chosen.each, revision, lambda text: print(text, flush=True), chosen.budget_s)
+    run(wanted, chosen.each, revision, say, chosen.budget_s)
     verdicts = [each for each in read(chosen.each) if each.revision == revision]
     for table in tables(verdicts):
         if table.shown:
-            print(f"\n{table.markdown()}")
+            say(f"\n{table.markdown()}")
     return 0
+
+
+def say(text: str) -> None:
+    """Print a text at once."""
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -15,8 +15,8 @@ import numpy as np
 from ..second_worlds.cameras import Array
 
 GRAVITY_MPS2 = 9.81
-# Carriageways fall by 2.5 % to a side to let rain run off (Germany: RAL, RASt; AASHTO: 1.5 to 2 %); to the right,
-# where one drives on the right.
+# Carriageways fall by 2.5 % to a side to let rain run off (Germany: RAL, RASt; AASHTO: 1.5
+# to 2 %); to the right, where one drives on the right.
 USUAL_FALL = 0.025
 _AIR_KG_M3 = 1.2
 # ISO 8608: displacement spectra of class A (very good) and B (good) at 0.1 waves per metre.
@@ -88,21 +88,22 @@ class Car:
 def any_car(rng: np.random.Generator) -> Car:
     """Return a car of any size.
 
-    Rajamani's example has 1573 kg, 2873 kg m^2, 1.1 and 1.58 m, and 160 kN/rad an axle. Slip of the rear axle
-    per lateral acceleration, which follows, is 0.2 to 0.5 deg per m/s^2 of passenger cars (Gillespie, chapter
-    6; with the compliance of suspensions that is in the stiffness of an axle here). The yaw inertia is about
+    Rajamani's example has 1573 kg, 2873 kg m^2, 1.1 and 1.58 m, and 160 kN/rad an axle. So much is 18 and
+    25 /rad per newton of load; radial tyres alone have about 12 /rad (Gillespie, chapter 6). The slip of the rear
+    axle is 2 to 5 deg for each g here, with the compliance of the suspension. The yaw inertia is about
     mass x front x rear. Body frequencies of 1.0 to 1.5 Hz with a rear one that is higher (Olley; Gillespie,
-    chapter 5), pitch of 1 to 3 deg and roll of 3 to 7 deg for each g (Gillespie; Milliken and Milliken, 1995),
-    and side force coefficients of 2 to 2.6 per radian (Hucho, "Aerodynamics of Road Vehicles", chapter 5).
+    chapter 5), pitch of 1 to 3 deg and roll of 3 to 7 deg for each g (Gillespie; Milliken and Milliken,
+    1995), and side force coefficients of 2 to 2.6 per radian (Hucho, "Aerodynamics of Road Vehicles",
+    chapter 5).
     """
     wheelbase = float(rng.uniform(2.45, 2.95))
     mass = float(rng.uniform(1100, 2000))
     front = wheelbase * float(rng.uniform(0.40, 0.50))
     rear = wheelbase - front
-    # Of an axle: per newton of its load 10 to 15 /rad, a little more at the rear: cars understeer.
-    per_load = float(rng.uniform(9.0, 14.0))
+    # Of an axle, per newton of its load; more at the rear: cars understeer.
+    per_load = float(rng.uniform(10.0, 18.0))
     front_stiffness = per_load * mass * GRAVITY_MPS2 * rear / wheelbase
-    rear_stiffness = per_load * float(rng.uniform(1.05, 1.35)) * mass * GRAVITY_MPS2 * front / wheelbase
+    rear_stiffness = per_load * float(rng.uniform(1.1, 1.45)) * mass * GRAVITY_MPS2 * front / wheelbase
     heave = float(rng.uniform(1.0, 1.4))
     # From behind the windscreen (1.3 to 2 m ahead of the rear axle) to a roof rack or the bonnet.
     ahead = float(rng.uniform(0.9, 2.3))
@@ -147,8 +148,8 @@ class Profile:
 def profile(start_m: float, end_m: float, name: str, share: float, rng: np.random.Generator) -> Profile:
     """Return a rough road of a class of ISO 8608.
 
-    Its slope is white noise (the spectrum of its heights falls with the square of the waves per metre), without
-    what is longer than the roughness, and evened out by the tyre.
+    Its slope is white noise (the spectrum of its heights falls with the square of the waves per metre),
+    without what is longer than the roughness, and evened out by the tyre.
 
     Args:
         start_m: Where it begins.

@@ -100,7 +100,7 @@ def driven(
 
 
 def wander(n: int, memory_s: float, rng: np.random.Generator) -> Array:
-    """Return noise of standard deviation 1 of which the memory decays, twice filtered so that it is smooth."""
+    """Return smooth noise of standard deviation 1 of which the memory decays."""
     keep = math.exp(-STEP_S / memory_s)
     values, first, second = np.empty(n), 0.0, 0.0
     noise = rng.standard_normal(n + round(6 * memory_s / STEP_S))
@@ -210,7 +210,9 @@ def _on_springs(
     a, b = car.front_m, car.rear_m
     share = (b / car.wheelbase_m, a / car.wheelbase_m)  # of the mass on either axle
     stiff = tuple(part * (2 * math.pi * hz) ** 2 for part, hz in zip(share, car.heave_hz, strict=True))
-    damp = tuple(2 * car.damping * part * 2 * math.pi * hz for part, hz in zip(share, car.heave_hz, strict=True))
+    damp = tuple(
+        2 * car.damping * part * 2 * math.pi * hz for part, hz in zip(share, car.heave_hz, strict=True)
+    )
     inertia = a * b  # of pitch, per mass: each end bounces by itself (Gillespie, chapter 5)
     firm = a * a * stiff[0] + b * b * stiff[1]
     omega = 2 * math.pi * car.roll_hz
@@ -220,7 +222,9 @@ def _on_springs(
     roll = car.lean_rad * float(plane["pull"][0])
     before = (middle.at(s[0] + a), middle.at(s[0] - b), 0.0)
     heave_all, nose_all, roll_all = np.empty(len(s)), np.empty(len(s)), np.empty(len(s))
-    for index, (place, pull, gained) in enumerate(zip(s.tolist(), plane["pull"].tolist(), gain.tolist(), strict=True)):
+    for index, (place, pull, gained) in enumerate(
+        zip(s.tolist(), plane["pull"].tolist(), gain.tolist(), strict=True)
+    ):
         now = (middle.at(place + a), middle.at(place - b), skew.at(place) / 1.5)
         rise = [(here - there) / STEP_S for here, there in zip(now, before, strict=True)]
         before = now

@@ -101,7 +101,9 @@ class Film:
     def _pose(self, step: int) -> tuple[Array, Array]:
         """Return rotation and place of the middle of the baseline in the world."""
         ride, mounted = self.ride, self.mounted
-        body = rotation(float(ride.heading_rad[step]), float(ride.pitch_rad[step]), float(ride.roll_rad[step]))
+        body = rotation(
+            float(ride.heading_rad[step]), float(ride.pitch_rad[step]), float(ride.roll_rad[step])
+        )
         ahead, left, up = self.car.camera_m
         centre = ride.place_m[step] + body @ np.array([ahead - self.car.rear_m, left, up])
         return body @ rotation(mounted.yaw_rad, mounted.pitch_rad, mounted.roll_rad), centre

@@ -149,7 +149,9 @@ def _verdict(
     )
 
 
-def run(wanted: list[Plan], path: Path, revision: str, say: Callable[[str], object], budget_s: float = math.inf) -> None:
+def run(
+    wanted: list[Plan], path: Path, revision: str, say: Callable[[str], object], budget_s: float = math.inf
+) -> None:
     """Judge drives one after the other, and add each to a file as soon as it is judged.
 
     Args:
@@ -176,9 +178,10 @@ def run(wanted: list[Plan], path: Path, revision: str, say: Callable[[str], obje
             writer.writerows(asdict(each) for each in verdicts)
         end = verdicts[-1]
         say(
-            f"{plan.seed}/{plan.index} {plan.name} {plan.rig} {plan.surroundings.value} {plan.hour.value}: yaw "
-            f"{end.yaw_error_deg:+.3f} ({end.yaw_std_deg:.3f}), pitch {end.pitch_error_deg:+.3f} "
-            f"({end.pitch_std_deg:.3f}), {end.n_steps} steps of {end.frames}, {time.monotonic() - begin:.0f} s"
+            f"{plan.seed}/{plan.index} {plan.name} {plan.rig} {plan.surroundings.value} {plan.hour.value}: "
+            f"yaw {end.yaw_error_deg:+.3f} ({end.yaw_std_deg:.3f}), pitch {end.pitch_error_deg:+.3f} "
+            f"({end.pitch_std_deg:.3f}), {end.n_steps} steps of {end.frames}, "
+            f"{time.monotonic() - begin:.0f} s"
         )
 
 
@@ -197,7 +200,6 @@ def read(path: Path) -> list[Verdict]:
 
 def drive_tables(options: Options) -> Iterator[Table]:
     """Judge a series of drives, or those of it that are not in the file yet, and say what they are worth."""
-
     small = plans(options.seed, 0, min(options.drives, _SMALL_DRIVES), small=True)
     revision = estimator_revision()
     run(small, EACH, revision, lambda text: None)

@@ -12,7 +12,7 @@ from stereo_selfcal import StereoRig
 
 from ..second_worlds.cameras import Array, Turn
 from ..second_worlds.sensors import Sensor
-from .cars import USUAL_FALL, Car, any_car
+from .cars import USUAL_FALL, any_car
 from .driving import STEP_S, Driver, Weather, driven
 from .filming import Film, Mounted
 from .streets import Hour, OtherCar, Surroundings, other_car, street
@@ -116,9 +116,7 @@ def plans(seed: int, first: int, count: int, *, small: bool) -> list[Plan]:
         course, duration, surroundings, hour = _CYCLE[index % len(_CYCLE)]
         # Seventeen courses and three rigs: each course meets each rig.
         rig = _NAMES[index % len(_NAMES)]
-        result.append(
-            Plan(seed, index, course, duration, rig, 0.5 if small else 1.0, surroundings, hour)
-        )
+        result.append(Plan(seed, index, course, duration, rig, 0.5 if small else 1.0, surroundings, hour))
     return result
 
 
@@ -185,9 +183,7 @@ def drive(plan: Plan) -> Drive:
         "mean_turn_deg_s": math.degrees(float(ride.turn_rad_s.mean())),
         "rms_turn_deg_s": math.degrees(float(np.sqrt(np.mean(ride.turn_rad_s**2)))),
     }
-    return Drive(
-        plan, film, times, mounted.yaw_rad + car.crab_rad(USUAL_FALL), mounted.pitch_rad, labels
-    )
+    return Drive(plan, film, times, mounted.yaw_rad + car.crab_rad(USUAL_FALL), mounted.pitch_rad, labels)
 
 
 def _scaled(rig: StereoRig, scale: float) -> StereoRig:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields, replace
 from enum import Enum
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +18,8 @@ from ..second_worlds.roads import Alignment
 from ..second_worlds.scenes import Light, Stripe, Surface
 from .ways import Way
 
-SEEN_M = (-3.0, 85.0)  # of what stands beside the road, behind and before the camera
+SEEN_M = (-3.0, 65.0)  # of what stands beside the road, behind and before the camera
+_LEAST_SIZE = 0.03  # of what is drawn, for each metre of distance: ten pixels or so
 _GROUND_M = 140.0  # of the road itself
 _LANE_M = 3.5
 _HILLS_M = 4000.0
@@ -60,11 +62,19 @@ class Street:
     stripes: tuple[Stripe, ...]
     light: Light
 
+    @cached_property
+    def size_m(self) -> Array:
+        """Greatest side of the box about each polygon, shape (n,)."""
+        corners = self.mesh.corners_m
+        size: Array = (corners.max(axis=1) - corners.min(axis=1)).max(axis=1)
+        return size
+
     def seen_from(self, s_m: float) -> Mesh:
         """Return what can be seen from a place along the road."""
         with np.errstate(invalid="ignore"):
             reach = np.where(self.mesh.material <= Material.GROUND, _GROUND_M, SEEN_M[1])
             near = (self.along_m > s_m + SEEN_M[0] - 4.0) & (self.along_m < s_m + reach)
+            near &= self.size_m > _LEAST_SIZE * (self.along_m - s_m)
         return part_of(self.mesh, near | np.isnan(self.along_m))
 
 
@@ -167,7 +177,14 @@ def _ground(
     cuts = way.cuts(-12.0, end_m)
     if not way.curvature_per_m.any() and not way.gradient.any():
         cuts = cuts[::4]
-    edges = ((-wide, verge if wide < 6 else grass), (-6.0, verge), (-2.4, road), (0.0, road), (6.0, verge), (9.0, grass))
+    edges = (
+        (-wide, verge if wide < 6 else grass),
+        (-6.0, verge),
+        (-2.4, road),
+        (0.0, road),
+        (6.0, verge),
+        (9.0, grass),
+    )
     places = [place for place, _ in edges] + [max(wide, 10.0)]
     for (right, look), left in zip(edges, places[1:], strict=True):
         one, two = way.world(cuts, right, 0.0), way.world(cuts, left, 0.0)
@@ -257,7 +274,7 @@ def _hills(builder: MeshBuilder, way: Way, rng: np.random.Generator) -> None:
 
 
 def _lines(surface: Surface, end_m: float, rng: np.random.Generator) -> tuple[Stripe, ...]:
-    """Return a dashed line on the left, a solid one on the right, and the far edge's; some roads lack some."""
+    """Return a dashed line on the left, a solid one on the right, and the far edge's; some lack."""
     white = min(0.85, surface.albedo * float(rng.uniform(2.0, 3.4)))
     solid = Stripe(-_LANE_M / 2, 0.12, white, start_m=-10.0, end_m=end_m, reflects=True)
     left = replace(solid, t_m=_LANE_M / 2, dash_m=4.0, gap_m=8.0)
@@ -274,4 +291,6 @@ def _light(hour: Hour, rng: np.random.Generator) -> Light:
         return Light(sun, 0.0, 0.25, (0.01, 0.04), 0.0, 300.0)
     direct = float(rng.choice([0.0, 0.35, 0.6]))
     sky = (float(rng.uniform(0.4, 0.8)), float(rng.uniform(0.6, 1.0)))
-    return Light(sun, direct / sun[2], 1 - direct, sky, float(rng.uniform(0, 0.15)), float(rng.uniform(400, 1500)))
+    return Light(
+        sun, direct / sun[2], 1 - direct, sky, float(rng.uniform(0, 0.15)), float(rng.uniform(400, 1500))
+    )

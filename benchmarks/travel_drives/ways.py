@@ -52,7 +52,9 @@ class Way:
     @cached_property
     def middle_m(self) -> Array:
         """The samples in the world, shape (n, 3); the one of place 0 is its origin."""
-        parts = [_integral(part) for part in (np.cos(self.heading_rad), np.sin(self.heading_rad), self.gradient)]
+        parts = [
+            _integral(part) for part in (np.cos(self.heading_rad), np.sin(self.heading_rad), self.gradient)
+        ]
         origin = [np.interp(0.0, self.places_m, part) for part in parts]
         return np.stack([part - zero for part, zero in zip(parts, origin, strict=True)], axis=1)
 
@@ -140,7 +142,7 @@ def way(bends: list[Bend], fall: float, banked: float, hilly: bool, rng: np.rand
     Args:
         bends: Its parts, in order, without the transitions, which are added between them.
         fall: How it falls to the right where it is straight.
-        banked: Fall towards the inside of a bend of 100 m; it falls so also at tighter ones, and less at wider ones.
+        banked: Fall towards the inside of a bend of 100 m; as much at tighter ones, and less at wider ones.
         hilly: Whether its gradient changes.
         rng: Source of the gradient.
     """
