@@ -20,7 +20,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--seed", type=int, default=1, help="seed of the series")
     parser.add_argument("--first", type=int, default=0, help="number of the first drive")
     parser.add_argument("--count", type=int, default=0, help="how many drives; 0: only print the file")
-    parser.add_argument("--full", action="store_true", help="images of the rigs' own size, not of half of it")
+    parser.add_argument("--full", action="store_true", help="images of the rigs' own size, not small ones")
     parser.add_argument("--budget-s", type=float, default=math.inf, help="begin no drive after so long")
     parser.add_argument("--each", type=Path, default=EACH, help="file of the single drives")
     parser.add_argument("--revision", help="what is judged; the commit of the estimator by default")

@@ -89,8 +89,8 @@ def any_car(rng: np.random.Generator) -> Car:
     """Return a car of any size.
 
     Rajamani's example has 1573 kg, 2873 kg m^2, 1.1 and 1.58 m, and 160 kN/rad an axle. So much is 18 and
-    25 /rad per newton of load; radial tyres alone have about 12 /rad (Gillespie, chapter 6). The slip of the rear
-    axle is 2 to 5 deg for each g here, with the compliance of the suspension. The yaw inertia is about
+    25 /rad per newton of load; radial tyres alone have about 12 /rad (Gillespie, chapter 6). The slip of the
+    rear axle is 2 to 5 deg for each g here, with the compliance of the suspension. The yaw inertia is about
     mass x front x rear. Body frequencies of 1.0 to 1.5 Hz with a rear one that is higher (Olley; Gillespie,
     chapter 5), pitch of 1 to 3 deg and roll of 3 to 7 deg for each g (Gillespie; Milliken and Milliken,
     1995), and side force coefficients of 2 to 2.6 per radian (Hucho, "Aerodynamics of Road Vehicles",

@@ -148,7 +148,7 @@ def _on_tyres(
     angle = -side / max(v, 1.0)
     steer = (base + car.understeer * v * v) * first
     names = ("x", "y", "heading", "s", "turn", "pull", "crab")
-    kept: dict[str, list[float]] = {name: [] for name in names}
+    rows: list[tuple[float, ...]] = []
     x, y = way.world(np.array(0.0), t, 0.0)[:2].tolist()
     for v, aimed, hand, air in zip(speed.tolist(), aim.tolist(), hands.tolist(), wind.tolist(), strict=True):
         bend, lean = looked_up(curvature, s), looked_up(fall, s)
@@ -174,13 +174,8 @@ def _on_tyres(
             side += STEP_S * (pull + blown / car.mass_kg - GRAVITY_MPS2 * lean - v * turn)
             torque = car.front_m * front - car.rear_m * rear + car.wind_arm_m * blown
             turn += STEP_S * torque / car.inertia
-        kept["x"].append(x)
-        kept["y"].append(y)
-        kept["heading"].append(heading)
-        kept["s"].append(s)
-        kept["turn"].append(turn)
-        kept["pull"].append(pull)
-        kept["crab"].append(-(side - car.rear_m * turn) / max(v, 1.0))
+        crab = -(side - car.rear_m * turn) / max(v, 1.0)
+        rows.append((x, y, heading, s, turn, pull, crab))
         # Where it goes.
         cos, sin = math.cos(heading), math.sin(heading)
         x += STEP_S * (v * cos - side * sin)
@@ -189,7 +184,7 @@ def _on_tyres(
         t += STEP_S * (v * math.sin(angle) + side * math.cos(angle))
         s += STEP_S * ahead
         angle += STEP_S * (turn - bend * ahead)
-    return {name: np.array(values) for name, values in kept.items()}
+    return dict(zip(names, np.array(rows).T, strict=True))
 
 
 def _on_springs(
@@ -217,7 +212,6 @@ def _on_springs(
     firm = a * a * stiff[0] + b * b * stiff[1]
     omega = 2 * math.pi * car.roll_hz
     z, sink, nose, dive, roll, lean = (0.0,) * 6
-    dive = 0.0
     nose = -car.dive_rad * float(gain[0])
     roll = car.lean_rad * float(plane["pull"][0])
     before = (middle.at(s[0] + a), middle.at(s[0] - b), 0.0)

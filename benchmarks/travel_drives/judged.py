@@ -37,7 +37,7 @@ class Verdict:
         seed: Seed of the series.
         index: Number of the drive in it.
         course: What was driven.
-        mode: "half" or "full": of the rig's size.
+        mode: "small" images, or "full" ones of the rig's size.
         rig: Name of the rig.
         surroundings: What the street runs through.
         hour: The light.
@@ -134,7 +134,7 @@ def _verdict(
         plan.seed,
         plan.index,
         plan.course.value,
-        "full" if plan.scale == 1.0 else "half",
+        "full" if plan.scale == 1.0 else "small",
         plan.rig,
         plan.surroundings.value,
         plan.hour.value,
@@ -164,7 +164,7 @@ def run(
     done = {(each.revision, each.seed, each.index, each.mode) for each in read(path)}
     begin = time.monotonic()
     for plan in wanted:
-        key = (revision, plan.seed, plan.index, "full" if plan.scale == 1.0 else "half")
+        key = (revision, plan.seed, plan.index, "full" if plan.scale == 1.0 else "small")
         if key in done:
             continue
         if time.monotonic() - begin > budget_s:
@@ -229,7 +229,7 @@ def _groups(verdicts: list[Verdict]) -> Iterator[tuple[str, list[Verdict]]]:
     for rig in sorted({each.rig for each in ends}):
         yield f"rig {rig}", [each for each in ends if each.rig == rig]
     for mode in sorted({each.mode for each in ends}):
-        yield f"{mode} size", [each for each in ends if each.mode == mode]
+        yield f"{mode} images", [each for each in ends if each.mode == mode]
     yield "all", ends
 
 

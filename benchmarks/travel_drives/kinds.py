@@ -56,7 +56,7 @@ class Plan:
         course: What is driven.
         duration_s: How long.
         rig: Name of a rig.
-        scale: Part of its size that is rendered: 1, or a half.
+        scale: Part of its size that is rendered: 1, or about a half.
         surroundings: What the street runs through.
         hour: The light.
     """
@@ -99,7 +99,9 @@ _CYCLE = (
     (Course.STRAIGHT, 20.0, _BARE, _DAY),
 )
 _NAMES = tuple(RIGS)
-_STEP_M = 2.2  # between frames, at 5 to 10 of them a second
+# Of a small image, to the rig's: as many pixels as a small one of KITTI, or less.
+_SMALL = {"kitti": 0.5, "zed": 0.4, "paper": 0.5}
+_STEP_M = 3.0  # between frames, at 5 to 10 of them a second
 
 
 def plans(seed: int, first: int, count: int, *, small: bool) -> list[Plan]:
@@ -109,14 +111,16 @@ def plans(seed: int, first: int, count: int, *, small: bool) -> list[Plan]:
         seed: Seed of the series.
         first: Number of the first one.
         count: How many.
-        small: Whether images have half the width and half the height of the rig's.
+        small: Whether images are small.
     """
     result = []
     for index in range(first, first + count):
         course, duration, surroundings, hour = _CYCLE[index % len(_CYCLE)]
         # Seventeen courses and three rigs: each course meets each rig.
         rig = _NAMES[index % len(_NAMES)]
-        result.append(Plan(seed, index, course, duration, rig, 0.5 if small else 1.0, surroundings, hour))
+        result.append(
+            Plan(seed, index, course, duration, rig, _SMALL[rig] if small else 1.0, surroundings, hour)
+        )
     return result
 
 

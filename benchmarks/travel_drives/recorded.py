@@ -30,8 +30,8 @@ def recorded_tables(options: Options) -> Iterator[Table]:
         "travel_recorded",
         "The direction of travel by recorded drives",
         ["drive", "part", "steps of frames", "yaw, pitch", "std", "off", "off over std", "met"],
-        f"Degrees. Whole drives are off the nearer end of their reference's range, by {_MOST_OFF_DEG} at most, "
-        f"and halves are off each other, by {_MOST_SIGMAS:g} std at most.",
+        "Degrees. Whole drives are off the nearer end of their reference's range, "
+        f"by {_MOST_OFF_DEG} at most, and halves are off each other, by {_MOST_SIGMAS:g} std at most.",
     )
     for source, ranges in REFERENCES.items():
         pairs = list(pairs_of((source,)))
