@@ -19,7 +19,7 @@ from ..second_worlds.scenes import Light, Stripe, Surface
 from .ways import Way
 
 SEEN_M = (-3.0, 65.0)  # of what stands beside the road, behind and before the camera
-_LEAST_SIZE = 0.03  # of what is drawn, for each metre of distance: ten pixels or so
+_LEAST_SIZE = 0.04  # of what is drawn, for each metre of distance: ten pixels or so
 _GROUND_M = 140.0  # of the road itself
 _LANE_M = 3.5
 _HILLS_M = 4000.0
@@ -206,7 +206,7 @@ def _beside(
         _posts(builder, way, side * (edge + 2.6), 30.0, end_m, rng)
         s = float(rng.uniform(0, 8))
         while s < end_m:
-            if rng.random() < 0.6:
+            if rng.random() < 0.4:
                 standing = other_car(s, 0.0, side * (edge + 1.2), rng).at(way, s)
                 _add_mesh(builder, standing, detailed=rng.random() < 1 / _DETAIL_EVERY)
             s += float(rng.uniform(5.5, 9.0))

@@ -14,7 +14,7 @@ STEP_M = 0.5  # of everything that is known along a road
 _BEFORE_M, _AFTER_M = 15.0, 170.0  # of road before its start and after its end, which is seen
 _CELL_M = 1.0  # of the map from places in the world to places along the road
 _REACH_M = 45.0  # beside the road to which the map goes
-_CHORD_M = 4.0  # of what follows the road, as it is drawn
+_CHORD_M = 5.0  # of what follows the road, as it is drawn
 # Gradients of country roads change over vertical curves of 1000 to 5000 m radius (RAL 2012, table of
 # crests and sags), and are below 4 % on most roads.
 _CREST_M = (1200.0, 5000.0)
