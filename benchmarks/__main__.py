@@ -61,6 +61,8 @@ SECTIONS = {
     "mount_how_long": "mount_drives.how_long.how_long_tables",
     "mount_rendered": "mount_drives.rendered.rendered_tables",
     "mount_recorded": "mount_drives.recorded.recorded_tables",
+    "travel_drives": "travel_drives.judged.drive_tables",
+    "travel_recorded": "travel_drives.recorded.recorded_tables",
 }
 # Drawn by a section, shown below its tables.
 PLOTS = {"limit": "limit.png", "peers": "peers.png", "search": "search.png", "sizes": "sizes.png"}

@@ -67,10 +67,13 @@ def shade_ground(scene: Scene, points: Points, road: npt.NDArray[np.bool_]) -> t
 
 
 def _heading(scene: Scene, points: Points) -> tuple[Array32, Array32]:
-    """Return places along and across the camera's heading: the axes of the textures."""
+    """Return places along and across the camera's heading, or the lane: the axes of the textures."""
+    u, v = scene.surface.origin_m
+    if scene.along_lane:
+        s, t, _, _ = scene.road.lane(points.x, points.y)
+        return s + np.float32(u), t + np.float32(v)
     yaw = scene.mount.yaw_rad
     cos, sin = np.float32(math.cos(yaw)), np.float32(math.sin(yaw))
-    u, v = scene.surface.origin_m
     return cos * points.x + sin * points.y + np.float32(u), cos * points.y - sin * points.x + np.float32(v)
 
 

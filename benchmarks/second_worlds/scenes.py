@@ -154,6 +154,7 @@ class Scene:
         light: The light.
         wet: How wet the road is, 0: dry, 1: puddles that mirror.
         sensor: What happens to the light in the cameras.
+        along_lane: Whether the textures of what lies flat follow the road, and not the camera's heading.
     """
 
     rig: StereoRig
@@ -166,3 +167,4 @@ class Scene:
     light: Light
     wet: float
     sensor: Sensor = field(default_factory=Sensor)
+    along_lane: bool = False

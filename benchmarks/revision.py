@@ -1,0 +1,23 @@
+"""Which version of the package is measured."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+_ROOT = Path(__file__).resolve().parents[1]
+
+
+def estimator_revision() -> str:
+    """Return the last commit that changed the package itself; "-changed" where files differ from it."""
+    try:
+        revision = _git("log", "-1", "--format=%h", "--", "stereo_selfcal")
+        changes = _git("diff", "--stat", "HEAD", "--", "stereo_selfcal")
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+    return f"{revision}-changed" if changes else revision
+
+
+def _git(*arguments: str) -> str:
+    run = subprocess.run(["git", *arguments], cwd=_ROOT, capture_output=True, text=True, check=True)
+    return run.stdout.strip()
