@@ -110,7 +110,7 @@ def test_where_the_mount_has_a_yaw_the_message_is_in_the_vehicle_with_it(stage):
     stage.active = replace(stage.active, result=replace(RESULT, travel=travel))
     (message,) = stage.step()
     assert message.header.frame_id == "base_footprint"
-    assert message.pose.orientation.z == pytest.approx(0.015, abs=1e-3)
+    assert message.pose.pose.orientation.z == pytest.approx(0.015, abs=1e-3)
     assert message.pose.covariance[35] == pytest.approx(1e-6)
 
 
