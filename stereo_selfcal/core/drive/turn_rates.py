@@ -148,6 +148,11 @@ class TurnRates:
         rate = self._rates.mean(start_s, end_s)
         return None if rate is None else MeanTurn(rate, self._speeds.mean(start_s, end_s))
 
+    def contradict(self, step: TravelStep) -> bool:
+        """Return whether the samples contradict what the images say of a step; not where there are none."""
+        turn = self.over(step.stamp_s, step.stamp_s + step.duration_s)
+        return turn is not None and contradicts(step, turn)
+
 
 def turn_differs(step: TravelStep, yaw_rate_radps: float) -> bool:
     """Return whether a turn rate contradicts what the images say of the turn of a step.

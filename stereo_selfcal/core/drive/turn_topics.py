@@ -95,11 +95,6 @@ class TurnTopics:
             topic.used += 1
             topic.rates.add(message.rate)
 
-    @property
-    def silent(self) -> tuple[str, ...]:
-        """The topics on which nothing has come."""
-        return tuple(name for name, topic in self._topics.items() if not topic.used + topic.unusable)
-
     def doubts(self, steps: Sequence[TravelStep]) -> tuple[str, ...]:
         """Return sentences, without a full stop, on what is wrong with topics; none where all is well.
 
@@ -108,6 +103,8 @@ class TurnTopics:
         """
         found: list[str] = []
         for name, topic in self._topics.items():
+            if not topic.used + topic.unusable:
+                found.append(f"no message came on {name}, so that nothing is compared with it")
             if topic.unusable:
                 found.append(
                     f"{topic.unusable} of {topic.used + topic.unusable} messages on {name} are not used: "
