@@ -29,8 +29,11 @@ class FakeCalibrator:
 
     def __init__(self, rig, config=None):
         self.rig, self.config, self.stamps, self.accepted = rig, config, [], []
-        self.remembered = []
+        self.remembered, self.turn_rates = [], []
         self.made.append(self)
+
+    def note_turn_rate(self, rate):
+        self.turn_rates.append(rate)
 
     def remember(self, result):
         self.remembered.append(result)

@@ -10,6 +10,7 @@ import numpy as np
 from ..core.camera.bit_depth import BitDepth, Pixels
 from ..core.camera.frozen import FrozenImage
 from ..core.camera.rectifier import StereoRectifier
+from ..core.drive.turn_topics import TurnMessage
 from ..core.errors import ImageError
 from ..core.faults import Fault
 from ..core.types import Image
@@ -36,6 +37,7 @@ class StereoFrame:
         frozen: Which image is only the last one again, None where both are new.
         fault: The fault of the program that came up when it was; None in any other case.
         stamp_difference_s: Stamp of the right image minus that of the left one [s].
+        turns: Messages of odometry and gyroscopes that were recorded since the frame before.
     """
 
     stamp_s: float
@@ -49,6 +51,7 @@ class StereoFrame:
     frozen: FrozenImage | None = None
     fault: Fault | None = None
     stamp_difference_s: float = 0.0
+    turns: tuple[TurnMessage, ...] = ()
 
     def seen_by(self, cameras: StereoRectifier) -> StereoFrame:
         """Return the frame as cameras see it: rectified, with their rig."""

@@ -26,6 +26,7 @@ from .part_topics import baseline_reader, in_order, topics_of
 from .remarks import remarks_on, unpaired_reason
 from .selection import Selection
 from .topics import StereoTopics, Topic, find_camera_info, find_stereo_pairs, find_stereo_topics, other_images
+from .turns import TurnsBetweenFrames, find_turn_topics
 
 # Images of one camera that may be recorded ahead of the other's; more than the node keeps, as a
 # recorder writes topics in bursts. It bounds the memory.
@@ -72,6 +73,8 @@ class StereoBag:
         raw: bool = False,
         left_info: str | None = None,
         right_info: str | None = None,
+        odometry: str | None = None,
+        imu: str | None = None,
     ) -> None:
         """Open a recording and find its cameras.
 
@@ -84,6 +87,8 @@ class StereoBag:
             raw: Whether raw images are looked for, not rectified ones.
             left_info: CameraInfo topic of the left camera, None to find it.
             right_info: The same of the right camera.
+            odometry: Topic of nav_msgs/Odometry, whose messages the frames have; None for none.
+            imu: The same of sensor_msgs/Imu.
 
         Raises:
             BagError: The recording cannot be read or has no unambiguous stereo pair.
@@ -101,6 +106,7 @@ class StereoBag:
         try:
             topics = topics_of(self._parts)
             self.topics = find_stereo_topics(topics, left, right, raw, baseline_reader(self._parts))
+            self._turns = TurnsBetweenFrames(find_turn_topics(topics, odometry, imu))
             self._others = [] if left and right else other_images(topics, self.topics)
         except BagError as error:
             self.close()
@@ -123,6 +129,11 @@ class StereoBag:
     def n_frames(self) -> int:
         """The most frames there can be: messages on the sparser image topic."""
         return min(self.topics.left.count, self.topics.right.count)
+
+    @property
+    def turn_topics(self) -> tuple[str, ...]:
+        """Names of the topics with turn rates that were asked for."""
+        return tuple(topic.name for topic in self._turns.topics)
 
     @property
     def start_ns(self) -> int:
@@ -211,6 +222,7 @@ class StereoBag:
         pairs = self._pairs(
             None if selection.start_ns <= 0 else start_ns - _MARGIN_NS,
             None if end_ns is None else self.start_ns + end_ns + _MARGIN_NS,
+            turns=True,
         )
         chosen = selection.choose(
             _first_judged(pairs), lambda found: found.pair.left.recorded_ns - self.start_ns
@@ -218,7 +230,7 @@ class StereoBag:
         n_frames = 0
         for frame in readable(map(self._frame, chosen), self._name):
             n_frames += 1
-            yield frame
+            yield replace(frame, turns=self._turns.take())
         if n_frames == 0:
             raise BagError(selection.nothing_in(self._name, (self.end_ns - self.start_ns) * 1e-9))
 
@@ -236,16 +248,22 @@ class StereoBag:
                 return self._frame(found)
         raise BagError(f"{self._name}: there is no frame recorded at {recorded_ns} ns")
 
-    def _pairs(self, start_ns: int | None, stop_ns: int | None) -> Iterator[_Found]:
+    def _pairs(self, start_ns: int | None, stop_ns: int | None, turns: bool = False) -> Iterator[_Found]:
         self._largest = 0
         # One tolerance is enough to say both: zero asks for equal stamps.
         pairer: StampPairer[Message] = StampPairer(self._tolerance_s > 0, self._tolerance_s, _QUEUE_SIZE)
+        topics = [self.topics.left, self.topics.right]
+        topics += [] if self._cameras is None else self._cameras.topics
+        topics += self._turns.topics if turns else ()
+        messages = self._messages(topics, start_ns, stop_ns)
+        if turns:
+            messages = self._turns.taken_out(messages)
         if self._cameras is None:
-            for message in self._messages((self.topics.left, self.topics.right), start_ns, stop_ns):
+            for message in messages:
                 yield from (_Found(pair, None) for pair in self._add(pairer, message))
             yield from (_Found(pair, None) for pair in pairer.flush())
         else:
-            yield from self._with_infos(self._cameras, pairer, start_ns, stop_ns)
+            yield from self._with_infos(self._cameras, pairer, messages, start_ns)
         counts = pairer.counts
         self.any_repeated |= counts.repeated_left + counts.repeated_right > 0
         if start_ns is None and stop_ns is None:
@@ -268,7 +286,11 @@ class StereoBag:
         return add(message_stamp_ns(message.content), message, checksum(message.content))
 
     def _with_infos(
-        self, cameras: FrameCameras, pairer: StampPairer[Message], start_ns: int | None, stop_ns: int | None
+        self,
+        cameras: FrameCameras,
+        pairer: StampPairer[Message],
+        messages: Iterator[Message],
+        start_ns: int | None,
     ) -> Iterator[_Found]:
         """Yield pairs with their CameraInfo, which may be recorded a little later than they are."""
         histories = cameras.histories(start_ns)
@@ -283,8 +305,7 @@ class StereoBag:
                 return True
             return histories[0].has(pair.left_stamp_ns) and histories[1].has(pair.right_stamp_ns)
 
-        topics = (self.topics.left, self.topics.right, *cameras.topics)
-        for message in self._messages(topics, start_ns, stop_ns):
+        for message in messages:
             if message.topic not in (self.topics.left.name, self.topics.right.name):
                 cameras.add(histories, message)
             else:

@@ -144,6 +144,8 @@ def _replay_one(arguments: argparse.Namespace, settings: _Settings) -> tuple[Rep
         a.right_info,
         a.rectified,
         None if a.camera_info is None else tuple(a.camera_info),
+        a.odometry,
+        a.imu,
     ) as source:
         replay = _run_with_output(source, settings, arguments)
         unwritten = _write_files(source, replay, arguments, settings.frames)

@@ -53,6 +53,12 @@ def replay_parser() -> Parser:
         nargs=2,
         help="CameraInfo files (YAML of camera_info_manager) of both cameras instead of the topics",
     )
+    add(
+        "--odometry",
+        metavar="TOPIC",
+        help="nav_msgs/Odometry of the car: its turn rate and speed say where the images are wrong",
+    )
+    add("--imu", metavar="TOPIC", help="sensor_msgs/Imu in the car's axes (z up), the same by its turn rate")
     add("--all", dest="all_pairs", action="store_true", help="calibrate every stereo pair of the recording")
     add("--output", metavar="FILE", type=Path, help="write the result as a ROS 2 parameter file (YAML)")
     add(

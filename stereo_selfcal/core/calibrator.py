@@ -17,6 +17,7 @@ from .config import CORRECT_ALL, CalibratorConfig
 from .drive.drive import Drive
 from .drive.memory import DriveMemory
 from .drive.travel import TravelStep
+from .drive.turn_rates import TurnRate
 from .errors import shortened
 from .evidence.frame_evidence import FrameObservations
 from .evidence.road_surface import SurfaceCells
@@ -125,6 +126,10 @@ class Calibrator:
             ValueError: It is accepted, and its pose, stamp or covariance cannot be right.
         """
         return self._memory.remember(result)
+
+    def note_turn_rate(self, rate: TurnRate) -> None:
+        """Add what odometry or a gyroscope says of the turn of the car."""
+        self._memory.note_turn_rate(rate)
 
     @property
     def estimate(self) -> CalibrationResult:

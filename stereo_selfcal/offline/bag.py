@@ -28,6 +28,8 @@ class BagSource(FrameSource):
         right_info: The same of the right camera.
         rectified: Whether the images are rectified whatever their topics are called.
         camera_info: CameraInfo files of the left and of the right camera, in place of the topics.
+        odometry: Topic of nav_msgs/Odometry that says how the car turns, None for none.
+        imu: The same of sensor_msgs/Imu.
 
     Raises:
         BagError: A bag cannot be read, or there is no unambiguous stereo pair or no rig.
@@ -46,6 +48,8 @@ class BagSource(FrameSource):
         right_info: str | None = None,
         rectified: bool = False,
         camera_info: tuple[Path, Path] | None = None,
+        odometry: str | None = None,
+        imu: str | None = None,
     ) -> None:
         named = [
             option
@@ -63,11 +67,12 @@ class BagSource(FrameSource):
                 "a rig file describes rectified cameras: K, D, R and P of raw ones come from CameraInfo; "
                 "leave out --rig or --raw"
             )
-        self._bag = StereoBag(paths, left, right, tolerance_s, raw, left_info, right_info)
+        self._bag = StereoBag(paths, left, right, tolerance_s, raw, left_info, right_info, odometry, imu)
         try:
             topics = self._bag.topics
             self.name = " ".join(path.resolve().name for path in paths)
             self.left_name, self.right_name = topics.left.name, topics.right.name
+            self.turn_topics = self._bag.turn_topics
             self.n_images = topics.left.count, topics.right.count
             self.start_ns = self._bag.start_ns
             self._doubts: dict[Finding, None] = {}

@@ -8,6 +8,7 @@ from ..bags import StereoFrame
 from ..core.calibrator import Calibrator
 from ..core.camera.frozen import refuse_frozen
 from ..core.camera.rectifier import StereoRectifier
+from ..core.drive.turn_topics import TurnMessage
 from ..core.rejection import Bound, Rejection, RejectReason
 from ..core.results import CalibrationResult, caught, refused_for, rejected
 
@@ -22,6 +23,7 @@ class FrameHead:
         name: Name of the left image where it has one.
         cameras: The cameras of the frame, None where there is one rig for all or they are not usable.
         frozen: Side of the image that is only the last one again, "" where both are new.
+        turns: Messages of odometry and gyroscopes that were recorded since the frame before.
     """
 
     stamp_s: float
@@ -29,12 +31,13 @@ class FrameHead:
     name: str
     cameras: StereoRectifier | None = None
     frozen: str = ""
+    turns: tuple[TurnMessage, ...] = ()
 
     @classmethod
     def of(cls, frame: StereoFrame) -> FrameHead:
         """Return the data of a frame without its images."""
         frozen = "" if frame.frozen is None else frame.frozen.side
-        return cls(frame.stamp_s, frame.recorded_ns, frame.name, frame.cameras, frozen)
+        return cls(frame.stamp_s, frame.recorded_ns, frame.name, frame.cameras, frozen, frame.turns)
 
 
 class FrameCalibrator:

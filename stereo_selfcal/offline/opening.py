@@ -29,6 +29,8 @@ def open_source(
     right_info: str | None = None,
     rectified: bool = False,
     camera_info: tuple[Path, Path] | None = None,
+    odometry: str | None = None,
+    imu: str | None = None,
 ) -> FrameSource:
     """Open a recording.
 
@@ -44,6 +46,8 @@ def open_source(
         right_info: The same of the right camera.
         rectified: Whether the images of bags are rectified whatever their topics are called.
         camera_info: CameraInfo files of the left and of the right camera, in place of the rig.
+        odometry: Topic of nav_msgs/Odometry in bags that says how the car turns, None for none.
+        imu: The same of sensor_msgs/Imu.
 
     Raises:
         SelfcalError: It cannot be read, or has no unambiguous stereo pair or no rig.
@@ -62,6 +66,8 @@ def open_source(
             right_info,
             rectified,
             camera_info,
+            odometry,
+            imu,
         )
     if raw and camera_info is None:
         raise BagError(
@@ -75,6 +81,8 @@ def open_source(
             f"{folders[0]}: a folder of images has no CameraInfo topics: leave out --left-info and "
             "--right-info"
         )
+    if not (odometry is None and imu is None):
+        raise BagError(f"{folders[0]}: a folder of images has no topics: leave out --odometry and --imu")
     if len(paths) > 1:
         raise BagError(f"{folders[0]}: a folder of images is a recording by itself: give it alone")
     if camera_info is not None:

@@ -24,6 +24,7 @@ class FrameSource(ABC):
         rig: Intrinsics and baseline of the rectified pair.
         selection: Which frames are used.
         notes: Notes on the frames, one sentence each.
+        turn_topics: Names of the topics with turn rates that the frames have.
         counted: Whether the frames have no stamps: they are taken for 0.1 s apart.
     """
 
@@ -35,6 +36,7 @@ class FrameSource(ABC):
     rig: StereoRig
     selection: Selection
     notes: tuple[str, ...] = ()
+    turn_topics: tuple[str, ...] = ()
     counted: bool = False
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 
@@ -16,6 +16,7 @@ from ..core.drive.camera_changes import CameraChange, CameraFollower
 from ..core.drive.drive import Drive
 from ..core.drive.targets import Targets
 from ..core.drive.travel import TravelStep
+from ..core.drive.turn_topics import TurnTopics
 from ..core.faults import FaultLog
 from ..core.rejection import RejectReason
 from ..core.results import CalibrationResult
@@ -113,7 +114,7 @@ def calibrate_recording(
     calibrator = Calibrator(source.rig, config)
     noted = NotedFrames(source)
     with closing(calibrate_in_order(noted.frames(), calibrator, jobs, source.count)) as frames:
-        replay = assemble_replay(frames, calibrator, on_row, until)
+        replay = assemble_replay(frames, calibrator, on_row, until, source.turn_topics)
     remarks = source.remarks  # known when all is read
     if replay.goal is not None and replay.goal.stopped:
         remarks = noted.remarks_until(len(replay.rows))
@@ -125,6 +126,7 @@ def assemble_replay(
     calibrator: Calibrator,
     on_row: Callable[[FrameRow], None] = lambda row: None,
     until: Targets | None = None,
+    turn_topics: Sequence[str] = (),
 ) -> Replay:
     """Make the outcome of a recording from its frames, wherever they were calibrated.
 
@@ -136,6 +138,7 @@ def assemble_replay(
             one of their rig.
         on_row: Called after every frame.
         until: Standard deviations of the estimate at which it ends; None: with the last frame.
+        turn_topics: Names of the topics with turn rates that the frames have.
 
     Raises:
         SelfcalError: It ended before the first frame, or CameraInfo alternates.
@@ -148,6 +151,7 @@ def assemble_replay(
     chain: tuple[int, ...] = ()  # frames that started from each other
     faults = FaultLog(logging.getLogger(__name__).error)
     watch = GoalWatch(until) if until else None
+    turns = TurnTopics(turn_topics)
     stopped = False
 
     try:
@@ -160,6 +164,7 @@ def assemble_replay(
                 if change is not None:
                     since = len(rows)
                     watch = GoalWatch(until) if until else None
+            _note_turns(head, turns, calibrator)
             kept = replace(result, stood=calibrator.remember(result).stood)
             faults.note(result.fault, head.stamp_s)
             if result.reason is RejectReason.IMAGE_FROZEN:
@@ -185,10 +190,14 @@ def assemble_replay(
     if changes:
         message = f"{drive.estimate.message}; {changes[-1].since}"
         drive = replace(drive, estimate=replace(drive.estimate, message=message))
-    remarks = tuple(change.message for change in changes) + tuple(
-        f"the {side} camera repeats an image while the other one goes on: {len(stamps)} of {len(rows)} "
-        f"frames, the first one of {stamps[0]:.3f} s, are refused"
-        for side, stamps in sorted(frozen.items())
+    remarks = (
+        tuple(change.message for change in changes)
+        + tuple(
+            f"the {side} camera repeats an image while the other one goes on: {len(stamps)} of {len(rows)} "
+            f"frames, the first one of {stamps[0]:.3f} s, are refused"
+            for side, stamps in sorted(frozen.items())
+        )
+        + turns.doubts(calibrator.travel_steps)
     )
     duration_s = rows[-1].stamp_s - rows[0].stamp_s
     return Replay(
@@ -204,6 +213,14 @@ def assemble_replay(
         None if until is None else Goal.of(until, drive.estimate, len(rows), duration_s, stopped),
         calibrator.travel_steps,
     )
+
+
+def _note_turns(head: FrameHead, turns: TurnTopics, calibrator: Calibrator) -> None:
+    """Take over what topics with turn rates have said before a frame."""
+    for message in head.turns:
+        turns.note(message)
+        if message.rate is not None:
+            calibrator.note_turn_rate(message.rate)
 
 
 def look_again(

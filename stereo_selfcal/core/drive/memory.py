@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from copy import deepcopy
 from dataclasses import replace
 from typing import Any
 
@@ -21,6 +22,7 @@ from .rig_doubt import with_doubt_of_rig
 from .right_delay import seen_ahead
 from .standing import PlaceOfCar
 from .travel import SeenLandmarks, TravelStep, step_between
+from .turn_rates import TurnRate, TurnRates
 
 _ROUNDING = 1e-6  # of a sum of terms, over what it is compared with
 
@@ -39,6 +41,7 @@ class DriveMemory:
         self._seen: list[SeenAlignment] = []
         self._previous: SeenLandmarks | None = None
         self._place = PlaceOfCar()
+        self._turn_rates = TurnRates()
         self._last: CalibrationResult | None = None
         self._lock = threading.Lock()
 
@@ -46,7 +49,7 @@ class DriveMemory:
         """Return what a copy is made from: everything but the lock."""
         with self._lock:
             lists = {name: list(self.__dict__[name]) for name in ("_accepted", "_steps", "_seen")}
-            state = self.__dict__ | lists
+            state = self.__dict__ | lists | {"_turn_rates": deepcopy(self._turn_rates)}
         del state["_lock"]
         return state
 
@@ -89,6 +92,11 @@ class DriveMemory:
             self._last = kept
         return kept
 
+    def note_turn_rate(self, rate: TurnRate) -> None:
+        """Add what odometry or a gyroscope says of the turn of the car."""
+        with self._lock:
+            self._turn_rates.add(rate)
+
     @property
     def steps(self) -> tuple[TravelStep, ...]:
         """The motion between the frames, where it is seen."""
@@ -100,7 +108,8 @@ class DriveMemory:
         """The mount over all frames so far: its estimate, and the parts of the drive between its moves."""
         with self._lock:
             accepted, last = list(self._accepted), self._last
-            steps, seen = list(self._steps), list(self._seen)
+            seen = list(self._seen)
+            steps = [step for step in self._steps if not self._turn_rates.contradict(step)]
         if last is None:
             return Drive(rejected(no_frames()))
         told = drive_of_rig(accepted, seen, steps, self._rig)
