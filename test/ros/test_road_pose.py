@@ -9,6 +9,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from stereo_selfcal import Extrinsics
 from stereo_selfcal.core.geometry.travel import Travel
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import CalibrationResult, rejected
@@ -72,9 +73,8 @@ class Stage:
             context=SimpleNamespace(ok=lambda: True),
             get_logger=lambda: SimpleNamespace(error=lambda text, **_: self.logged.append(text)),
         )
-        self.road = RoadPosePublisher(
-            node, self.take, lambda: self.active, lambda: CONFIG, lambda: self.now_s
-        )
+        active, clock = (lambda: self.active), (lambda: self.now_s)
+        self.road = RoadPosePublisher(node, self.take, active, lambda: CONFIG, clock=clock)
         self.road._stopped.wait = lambda _s: False  # no time is lost by waiting
 
     def take(self, timeout_s):
@@ -97,21 +97,26 @@ def stage(monkeypatch):
 
 
 def test_the_message_is_that_of_the_pose_with_the_stamp_of_the_left_image(stage):
+    moved = Extrinsics(POSE.height_m + 0.01, POSE.pitch_rad + 0.02, POSE.roll_rad)
+    Tracker.result = replace(RESULT, extrinsics=moved)
     (message,) = stage.step()
-    placed = place_camera(RESULT, PAPER_RIG, CONFIG.frame_names, InfoFrames())
-    assert message == pose_message(placed, LIVE.stamp_ns) and message.header.frame_id == "road"
+    placed = place_camera(Tracker.result, PAPER_RIG, CONFIG.frame_names, InfoFrames())
+    assert message == pose_message(placed, LIVE.stamp_ns)
+    assert message.header.frame_id == CONFIG.frame_names.road_frame  # the yaw of the mount is not known
+    assert message.pose.pose.position.z == moved.height_m
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (9, 7)
     assert Tracker.asked == [(pytest.approx(9.000000007), 0.002)]
     assert Tracker.made == [(PAPER_RIG, RESULT)]
 
 
-def test_where_the_mount_has_a_yaw_the_message_is_in_the_vehicle_with_it(stage):
-    travel = Travel(0.03, 0.05, np.eye(2) * 1e-6, 100, 1.3, 30.0)
+def test_the_yaw_is_that_of_the_mount(stage):
+    """No frame tells the direction of travel, and the place in the vehicle is a matter of the mount."""
+    travel = Travel(np.radians(2.0), 0.0, np.diag(np.radians([0.1, 0.1]) ** 2), 50, 0.0, 30.0)
     stage.active = replace(stage.active, result=replace(RESULT, travel=travel))
     (message,) = stage.step()
-    assert message.header.frame_id == "base_footprint"
-    assert message.pose.pose.orientation.z == pytest.approx(0.015, abs=1e-3)
-    assert message.pose.covariance[35] == pytest.approx(1e-6, rel=1e-3)
+    assert message.header.frame_id == CONFIG.frame_names.vehicle_frame
+    placed = place_camera(stage.active.result, PAPER_RIG, CONFIG.frame_names, InfoFrames())
+    assert message == pose_message(placed, LIVE.stamp_ns)
 
 
 def test_the_same_frame_is_published_once(stage):
