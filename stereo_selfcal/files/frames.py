@@ -84,7 +84,8 @@ class InfoFrames:
     Attributes:
         left: ``frame_id`` of the left CameraInfo; "" where it has none.
         right: The same of the right one.
-        of_rig: Whether the rig is given by parameters or a file, so that there is no CameraInfo.
+        of_rig: Whether the rig is given by parameters or a file, so that there is no CameraInfo; the names
+            are those of the images then, as far as they are known.
     """
 
     left: str = ""
@@ -134,7 +135,7 @@ def name_camera(names: FrameNames, infos: InfoFrames) -> NamedCamera:
     """
     asked = names.camera_frame
     if asked == FROM_CAMERA_INFO:
-        if not infos.left:
+        if infos.of_rig or not infos.left:
             why, remedy = "that of the left camera has no frame_id", f"{_NAME_IT}, or frame_id in its driver"
             if infos.of_rig:
                 why, remedy = "the rig is given, so that there is none", _NAME_IT

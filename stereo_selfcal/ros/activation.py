@@ -58,6 +58,7 @@ class Activation:
         outputs: What it publishes.
         keeper: Keeps the active calibration.
         topics: Topics of its images.
+        infos: Returns what CameraInfo calls the cameras; None before both have come.
     """
 
     def __init__(
@@ -67,12 +68,14 @@ class Activation:
         outputs: Outputs,
         keeper: CalibrationKeeper,
         topics: Topics,
+        infos: Callable[[], InfoFrames | None],
     ) -> None:
         self._node = node
         self._parameters = parameters
         self._outputs = outputs
         self._keeper = keeper
         self._topics = topics.left, topics.right
+        self._infos = infos
         self._lock = threading.Lock()  # a call and the watch may publish at the same time
         self._files: set[Path] = set()  # result files of this run
         self._published: Publication | None = None
@@ -103,8 +106,7 @@ class Activation:
             return
         self._files.add(restored.path)
         # Which frame camera_frame is, the CameraInfo to come will tell.
-        infos = InfoFrames(of_rig=True) if config.rig else None
-        publication = self._publication(active, config, restored.saved.stamp_ns, infos)
+        publication = self._publication(active, config, restored.saved.stamp_ns, self._infos())
         self._outputs.publish_now(publication)
         self._published = publication
         self._keeper.load(active)
@@ -185,9 +187,7 @@ class Activation:
                 result, found.rig, time.monotonic(), saved="not yet", cameras=found.cameras
             )
             pair = next(iter(active.repaired_pairs), None) if config.publish_camera_info else None
-            infos = InfoFrames(of_rig=True) if config.rig else None
-            if found.cameras is not None:
-                infos = InfoFrames.of(found.cameras)
+            infos = self._infos() if found.cameras is None or config.rig else InfoFrames.of(found.cameras)
             publication = self._publication(active, config, found.stamp_ns, infos)
             publication = replace(publication, lanes=found.lanes, pair=pair)
             self._outputs.publish(publication)

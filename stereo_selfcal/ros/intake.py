@@ -43,18 +43,22 @@ class ImageFormat:
         width: Width [px], 0 for a compressed image.
         height: Height [px], 0 for a compressed image.
         encoding: Encoding of a raw image, format of a compressed one.
+        frame_id: Frame of the camera, as the image has it.
     """
 
     width: int
     height: int
     encoding: str
+    frame_id: str = ""
 
     @classmethod
     def of(cls, message: Any) -> ImageFormat:
         """Return the format of a sensor_msgs/Image or CompressedImage."""
+        frame = str(message.header.frame_id)
         if hasattr(message, "format"):
-            return cls(0, 0, str(message.format)[:_MAX_ENCODING_LENGTH])
-        return cls(int(message.width), int(message.height), str(message.encoding)[:_MAX_ENCODING_LENGTH])
+            return cls(0, 0, str(message.format)[:_MAX_ENCODING_LENGTH], frame)
+        encoding = str(message.encoding)[:_MAX_ENCODING_LENGTH]
+        return cls(int(message.width), int(message.height), encoding, frame)
 
     @property
     def is_raw(self) -> bool:

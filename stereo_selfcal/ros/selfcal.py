@@ -84,7 +84,12 @@ class SelfcalNode:
             self._last_lines: tuple[LanePattern, StereoRig] | None = None
             self._keeper = CalibrationKeeper()
             self._activation = Activation(
-                self.node, self._parameters, self._outputs, self._keeper, self._input.topics
+                self.node,
+                self._parameters,
+                self._outputs,
+                self._keeper,
+                self._input.topics,
+                lambda: info_frames(self._input, self._parameters.config),
             )
             self._call: CalibrationCall | None = None
             self._last_answer = "not called yet"

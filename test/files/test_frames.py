@@ -37,6 +37,7 @@ def result(yaw_std_deg=None):
         (FROM_CAMERA_INFO, ZED, OPTICAL, "zed_left"),
         ("zed_left", InfoFrames("zed_left", "zed_left"), OPTICAL, "zed_left"),
         ("zed_left", InfoFrames(of_rig=True), BODY, "zed_left"),
+        ("zed_left", InfoFrames("zed_left", "zed_right", of_rig=True), OPTICAL, "zed_left"),
         ("zed_left", InfoFrames(), BODY, "zed_left"),
     ],
 )
@@ -54,7 +55,12 @@ def test_name_of_the_left_camera_is_optical_and_any_other_is_the_body(asked, inf
             OPTICAL,
             "has no frame_id: set camera_frame to a name",
         ),
-        (FROM_CAMERA_INFO, InfoFrames(of_rig=True), OPTICAL, "the rig is given, so that there is none: set"),
+        (
+            FROM_CAMERA_INFO,
+            InfoFrames("zed_left", of_rig=True),
+            OPTICAL,
+            "the rig is given, so that there is none: set",
+        ),
         (
             FROM_CAMERA_INFO,
             InfoFrames("road", ""),
