@@ -20,8 +20,8 @@ from .ways import Bend, way
 
 _SERIES = 2222
 _TIGHTEST_M, _WIDEST_M = 30.0, 800.0
-# Drivers take bends at up to 2 to 3 m/s^2 (Reymond et al., 2001, and lower in ordinary traffic).
-_BEND_MPS2 = (1.0, 2.5)
+# Drivers take bends at up to 2 to 3 m/s^2 (Reymond et al., 2001), and many far below, behind others.
+_BEND_MPS2 = (0.2, 2.5)
 _MOST_TURN_RAD = 5.0  # so that the road does not meet itself
 # Residual turn of a calibrated right camera: a tenth of a pixel at f = 700.
 _LEFT_TURN_RAD = math.radians(0.008)
