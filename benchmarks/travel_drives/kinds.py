@@ -101,7 +101,7 @@ _CYCLE = (
 _NAMES = tuple(RIGS)
 # Of a small image, to the rig's: as many pixels as a small one of KITTI, or less.
 _SMALL = {"kitti": 0.5, "zed": 0.4, "paper": 0.5}
-_STEP_M = 3.0  # between frames, at 5 to 10 of them a second
+_STEP_M = (2.5, 5.0)  # between frames, at 5 to 10 of them a second
 
 
 def plans(seed: int, first: int, count: int, *, small: bool) -> list[Plan]:
@@ -165,7 +165,7 @@ def drive(plan: Plan) -> Drive:
     )
     length = float(ride.along_m.max())
     scenery = street(road, plan.surroundings, plan.hour, length, rng)
-    rate = float(np.clip(math.ceil(speed_mps / _STEP_M), 5, 10))
+    rate = float(np.clip(math.ceil(speed_mps / rng.uniform(*_STEP_M)), 5, 10))
     times = np.arange(0.0, plan.duration_s - STEP_S, 1.0 / rate)
     film = Film(
         _scaled(RIGS[plan.rig], plan.scale),
