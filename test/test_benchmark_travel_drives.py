@@ -115,17 +115,19 @@ def verdict(**changes):
         ({"pitch_error_deg": 0.03}, 1),
         ({"yaw_std_deg": 0.11, "yaw_error_deg": 0.11}, 2),
         ({"course": Course.ONE_WAY.value}, 2),
+        # A yaw that is not told is not counted.
+        ({"course": Course.ONE_WAY.value, "yaw_std_deg": 2.0, "yaw_error_deg": 9.0}, None),
     ],
 )
 def test_each_demand_can_fail(changes, row):
-    _, checks, _ = tables([verdict(**changes)])
+    _, checks = tables([verdict(**changes)])
     failed = [index for index, each in enumerate(checks.rows) if each[-1] == "no"]
     assert failed == ([] if row is None else [row])
 
 
 def test_a_drive_without_an_estimate_is_no_estimate_of_bends_and_none_of_a_straight_road():
     nothing = {"yaw_error_deg": math.nan, "yaw_std_deg": math.nan, "n_steps": 0}
-    _, checks, _ = tables([verdict(**nothing), verdict(course=Course.ALTERNATING.value, **nothing)])
+    _, checks = tables([verdict(**nothing), verdict(course=Course.ALTERNATING.value, **nothing)])
     assert [each[-1] for each in checks.rows] == ["no", "yes"]
 
 

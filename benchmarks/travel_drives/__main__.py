@@ -29,8 +29,7 @@ def main(arguments: list[str]) -> int:
     revision = chosen.revision or estimator_revision()
     wanted = plans(chosen.seed, chosen.first, chosen.count, small=not chosen.full)
     run(wanted, chosen.each, revision, say, chosen.budget_s)
-    verdicts = [each for each in read(chosen.each) if each.revision == revision]
-    for table in tables(verdicts):
+    for table in tables(read(chosen.each)):
         if table.shown:
             say(f"\n{table.markdown()}")
     return 0

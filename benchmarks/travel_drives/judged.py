@@ -21,11 +21,13 @@ from .kinds import ONLY_BENDS, Course, Drive, Plan, drive, plans
 # The file to which single drives are added as they are judged.
 EACH = RESULTS / "travel_drives_each.csv"
 _PARTS_S = (10.0, 20.0, 30.0)  # after which estimates are noted, besides at the end
-_SMALL_DRIVES, _FULL_DRIVES = 34, 0
+_SMALL_DRIVES = 34  # twice each course
 _RATIO = (0.75, 1.3)  # of errors to standard deviations (issue 22)
 _STRAIGHT_STD_DEG = 0.1  # at most, after 30 s of straight road (issue 22)
 _BENDS_STD_DEG = 0.3  # not below, of bends alone (issue 22)
 _FAR = 3.0
+# What is known of any mount (design of issue 22): a yaw that is less certain tells nothing.
+_TELLS_DEG = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +98,11 @@ class Verdict:
     def known(self) -> bool:
         """Whether there was an estimate."""
         return not math.isnan(self.yaw_error_deg)
+
+    @property
+    def tells_yaw(self) -> bool:
+        """Whether it tells more of the yaw than is known of any mount."""
+        return self.known and self.yaw_std_deg < _TELLS_DEG
 
 
 def judge(plan: Plan, revision: str) -> list[Verdict]:
@@ -199,21 +206,23 @@ def read(path: Path) -> list[Verdict]:
 
 
 def drive_tables(options: Options) -> Iterator[Table]:
-    """Judge a series of drives, or those of it that are not in the file yet, and say what they are worth."""
+    """Judge the drives of a series that are not in the file yet, and say what all in the file are worth."""
     small = plans(options.seed, 0, min(options.drives, _SMALL_DRIVES), small=True)
     revision = estimator_revision()
     run(small, EACH, revision, lambda text: None)
-    chosen = [each for each in read(EACH) if each.revision == revision]
-    if not chosen:
-        raise NothingToMeasureError("no drive was judged")
-    yield from tables(chosen)
+    yield from tables(read(EACH))
 
 
 def tables(verdicts: list[Verdict]) -> Iterator[Table]:
-    """Yield what verdicts say: by course, their checks, and each drive."""
+    """Yield what verdicts say: by course, and what is demanded of them.
+
+    Raises:
+        NothingToMeasureError: There are none.
+    """
+    if not verdicts:
+        raise NothingToMeasureError("no drive was judged")
     yield _by_course(verdicts)
     yield _checks(verdicts)
-    yield _single(verdicts)
 
 
 def _groups(verdicts: list[Verdict]) -> Iterator[tuple[str, list[Verdict]]]:
@@ -240,7 +249,7 @@ def _by_course(verdicts: list[Verdict]) -> Table:
         [
             "drives",
             "number",
-            "with an estimate",
+            "with an estimate, with a yaw",
             "yaw: error over std (rms)",
             "beyond 3 std %",
             "std median",
@@ -252,14 +261,17 @@ def _by_course(verdicts: list[Verdict]) -> Table:
             "std worst",
             "error rms",
         ],
-        "Degrees. A drive of 30 s on a straight road counts after 10, 20 and 30 s; all others at their end.",
+        f"Degrees. A yaw with a std of {_TELLS_DEG:g} deg or more tells nothing, and is not counted. "
+        "Straight drives count after 10, 20 and 30 s, as far as they go; all others at their end. Each is in "
+        f"{EACH.name}, with the commit that was judged.",
     )
     for name, group in _groups(verdicts):
         known = [each for each in group if each.known]
         if not group:
             continue
-        cells = [*_cells(known, "yaw"), *_cells(known, "pitch")] if known else ["-"] * 10
-        table.add(name, str(len(group)), str(len(known)), *cells)
+        told = [each for each in known if each.tells_yaw]
+        cells = [*_cells(told, "yaw"), *_cells(known, "pitch")]
+        table.add(name, str(len(group)), f"{len(known)}, {len(told)}", *cells)
     return table
 
 
@@ -268,6 +280,8 @@ def _column(known: list[Verdict], name: str) -> np.ndarray:
 
 
 def _cells(known: list[Verdict], angle: str) -> list[str]:
+    if not known:
+        return ["-"] * 5
     error, std = _column(known, f"{angle}_error_deg"), _column(known, f"{angle}_std_deg")
     ratio = error / std
     values = (
@@ -288,9 +302,9 @@ def _checks(verdicts: list[Verdict]) -> Table:
     """Return what issue 22 demands, and whether it is so."""
     table = Table("travel_checks", "What is demanded of them", ["check", "measured", "demanded", "holds"])
     known = [each for each in verdicts if each.last and each.known]
-    for angle in ("yaw", "pitch"):
-        if known:
-            ratio = _rms(_column(known, f"{angle}_error_deg") / _column(known, f"{angle}_std_deg"))
+    for angle, group in (("yaw", [each for each in known if each.tells_yaw]), ("pitch", known)):
+        if group:
+            ratio = _rms(_column(group, f"{angle}_error_deg") / _column(group, f"{angle}_std_deg"))
             table.add(
                 f"{angle}: error over std (rms), all drives",
                 number(ratio),
@@ -323,12 +337,3 @@ def _checks(verdicts: list[Verdict]) -> Table:
 
 def _yes(holds: bool) -> str:
     return "yes" if holds else "no"
-
-
-def _single(verdicts: list[Verdict]) -> Table:
-    """Return every drive: a file, not a part of the page."""
-    names = [each.name for each in fields(Verdict)]
-    table = Table("travel_single", "Every drive", names, shown=False)
-    for each in verdicts:
-        table.add(*(str(value) for value in asdict(each).values()))
-    return table

@@ -20,8 +20,8 @@ from .ways import Bend, way
 
 _SERIES = 2222
 _TIGHTEST_M, _WIDEST_M = 30.0, 800.0
-# Drivers take bends at up to 2 to 3 m/s^2 (Reymond et al., 2001, and lower in ordinary traffic).
-_BEND_MPS2 = (1.0, 2.5)
+# Drivers take bends at up to 2 to 3 m/s^2 (Reymond et al., 2001), and many far below, behind others.
+_BEND_MPS2 = (0.2, 2.5)
 _MOST_TURN_RAD = 5.0  # so that the road does not meet itself
 # Residual turn of a calibrated right camera: a tenth of a pixel at f = 700.
 _LEFT_TURN_RAD = math.radians(0.008)
@@ -101,7 +101,7 @@ _CYCLE = (
 _NAMES = tuple(RIGS)
 # Of a small image, to the rig's: as many pixels as a small one of KITTI, or less.
 _SMALL = {"kitti": 0.5, "zed": 0.4, "paper": 0.5}
-_STEP_M = 3.0  # between frames, at 5 to 10 of them a second
+_STEP_M = (2.5, 5.0)  # between frames, at 5 to 10 of them a second
 
 
 def plans(seed: int, first: int, count: int, *, small: bool) -> list[Plan]:
@@ -165,7 +165,7 @@ def drive(plan: Plan) -> Drive:
     )
     length = float(ride.along_m.max())
     scenery = street(road, plan.surroundings, plan.hour, length, rng)
-    rate = float(np.clip(math.ceil(speed_mps / _STEP_M), 5, 10))
+    rate = float(np.clip(math.ceil(speed_mps / rng.uniform(*_STEP_M)), 5, 10))
     times = np.arange(0.0, plan.duration_s - STEP_S, 1.0 / rate)
     film = Film(
         _scaled(RIGS[plan.rig], plan.scale),
