@@ -10,12 +10,17 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import cv2
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from stereo_selfcal import calibrate
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import random_scene
 
 cv2.setNumThreads(1)
+
+# A slow machine is no fault.
+settings.register_profile("any_machine", deadline=None)
+settings.load_profile("any_machine")
 
 # A script starts what runs in the background with SIGINT ignored, and nohup with SIGHUP; the programs under
 # test inherit it.
