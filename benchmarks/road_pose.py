@@ -221,7 +221,8 @@ def _graph_table(drives: list[SeenDrive], seconds: float) -> Table:
         "process, of a core. The latency is that from the stamp of the images, taken before they are sent, "
         "to the arrival of the pose in another process. A brake is followed by the first pose that is "
         "nearer to its pitch than to the one before; the worst of both steps of each round. Asked: "
-        f"{_FOLLOWED_S:g} s.",
+        f"{_FOLLOWED_S:g} s. Where other work runs, this is to be measured with a priority above it, as the "
+        "answers are.",
     )
     for drive in drives:
         with tempfile.TemporaryDirectory() as folder:

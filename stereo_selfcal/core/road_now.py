@@ -33,7 +33,7 @@ from .road.priors import HARD_RIDE_STD, RIDE_MEMORY_S
 from .search.attempt import Attempt
 from .search.known import MOST_SIGMAS
 from .search.refusal import FIND_ROAD
-from .search.road_lines import RoadLines
+from .search.road_lines import RoadLines, first_road_row
 from .search.solve import solve
 from .search.strategy import choose
 from .types import Array, Image
@@ -122,6 +122,7 @@ class RoadTracker:
         self._calibrator = Calibrator(rig, config)
         alignment = mount.alignment or _UNKNOWN_ALIGNMENT
         self._turn = CameraTurn.known(alignment, rig)
+        self._first_row = first_road_row(at.pose, rig)
         self._yaw_told = _yaw_of(alignment)
         correct_yaw = config.alignment.correct == CORRECT_ALL
         self._yaw_rad = (
@@ -208,7 +209,7 @@ class RoadTracker:
         """Look at a frame from the known camera on."""
         turn = self._turn
         if self._config.alignment.correct != CORRECT_NOTHING:
-            images, turn = turned_back(images, self._rig, turn, self._yaw_rad)
+            images, turn = turned_back(images, self._rig, turn, self._yaw_rad, self._first_row)
         frame = FrameObservations(
             images,
             (StripePoints.none(), StripePoints.none()),

@@ -116,6 +116,7 @@ class LiveFrames:
         self._claimed = threading.Event()
         self._waits = threading.Lock()
         self._wait: _Wait | None = None  # that of the user who has the input
+        self._open = False  # whether the input goes on between single frames; of who takes
 
     @contextmanager
     def all(self) -> Iterator[StereoInput]:
@@ -127,13 +128,30 @@ class LiveFrames:
                 yield self._source
             finally:
                 self._source.end()
+                self._open = False
                 self._claimed.clear()
 
-    def one(self, timeout_s: float) -> LiveFrame | NoFrame | None:
+    def close(self) -> None:
+        """End the input that goes on for whoever takes one frame after the other."""
+        with self._taking:
+            self._end()
+
+    def next(self, timeout_s: float) -> LiveFrame | NoFrame | None:
+        """Wait for the newest frame after the one before; as :meth:`one`, but the input goes on.
+
+        So no frame is lost while the one before is looked at. It goes on until :meth:`close`.
+
+        Args:
+            timeout_s: How long to wait [s].
+        """
+        return self.one(timeout_s, go_on=True)
+
+    def one(self, timeout_s: float, *, go_on: bool = False) -> LiveFrame | NoFrame | None:
         """Wait for a frame and return it, or why there is none; None when a call has or takes the input.
 
         Args:
             timeout_s: How long to wait [s].
+            go_on: Whether the input goes on until :meth:`close`.
         """
         end_s = time.monotonic() + timeout_s
         while not self._claimed.is_set():
@@ -145,17 +163,17 @@ class LiveFrames:
             if wait is None:  # a call has the input, whose claim has just ended
                 return None
             if mine:
-                return self._take(wait, timeout_s)
+                return self._take(wait, timeout_s, go_on)
             self._share(wait, end_s)
             if isinstance(wait.frame, LiveFrame) or time.monotonic() >= end_s:
                 return wait.frame
             timeout_s = max(0.0, end_s - time.monotonic())  # of another user, whose patience was shorter
         return None
 
-    def _take(self, wait: _Wait, timeout_s: float) -> LiveFrame | NoFrame | None:
+    def _take(self, wait: _Wait, timeout_s: float, go_on: bool) -> LiveFrame | NoFrame | None:
         """Take the input for one frame, and hand what comes to everybody who waits."""
         try:
-            wait.frame = self._next(timeout_s)
+            wait.frame = self._next(timeout_s, go_on)
             return wait.frame
         finally:
             with self._waits:
@@ -169,12 +187,15 @@ class LiveFrames:
             if self._claimed.is_set() or time.monotonic() >= end_s:
                 return
 
-    def _next(self, timeout_s: float) -> LiveFrame | NoFrame | None:
+    def _next(self, timeout_s: float, go_on: bool) -> LiveFrame | NoFrame | None:
         start_s, before = time.monotonic(), self._source.state.counts
-        self._source.begin()
+        go_on |= self._open
+        if not self._open:
+            self._source.begin()
+        self._open = True
         try:
             while not self._claimed.is_set() and not self._source.stopped:
-                pair = self._source.next_pair(_SLICE_S)
+                pair = self._newest_pair()
                 if pair is not None:
                     return self._read_or_refuse(pair)
                 elapsed_s = time.monotonic() - start_s
@@ -183,6 +204,21 @@ class LiveFrames:
                     return NoFrame(no_pair_reason(self._source, self._config(), before, elapsed_s))
             return None
         finally:
+            if not go_on or self._claimed.is_set():
+                self._end()
+
+    def _newest_pair(self) -> StampedPair[Any] | None:
+        """Wait a little for a pair; return the newest where several have come."""
+        pair = self._source.next_pair(_SLICE_S)
+        newer = pair
+        while newer is not None:
+            pair, newer = newer, self._source.next_pair(0.0)
+        return pair
+
+    def _end(self) -> None:
+        """End the input, if it is open; to be called by who takes."""
+        if self._open:
+            self._open = False
             self._source.end()
 
     def _read_or_refuse(self, pair: StampedPair[Any]) -> LiveFrame | NoFrame:

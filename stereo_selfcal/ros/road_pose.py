@@ -35,6 +35,8 @@ from .shutdown import silent_after_shutdown
 
 TOPIC = "~/road_pose"
 PERIOD_S = 0.1
+# Frames of a faster camera are left out, by their stamps, which may be off by a tenth of the period.
+_LEAST_APART_NS = round(0.9 * PERIOD_S * 1e9)
 # How long one wait for a frame may take; its reason is reported then.
 _PATIENCE_S = 1.0
 # While nobody listens, somebody is looked for as often as this.
@@ -58,6 +60,7 @@ class RoadPosePublisher:
         config: Returns the parameters.
         clock: Steady time [s], for tests.
         infos: Returns what CameraInfo calls the cameras.
+        leave: Called when no more frames are taken for a while.
     """
 
     def __init__(
@@ -68,8 +71,10 @@ class RoadPosePublisher:
         config: Callable[[], NodeConfig],
         clock: Callable[[], float] = time.monotonic,
         infos: Callable[[], InfoFrames] = InfoFrames,
+        leave: Callable[[], None] = lambda: None,
     ) -> None:
         self._node = node
+        self._leave = leave
         self._take = take
         self._active = active
         self._config = config
@@ -135,13 +140,16 @@ class RoadPosePublisher:
         active = self._active()
         if active is None:
             self._known, self._why = None, NOT_CALIBRATED
+            self._leave()
             self._stopped.wait(_LISTENERS_EVERY_S)
             return
         frame = self._take(_PATIENCE_S)
         refused = self._refused(frame, active)
-        if refused or not isinstance(frame, LiveFrame) or frame.stamp_ns == self._last_stamp_ns:
-            self._why = refused or self._why
+        if refused or not isinstance(frame, LiveFrame):
+            self._why = refused
             self._stopped.wait(PERIOD_S)
+            return
+        if self._last_stamp_ns is not None and 0 <= frame.stamp_ns - self._last_stamp_ns < _LEAST_APART_NS:
             return
         self._last_stamp_ns = frame.stamp_ns
         tracker = self._tracker(active)
@@ -182,17 +190,19 @@ class RoadPosePublisher:
                 listened = wanted
                 self._known, self._since_s = None, begun_s
                 self._sent_s.clear()
+                self._leave()
             if not wanted:
                 continue
             try:
+                delay_s = 0.0  # the next step waits for a frame
                 self.step()
             except Exception as error:  # noqa: BLE001 - a frame that fails must not end the following
+                delay_s = PERIOD_S
                 self._known, self._why = None, f"internal error: {type(error).__name__}: {error}"
                 if self._node.context.ok() and not self._stopped.is_set():
                     self._node.get_logger().error(
                         f"{TOPIC} failed on a frame:\n{traceback.format_exc()}", throttle_duration_sec=60.0
                     )
-            delay_s = max(0.0, begun_s + PERIOD_S - self._clock())
 
 
 def _message(

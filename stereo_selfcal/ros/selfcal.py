@@ -103,10 +103,11 @@ class SelfcalNode:
             )
             self._road_pose = RoadPosePublisher(
                 self.node,
-                self._live.one,
+                self._live.next,
                 lambda: self._keeper.active,
                 lambda: self._parameters.config,
                 infos=lambda: info_frames(self._input, self._parameters.config) or InfoFrames(),
+                leave=self._live.close,
             )
             self._reporter = DiagnosticsReporter(
                 self.node, self._input, lambda: self._parameters.config, self._calibration_report

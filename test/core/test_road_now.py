@@ -189,7 +189,7 @@ def test_the_turn_of_the_right_camera_is_that_of_the_mount():
     # The road's rows are then those of a pair that is off by 0.1 deg: the gates see it where they are read.
     seen = []
 
-    def turned_back(images, rig, turn, yaw_rad=0.0):
+    def turned_back(images, rig, turn, yaw_rad=0.0, first_row=0):
         seen.append((turn.pitch_rad, yaw_rad))
         return images, turn
 

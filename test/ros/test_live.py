@@ -139,8 +139,13 @@ def test_users_who_wait_at_the_same_time_get_the_same_frame():
     """The watch, the road and the pictures: none of them keeps the others from the images."""
     source, got = Input(), []
     frames = live(source)
-    source.next_pair = lambda timeout_s: source.waiting.set() or (arrived.wait(timeout_s) and pair()) or None
     arrived = threading.Event()
+
+    def next_pair(timeout_s):
+        source.waiting.set()
+        return source.pairs.pop() if arrived.wait(timeout_s) and source.pairs else None
+
+    source.next_pair, source.pairs = next_pair, [pair()]
     lookers = [threading.Thread(target=lambda: got.append(frames.one(60.0))) for _ in range(3)]
     lookers[0].start()
     source.waiting.wait()
@@ -163,9 +168,9 @@ def test_a_user_of_more_patience_goes_on_where_another_one_has_given_up(monkeypa
     def next_pair(timeout_s):
         source.waiting.set()
         impatient.wait(60.0)
-        return pair() if source.begun == 2 else None
+        return source.pairs.pop() if source.begun == 2 and source.pairs else None
 
-    source.next_pair = next_pair
+    source.next_pair, source.pairs = next_pair, [pair()]
     first = threading.Thread(target=lambda: got.append(("first", frames.one(0.0))))
     first.start()
     source.waiting.wait()
@@ -192,6 +197,30 @@ def test_a_call_takes_over_from_all_who_wait():
         for looker in lookers:
             looker.join(60.0)
         assert got == [None, None]
+
+
+def test_the_input_goes_on_between_frames_for_who_takes_one_after_the_other():
+    """And for others, until it is closed."""
+    source = Input(pair(), pair())
+    frames = live(source)
+    frames._newest_pair = lambda: source.next_pair(0.0)
+    assert isinstance(frames.next(1.0), LiveFrame) and isinstance(frames.one(1.0), LiveFrame)
+    assert isinstance(frames.next(0.0), NoFrame)
+    assert (source.begun, source.ended) == (1, 0)
+    frames.close()
+    frames.close()
+    assert (source.begun, source.ended) == (1, 1)
+    with frames.all():
+        assert frames.next(1.0) is None
+    assert (source.begun, source.ended) == (2, 2)
+    frames.close()
+    assert source.ended == 2
+
+
+def test_of_several_frames_that_have_come_the_newest_is_taken():
+    source = Input(pair(), replace(pair(), left_stamp_ns=7, right_stamp_ns=7))
+    assert live(source).next(1.0).stamp_ns == 7
+    assert source.pairs == []
 
 
 def until_waiting(frames, number):

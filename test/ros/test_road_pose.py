@@ -19,7 +19,7 @@ from stereo_selfcal.ros.calibration_keeper import ActiveCalibration
 from stereo_selfcal.ros.config import SETTINGS, NodeConfig
 from stereo_selfcal.ros.live import LiveFrame, NoFrame
 from stereo_selfcal.ros.messages import pose_message
-from stereo_selfcal.ros.road_pose import NOT_CALIBRATED, PERIOD_S, SILENT_S, RoadPosePublisher
+from stereo_selfcal.ros.road_pose import NOT_CALIBRATED, SILENT_S, RoadPosePublisher
 from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene
 
 CONFIG = NodeConfig.from_values({name: setting.default for name, setting in SETTINGS.items()})
@@ -64,7 +64,7 @@ class Stage:
     """The road on a node of cardboard, whose time and frames are those that are set."""
 
     def __init__(self):
-        self.now_s, self.frame, self.taken = 100.0, LIVE, 0
+        self.now_s, self.frame, self.taken, self.left = 100.0, LIVE, 0, 0
         self.active = ActiveCalibration(RESULT, PAPER_RIG, 90.0)
         self.publisher, self.logged = Publisher(), []
         node = SimpleNamespace(
@@ -74,12 +74,15 @@ class Stage:
             get_logger=lambda: SimpleNamespace(error=lambda text, **_: self.logged.append(text)),
         )
         active, clock = (lambda: self.active), (lambda: self.now_s)
-        self.road = RoadPosePublisher(node, self.take, active, lambda: CONFIG, clock=clock)
+        self.road = RoadPosePublisher(node, self.take, active, lambda: CONFIG, clock=clock, leave=self.leave)
         self.road._stopped.wait = lambda _s: False  # no time is lost by waiting
 
     def take(self, timeout_s):
         self.taken += 1
         return self.frame
+
+    def leave(self):
+        self.left += 1
 
     def step(self):
         self.publisher.sent.clear()
@@ -121,7 +124,7 @@ def test_the_yaw_is_that_of_the_mount(stage):
 
 def test_the_same_frame_is_published_once(stage):
     assert len(stage.step()) == 1 and stage.step() == []
-    stage.frame = replace(LIVE, stamp_ns=LIVE.stamp_ns + 1)
+    stage.frame = replace(LIVE, stamp_ns=LIVE.stamp_ns + 10**8)
     assert len(stage.step()) == 1
     assert len(Tracker.made) == 1  # one tracker follows one road
 
@@ -151,7 +154,7 @@ def test_where_nothing_is_published_the_reason_is_told(stage, changes, words):
 
 def test_a_refused_frame_is_not_published_and_its_reason_is_told_after_a_while(stage):
     stage.step()
-    Tracker.result, stage.frame = REFUSED, replace(LIVE, stamp_ns=LIVE.stamp_ns + 1)
+    Tracker.result, stage.frame = REFUSED, replace(LIVE, stamp_ns=LIVE.stamp_ns + 10**8)
     assert stage.step() == []
     assert stage.road.described == "published"
     stage.now_s += SILENT_S
@@ -160,7 +163,7 @@ def test_a_refused_frame_is_not_published_and_its_reason_is_told_after_a_while(s
 
 def test_the_rate_is_told(stage):
     for number in range(5):
-        stage.frame = replace(LIVE, stamp_ns=number)
+        stage.frame = replace(LIVE, stamp_ns=number * 250_000_000)
         stage.step()
         stage.now_s += 0.25
     assert stage.road.described == "published 4.0 times a second"
@@ -181,7 +184,7 @@ def test_another_calibration_begins_another_road(stage):
     stage.step()
     better = replace(RESULT, message="better")
     stage.active = replace(stage.active, result=better)
-    stage.frame = replace(LIVE, stamp_ns=LIVE.stamp_ns + 1)
+    stage.frame = replace(LIVE, stamp_ns=LIVE.stamp_ns + 10**8)
     assert len(stage.step()) == 1
     assert Tracker.made == [(PAPER_RIG, RESULT), (PAPER_RIG, better)]
 
@@ -190,7 +193,7 @@ def test_what_the_watch_has_accepted_is_compared(stage):
     stage.step()
     stage.road.compare(REFUSED)
     stage.road.compare(RESULT)
-    stage.frame = replace(LIVE, stamp_ns=LIVE.stamp_ns + 1)
+    stage.frame = replace(LIVE, stamp_ns=LIVE.stamp_ns + 10**8)
     stage.step()
     assert [each.message for each in Tracker.told] == ["good"]
 
@@ -209,28 +212,49 @@ class Clocked:
         return self.stage.now_s > 102.0
 
 
-def test_images_are_taken_at_most_ten_times_a_second_and_only_while_somebody_listens(stage):
-    frames = iter(range(1000))
-
+@pytest.mark.parametrize("camera_hz", [5.0, 10.0, 30.0, 60.0])
+def test_at_most_ten_poses_a_second_and_only_while_somebody_listens(stage, camera_hz):
     def take(timeout_s):
         stage.taken += 1
-        return replace(LIVE, stamp_ns=next(frames))
+        stage.now_s += 1.0 / camera_hz
+        return replace(LIVE, stamp_ns=round(stage.now_s * 1e9))
 
     stage.road._take = take
     Clocked(stage, lambda now_s: int(now_s >= 101.0))
     stage.road._run()
-    assert 9 <= stage.taken <= 11 and len(stage.publisher.sent) == stage.taken
+    sent = len(stage.publisher.sent)
+    assert 0.9 * min(camera_hz, 10.0) <= sent <= 11
+    assert stage.left == 1  # as somebody came
     stage.publisher.get_subscription_count = lambda: 0
     assert stage.road.described == "nobody listens"
 
 
+def test_the_images_are_left_when_nobody_listens_any_more(stage):
+    Clocked(stage, lambda now_s: int(now_s < 101.0))
+
+    def take(timeout_s):
+        stage.now_s += 0.1
+        return replace(LIVE, stamp_ns=round(stage.now_s * 1e9))
+
+    stage.road._take = take
+    stage.road._run()
+    assert stage.left == 2 and stage.now_s > 102.0
+    stage.active = None
+    stage.road.step()
+    assert stage.left == 3
+
+
 def test_what_fails_on_a_frame_is_told_and_the_next_ones_go_on(stage):
+    def take(timeout_s):
+        stage.now_s += 0.1
+        return replace(LIVE, stamp_ns=round(stage.now_s * 1e9))
+
+    stage.road._take = take
     Tracker.result = RuntimeError("broken")
     Clocked(stage, lambda now_s: 1)
     stage.road._run()
-    assert stage.taken > 10 and all("RuntimeError: broken" in text for text in stage.logged)
+    assert len(stage.logged) > 5 and all("RuntimeError: broken" in text for text in stage.logged)
     assert stage.road.described == "nothing is published: internal error: RuntimeError: broken"
-    assert PERIOD_S == 0.1
 
 
 def test_the_thread_ends_while_it_waits():

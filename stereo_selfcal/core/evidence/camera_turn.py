@@ -227,7 +227,7 @@ def _shrunk(value: float, variance: float, calibrated_std: float) -> tuple[float
 
 
 def turned_back(
-    images: tuple[Image, Image], rig: StereoRig, turn: CameraTurn, yaw_rad: float = 0.0
+    images: tuple[Image, Image], rig: StereoRig, turn: CameraTurn, yaw_rad: float = 0.0, first_row: int = 0
 ) -> tuple[tuple[Image, Image], CameraTurn]:
     """Return the images with the right one as a camera sees it that is not turned; and the turn, corrected.
 
@@ -236,6 +236,7 @@ def turned_back(
         rig: Intrinsics.
         turn: Pitch and roll of the right camera.
         yaw_rad: Its yaw, as far as it is to be corrected [rad].
+        first_row: Row from which on the image is needed; it is black above.
     """
     if not turn.seen and yaw_rad == 0.0:
         return images, turn
@@ -243,12 +244,14 @@ def turned_back(
     rotation = optical_rotation(turn.pitch_rad, turn.roll_rad, yaw_rad)
     # Where a point lies in the image of the turned camera, for where it would lie without the turn.
     turned_from_straight = matrix @ rotation.T @ np.linalg.inv(matrix)
+    from_first_row = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, first_row], [0.0, 0.0, 1.0]])
     left, right = images
-    straight = cv2.warpPerspective(
+    straight = np.zeros_like(right)
+    straight[first_row:] = cv2.warpPerspective(
         right,
-        turned_from_straight,
-        (right.shape[1], right.shape[0]),
+        turned_from_straight @ from_first_row,
+        (right.shape[1], right.shape[0] - first_row),
         flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP,
         borderMode=cv2.BORDER_REPLICATE,
     )
-    return (left, np.asarray(straight, np.uint8)), replace(turn, corrected=True)
+    return (left, straight), replace(turn, corrected=True)

@@ -17,6 +17,7 @@ from ..camera.rig import StereoRig
 from ..config import CalibratorConfig, TextureConfig
 from ..evidence.frame_evidence import FrameObservations, Hypothesis
 from ..geometry.homography import horizon_row
+from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm
 from ..lanes.line_geometry import lane_in_road
 from ..lanes.stripe_points import find_stripe_points
@@ -106,10 +107,19 @@ class RoadLines:
     def _with_points(
         self, frame: FrameObservations, rig: StereoRig, config: CalibratorConfig
     ) -> FrameObservations:
-        """Return a frame with the stripe points below the highest horizon that the road may have."""
-        pose = self.camera.pose
-        nose_down = replace(pose, pitch_rad=pose.pitch_rad + _MOST_PITCH_RAD)
-        highest = float(horizon_row(rig, nose_down, [0.0, rig.width - 1.0]).min())
-        first_row = int(np.clip(highest, 0, rig.height // 2))
+        """Return a frame with the stripe points of the road."""
+        first_row = first_road_row(self.camera.pose, rig)
         left, right = (find_stripe_points(image, config.extraction, first_row) for image in frame.images)
         return replace(frame, points=(left, right))
+
+
+def first_road_row(pose: Extrinsics, rig: StereoRig) -> int:
+    """Return the first row in which a road may be seen: its horizon, if the car pitches as much as it can.
+
+    Args:
+        pose: Pose over the road before.
+        rig: Intrinsics and baseline.
+    """
+    nose_down = replace(pose, pitch_rad=pose.pitch_rad + _MOST_PITCH_RAD)
+    highest = float(horizon_row(rig, nose_down, [0.0, rig.width - 1.0]).min())
+    return int(np.clip(highest, 0, rig.height // 2))
