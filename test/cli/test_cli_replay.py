@@ -147,11 +147,11 @@ def test_exports_name_the_left_camera_as_the_recording_does(bag, calibrator, tmp
     config.write_text("/**: {ros__parameters: {camera_frame: from_camera_info}}")
     arguments = [str(bag), "--output", str(tmp_path / "out.yaml"), "--export", "autoware"]
     assert main([*arguments, "--config", str(config)]) == 0
-    pose = yaml.safe_load((tmp_path / "out.autoware.yaml").read_text())["road"]["stereo_left_optical"]
+    pose = yaml.safe_load((tmp_path / "out.autoware.yaml").read_text())["road"]["left"]
     assert pose["y"] > 0.0 and pose["yaw"] == pytest.approx(
         -np.pi / 2, abs=0.1
     )  # x of an optical frame: right
-    config.write_text("/**: {ros__parameters: {camera_frame: stereo_right_optical}}")
+    config.write_text("/**: {ros__parameters: {camera_frame: right}}")
     assert main([*arguments, "--config", str(config)]) == 2
     assert "which is the right camera by its CameraInfo" in capsys.readouterr().err
     assert (tmp_path / "out.yaml").is_file()
