@@ -153,8 +153,11 @@ def _use_parameters(path: Path) -> None:
     config = load_calibrator_config(path)
     if config != CalibratorConfig.from_mapping({name: value for name, value, _ in config.settings()}):
         raise AssertionError("settings that are not those of a mapping of them")
-    for frame in load_frames(path):
+    frames = load_frames(path)
+    for frame in (frames.vehicle_frame, frames.road_frame, frames.camera_frame):
         frame.encode()
+    if not max(abs(frames.place.x_m), abs(frames.place.y_m)) <= 100.0:
+        raise AssertionError(f"a place that no vehicle has: {frames.place}")
 
 
 def _use_rig(path: Path) -> None:
@@ -189,7 +192,12 @@ def _good_result_of_schema_1() -> Any:
 
 
 def _good_parameters() -> Any:
-    settings: dict[str, Any] = {"timeout_s": 5.0, "road_frame": "road", "camera_frame": "stereo_camera"}
+    settings: dict[str, Any] = {
+        "timeout_s": 5.0,
+        "road_frame": "road",
+        "camera_frame": "stereo_camera",
+        "mount": {"x_m": 1.7},
+    }
     for name, value, _ in CalibratorConfig().settings():
         section, _, rest = name.partition(".")
         if rest:

@@ -12,9 +12,10 @@ from typing import Any
 
 from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
+from ..core.drive.travel import MOST_STEP_S
 from ..core.errors import ConfigError, shortened
 from ..core.geometry.pose import DEGREES, Extrinsics
-from ..core.geometry.travel import MOUNT_YAW_STD_RAD, Travel
+from ..core.geometry.travel import Travel
 from ..core.geometry.vehicle import CameraAxes, CameraInVehicle, PlaceInVehicle, camera_in_vehicle
 from ..core.results import CalibrationResult
 from .node_settings import CAMERA_FRAME, FROM_CAMERA_INFO, ROAD_FRAME, VEHICLE_FRAME
@@ -226,6 +227,18 @@ def place_camera(
     )
 
 
+def unknown_yaw_cause(travel: Travel | None) -> str:
+    """Return why the yaw against the direction of travel is not known.
+
+    Args:
+        travel: What is known of the direction of travel; it does not tell the yaw.
+    """
+    if travel is None:
+        return f"the car hardly moved, or its frames are more than {MOST_STEP_S:g} s apart"
+    std = DEGREES.text(float(travel.std[0]))
+    return f"std {std}, no better than that of any mount: the car drove bends only, or too short a way"
+
+
 def explain_unknown_yaw(travel: Travel | None, names: FrameNames) -> str:
     """Return that the yaw is not known, why, what follows, and what to do: one sentence.
 
@@ -233,13 +246,10 @@ def explain_unknown_yaw(travel: Travel | None, names: FrameNames) -> str:
         travel: What is known of the direction of travel.
         names: The frames as they are asked for.
     """
-    why = "no drive has shown it"
-    if travel is not None:
-        std, limit = (DEGREES.number(value) for value in (float(travel.std[0]), MOUNT_YAW_STD_RAD))
-        why = f"std {std} deg, at most {limit} tells more than that cameras look ahead"
+    road, vehicle = _shown(names.road_frame), _shown(names.vehicle_frame)
     return (
-        f"the yaw is not known ({why}), so the camera is in {_shown(names.road_frame)}, with yaw 0, and not "
-        f"in {_shown(names.vehicle_frame)}: drive straight on for half a minute while frames are taken"
+        f"the yaw is not known ({unknown_yaw_cause(travel)}), so the camera is in {road}, with yaw 0, and "
+        f"not in {vehicle}: drive straight on for half a minute while frames are taken"
     )
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from ..core.drive.travel import MOST_STEP_S
 from ..core.geometry.pose import DEGREES
 from ..core.geometry.travel import Travel
+from ..files.frames import unknown_yaw_cause
 
 _LABEL = "The yaw against the direction of travel"
 
@@ -16,10 +16,7 @@ def travel_sentence(travel: Travel | None) -> str:
         travel: The camera against the direction of travel; None where nothing tells it.
     """
     if travel is None:
-        return (
-            f"{_LABEL} is not known: the car hardly moved, or its frames are more than "
-            f"{MOST_STEP_S:g} s apart"
-        )
+        return f"{_LABEL} is not known: {unknown_yaw_cause(travel)}"
     seen = f"{travel.n_steps} steps of {travel.driven_s:.1f} s of drive"
     std, pitch_std = (DEGREES.text(float(value)) for value in travel.std)
     if not travel.tells_yaw:

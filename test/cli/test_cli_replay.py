@@ -142,6 +142,21 @@ def test_exports_are_written_beside_the_result(bag, calibrator, tmp_path):
     assert (pose["z"], pose["pitch"], pose["roll"]) == pytest.approx(expected, rel=1e-12)
 
 
+def test_exports_name_the_left_camera_as_the_recording_does(bag, calibrator, tmp_path, capsys):
+    config = tmp_path / "config.yaml"
+    config.write_text("/**: {ros__parameters: {camera_frame: from_camera_info}}")
+    arguments = [str(bag), "--output", str(tmp_path / "out.yaml"), "--export", "autoware"]
+    assert main([*arguments, "--config", str(config)]) == 0
+    pose = yaml.safe_load((tmp_path / "out.autoware.yaml").read_text())["road"]["left"]
+    assert pose["y"] > 0.0 and pose["yaw"] == pytest.approx(
+        -np.pi / 2, abs=0.1
+    )  # x of an optical frame: right
+    config.write_text("/**: {ros__parameters: {camera_frame: right}}")
+    assert main([*arguments, "--config", str(config)]) == 2
+    assert "which is the right camera by its CameraInfo" in capsys.readouterr().err
+    assert (tmp_path / "out.yaml").is_file()
+
+
 def test_export_without_a_result_file_has_no_place(bag, calibrator, capsys):
     assert main([str(bag), "--export", "urdf"]) == 2
     assert "give --output" in capsys.readouterr().err

@@ -19,9 +19,8 @@ def config(**changes):
 
 def image(stamp_ms, width=640, encoding="mono8"):
     stamp = SimpleNamespace(sec=stamp_ms // 1000, nanosec=stamp_ms % 1000 * 10**6)
-    return SimpleNamespace(
-        header=SimpleNamespace(stamp=stamp), width=width, height=480, encoding=encoding, data=b""
-    )
+    header = SimpleNamespace(stamp=stamp, frame_id="left_optical")
+    return SimpleNamespace(header=header, width=width, height=480, encoding=encoding, data=b"")
 
 
 def pair(number):
@@ -222,8 +221,11 @@ def test_formats():
     intake.add("right", image(0, encoding="x" * 1000))
     assert str(intake.formats["left"]) == "640 x 480 mono8"
     assert len(intake.formats["right"].encoding) == 80
-    compressed = ImageFormat.of(SimpleNamespace(format="jpeg", data=b""))
+    assert intake.formats["left"].frame_id == "left_optical"
+    header = SimpleNamespace(frame_id="right_optical")
+    compressed = ImageFormat.of(SimpleNamespace(header=header, format="jpeg", data=b""))
     assert (str(compressed), compressed.is_raw) == ("jpeg", False)
+    assert compressed.frame_id == "right_optical"
 
 
 def test_pairs_know_which_camera_repeats_its_last_image_even_across_pauses():

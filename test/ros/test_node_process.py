@@ -27,7 +27,7 @@ def test_result_is_the_same_in_every_place(graph, start, tmp_path):
     with Camera(graph, [rendered()]):
         answer = graph.calibrate()
     assert answer.success, answer.message
-    assert answer.message.endswith(f"saved to {path}")
+    assert f"; saved to {path}; the yaw is not known" in answer.message
 
     saved = load_result(path)
     assert_near_truth(saved.extrinsics)
@@ -55,7 +55,8 @@ def test_result_is_the_same_in_every_place(graph, start, tmp_path):
     assert pose.header.stamp.sec * 10**9 + pose.header.stamp.nanosec == stamp_of(index)
     assert pose.pose.pose.position.z == expected.extrinsics.height_m
     covariance = np.array(pose.pose.covariance).reshape(6, 6)
-    np.testing.assert_array_equal(covariance[np.ix_([2, 4, 3], [2, 4, 3])], expected.covariance)
+    # The roll turns about an axis that the pitch has turned down a little.
+    np.testing.assert_allclose(covariance[np.ix_([2, 4, 3], [2, 4, 3])], expected.covariance, rtol=3e-3)
 
 
 def test_compressed_images_give_the_numbers_of_mono8(graph, start):

@@ -12,7 +12,7 @@ import painted_square as scene
 from call_making import scripted_calls
 from node_in_process import NodeInProcess
 from rclpy.parameter import Parameter
-from ros_graph import info_message
+from ros_graph import image_message, info_message
 from tf2_stand_in import StandInTf2, joint
 
 from stereo_selfcal.core.camera.rectifier import StereoRectifier
@@ -23,8 +23,9 @@ from stereo_selfcal.ros import selfcal as selfcal_module
 from stereo_selfcal.ros.calibration import CallOutcome
 
 FRAMES = ("zed_left", "zed_right")
+RIG_PARAMETERS = {f"rig.{name}": value for name, value in scene.RIG.to_mapping().items()}
 MOUNT = {"mount.x_m": scene.PLACE.x_m, "mount.y_m": scene.PLACE.y_m}
-UNKNOWN_YAW = "the yaw is not known (no drive has shown it), so the camera is in 'road'"
+UNKNOWN_YAW = "frames are more than 1.5 s apart), so the camera is in 'road', with yaw 0"
 
 
 @pytest.fixture
@@ -164,7 +165,7 @@ def test_yaw_is_set_with_the_other_results_and_taken_back(calibrated):
         (
             {
                 "camera_frame": "from_camera_info",
-                **{f"rig.{k}": v for k, v in scene.RIG.to_mapping().items()},
+                **RIG_PARAMETERS,
             },
             FRAMES,
             "the rig is given, so that there is none: set camera_frame",
@@ -184,6 +185,20 @@ def test_camera_without_a_name_goes_nowhere_and_says_why(
     assert carried(last(node, "pose").pose.pose, optical) == pytest.approx(scene.TRUTH_M, abs=0.01)
     level, told = values(node)
     assert level == b"\1" and words in told["transform"]
+
+
+@pytest.mark.parametrize(
+    ("image_frame", "axes"), [("zed_left", "optical"), ("/zed_left", "optical"), ("", "body")]
+)
+def test_images_name_the_camera_where_there_is_no_camera_info(calibrated, tf2, image_frame, axes):
+    node = calibrated(camera_frame="zed_left", **RIG_PARAMETERS)
+    image = image_message(np.zeros((720, 1280), np.uint8))
+    image.header.frame_id = image_frame
+    node.selfcal._input._intake.add("left", image)
+    node.calibrate()
+    assert values(node)[1]["transform"] == f"{axes} frame zed_left in base_footprint"
+    found = carried(tf2.sent[-1][0].transform, axes == "optical")
+    assert found == pytest.approx(scene.TRUTH_M, abs=scene.TOLERANCE_M)
 
 
 @pytest.mark.parametrize("topic", ["/tf", "/tf_static"])
