@@ -9,7 +9,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any
 
 from ..core.camera.bit_depth import BitDepth, Pixels
 from ..core.camera.frozen import checksum
@@ -19,6 +19,7 @@ from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
 from ..core.errors import ImageError, RigError, printable
 from .errors import BagError
+from .found_pair import FoundPair, first_judged
 from .frame import StereoFrame, readable
 from .frame_cameras import LATE_NS, FrameCameras
 from .part import Message, Part, open_bags
@@ -40,13 +41,6 @@ _MARGIN_NS = 4_000_000_000
 
 # Places in a recording at which the depth of its 16-bit images is looked up: it may begin in the dark.
 _LOOKS = 5
-
-
-class _Found(NamedTuple):
-    """A pair of images, and the CameraInfo of both where it is followed."""
-
-    pair: StampedPair[Message]
-    infos: tuple[Any, Any] | None
 
 
 class StereoBag:
@@ -225,7 +219,7 @@ class StereoBag:
             turns=True,
         )
         chosen = selection.choose(
-            _first_judged(pairs), lambda found: found.pair.left.recorded_ns - self.start_ns
+            first_judged(pairs), lambda found: found.pair.left.recorded_ns - self.start_ns
         )
         n_frames = 0
         for frame in readable(map(self._frame, chosen), self._name):
@@ -243,12 +237,12 @@ class StereoBag:
         Raises:
             BagError: There is none, or the recording is damaged.
         """
-        for found in _first_judged(self._pairs(recorded_ns - _MARGIN_NS, recorded_ns + _MARGIN_NS)):
+        for found in first_judged(self._pairs(recorded_ns - _MARGIN_NS, recorded_ns + _MARGIN_NS)):
             if found.pair.left.recorded_ns == recorded_ns:
                 return self._frame(found)
         raise BagError(f"{self._name}: there is no frame recorded at {recorded_ns} ns")
 
-    def _pairs(self, start_ns: int | None, stop_ns: int | None, turns: bool = False) -> Iterator[_Found]:
+    def _pairs(self, start_ns: int | None, stop_ns: int | None, turns: bool = False) -> Iterator[FoundPair]:
         self._largest = 0
         # One tolerance is enough to say both: zero asks for equal stamps.
         pairer: StampPairer[Message] = StampPairer(self._tolerance_s > 0, self._tolerance_s, _QUEUE_SIZE)
@@ -260,8 +254,8 @@ class StereoBag:
             messages = self._turns.taken_out(messages)
         if self._cameras is None:
             for message in messages:
-                yield from (_Found(pair, None) for pair in self._add(pairer, message))
-            yield from (_Found(pair, None) for pair in pairer.flush())
+                yield from (FoundPair(pair, None) for pair in self._add(pairer, message))
+            yield from (FoundPair(pair, None) for pair in pairer.flush())
         else:
             yield from self._with_infos(self._cameras, pairer, messages, start_ns)
         counts = pairer.counts
@@ -291,14 +285,16 @@ class StereoBag:
         pairer: StampPairer[Message],
         messages: Iterator[Message],
         start_ns: int | None,
-    ) -> Iterator[_Found]:
+    ) -> Iterator[FoundPair]:
         """Yield pairs with their CameraInfo, which may be recorded a little later than they are."""
         histories = cameras.histories(start_ns)
         waiting: deque[StampedPair[Message]] = deque()
 
-        def found(pair: StampedPair[Message]) -> _Found:
+        def found(pair: StampedPair[Message]) -> FoundPair:
             both = pair.left.recorded_ns, pair.right.recorded_ns
-            return _Found(pair, cameras.infos_at(histories, (pair.left_stamp_ns, pair.right_stamp_ns), both))
+            return FoundPair(
+                pair, cameras.infos_at(histories, (pair.left_stamp_ns, pair.right_stamp_ns), both)
+            )
 
         def is_ready(pair: StampedPair[Message], now_ns: int) -> bool:
             if len(waiting) > _QUEUE_SIZE or now_ns > pair.right.recorded_ns + LATE_NS:
@@ -315,7 +311,7 @@ class StereoBag:
         waiting.extend(pairer.flush())
         yield from map(found, waiting)
 
-    def _frame(self, found: _Found) -> StereoFrame:
+    def _frame(self, found: FoundPair) -> StereoFrame:
         pair = found.pair
         frame = StereoFrame.from_images(
             stamp_to_s(pair.stamp_ns),
@@ -358,22 +354,6 @@ class StereoBag:
         self, topics: Collection[Topic], start_ns: int | None = None, stop_ns: int | None = None
     ) -> Iterator[Message]:
         return in_order(self._parts, topics, start_ns, stop_ns)
-
-
-def _first_judged(pairs: Iterator[_Found]) -> Iterator[_Found]:
-    """Yield pairs; an image that the second one repeats is a repeated one in the first too: it may be old."""
-    first = next(pairs, None)
-    if first is None:
-        return
-    try:
-        second = next(pairs, None)
-    except BagError:
-        yield first
-        raise
-    yield first if second is None else first._replace(pair=replace(first.pair, frozen=second.pair.frozen))
-    if second is not None:
-        yield second
-    yield from pairs
 
 
 def stereo_pairs(paths: Sequence[Path], raw: bool = False) -> list[StereoTopics]:

@@ -134,6 +134,18 @@ NODE_SETTINGS = (
         fixed=True,
     ),
     NodeSetting(
+        "odometry_topic",
+        "",
+        "nav_msgs/Odometry that a call compares the motion in the images with; empty: none",
+        fixed=True,
+    ),
+    NodeSetting(
+        "imu_topic",
+        "",
+        "The same of sensor_msgs/Imu in the axes of the vehicle, z up; empty: none",
+        fixed=True,
+    ),
+    NodeSetting(
         "output_path",
         OLD_OUTPUT_PATH,  # that of a node without namespace; see default_output_path()
         "File the result is written to (~ is the home folder); empty: it is not written; default: "

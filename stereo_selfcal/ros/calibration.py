@@ -29,6 +29,7 @@ from .call_progress import CallProgress
 from .config import NodeConfig
 from .pair_source import PairSource, known_rectifier, no_pair_reason, publishers_text
 from .record import FrameReport, calibrate_timed, failed_frame, refused_frame
+from .turns_of_call import TurnsOfCall
 
 INTERRUPTED = "interrupted: the node shuts down"
 RESET = "ended by ~/reset: nothing was activated; call again to calibrate anew"
@@ -75,6 +76,7 @@ class CalibrationCall:
         config: Parameters at the start of the call.
         report: Told of every frame that was calibrated, in the thread of the call. It must return at once.
         tell: Told of the progress once a second, while frames come; as ``report``.
+        turns: What odometry and a gyroscope say meanwhile; None without them.
     """
 
     def __init__(
@@ -83,10 +85,12 @@ class CalibrationCall:
         config: NodeConfig,
         report: Callable[[FrameReport], None] | None = None,
         tell: Callable[[CallProgress], None] | None = None,
+        turns: TurnsOfCall | None = None,
     ) -> None:
         self._source = source
         self._report = report
         self._tell = tell
+        self._turns = TurnsOfCall() if turns is None else turns
         self._config = config
         self._targets = config.targets
         self._cancelled = threading.Event()
@@ -253,6 +257,7 @@ class CalibrationCall:
         calibrator = self._calibrator_of(rectifier, pair.stamp_ns)
         if calibrator is None:
             return
+        self._turns.pass_on(calibrator)
         left, right = rectifier.apply(left, right)
         if refusal is not None:
             frame = refused_frame(left, right, calibrator.rig, refusal, pair.stamp_ns)
@@ -319,7 +324,8 @@ class CalibrationCall:
         cameras = self._follower.current
         doubts = [] if cameras is None else [doubt.message for doubt in cameras.doubts]
         repeated = self._source.state.counts.since(before).repeated_remark
-        return "".join(f"; {doubt}" for doubt in (*doubts, self._depth.remark, repeated) if doubt)
+        turns = self._turns.doubts(self._calibrator)
+        return "".join(f"; {doubt}" for doubt in (*doubts, self._depth.remark, repeated, *turns) if doubt)
 
     def _changes(self) -> str:
         """Return the last change of CameraInfo, to be added to the message of a result."""

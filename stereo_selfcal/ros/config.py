@@ -31,6 +31,8 @@ class NodeConfig:
         queue_size: Images of each side that wait for a partner, and pairs for the calibrator.
         image_transport: "raw" or "compressed".
         rectified: Whether the images are rectified. If not, the node undistorts and rectifies them.
+        odometry_topic: Topic of nav_msgs/Odometry that says how the car turns, "" for none.
+        imu_topic: The same of sensor_msgs/Imu.
         output_path: The result file, None for none.
         timeout_s: How long a call collects frames [s], if the targets are not reached before.
         frames: Least number of accepted frames of a call.
@@ -55,6 +57,8 @@ class NodeConfig:
     queue_size: int
     image_transport: str
     rectified: bool
+    odometry_topic: str
+    imu_topic: str
     output_path: Path | None
     timeout_s: float
     frames: int

@@ -38,6 +38,7 @@ from .live import LiveFrames, known_rig
 from .markers import lanes_on_road
 from .memory import trim_heap
 from .monitor import Monitor
+from .odometry import TurnInput
 from .outputs import Outputs
 from .overrides import unused_start_values
 from .pair_source import known_rectifier
@@ -47,6 +48,7 @@ from .reporter import DiagnosticsReporter
 from .road_pose import RoadPosePublisher
 from .shutdown import silent_after_shutdown
 from .transform_report import TransformReport
+from .turns_of_call import TurnsOfCall
 from .views import Views
 
 _RECALIBRATE = "recalibrate"
@@ -76,6 +78,7 @@ class SelfcalNode:
             failed.callback(self.node.destroy_node)  # else half a node would answer under its name
             self._parameters = NodeParameters(self.node, self._on_parameters)
             self._input = StereoInput(self.node, self._parameters.config)
+            self._turns = TurnInput(self.node, self._parameters.config)
             self._live = LiveFrames(self._input, lambda: self._parameters.config)
             self._outputs = Outputs(self.node, self._parameters)
             self._calibrating = threading.Lock()
@@ -165,10 +168,12 @@ class SelfcalNode:
             return response
         try:
             config = self._parameters.config
-            call = CalibrationCall(self._input, config, self._on_frame, self._on_progress)
+            turns = TurnsOfCall(self._turns.topics)
+            call = CalibrationCall(self._input, config, self._on_frame, self._on_progress, turns)
             self._call = call  # a reset ends it from here on
             self._keeper.begin()
-            response.success, response.message = self._calibrate(call, config)
+            with self._turns.heard_by(turns.hear):
+                response.success, response.message = self._calibrate(call, config)
         except Exception as error:  # noqa: BLE001 - the caller gets an answer and the node goes on
             response.success, response.message = False, self._explain_failure(error)
         finally:
