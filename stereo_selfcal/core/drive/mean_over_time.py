@@ -162,12 +162,14 @@ def _fit(values: Array, variances: Array, design: Array, prior: Array) -> tuple[
 def _scatter(residuals: Array, noise: Array, lasting: Array, weights: Array, over: MeanOverTime) -> float:
     """Return the standard deviation of the slow scatter, by the residuals and its prior.
 
-    In means over one memory each, the noise averages out, and the scatter does so less.
+    In means over one memory each, the noise averages out, and the scatter does so less. Values in which more
+    lasts than the prior has do not show it.
     """
-    counted = np.flatnonzero(weights > 0.0)
+    counted = np.flatnonzero((weights > 0.0) & (lasting <= over.scatter))
     n_counted = len(counted)
+    shown = MeanOverTime(over.duration_s * n_counted / len(residuals), over.memory_s)
     # A series that is hardly longer than its memory does not show it.
-    n_blocks = min(n_counted, math.floor(over.duration_s / over.memory_s))
+    n_blocks = min(n_counted, math.floor(shown.duration_s / over.memory_s))
     freedom = max(0.0, n_blocks - 1.0)
     measured = 0.0
     if freedom:
@@ -175,10 +177,9 @@ def _scatter(residuals: Array, noise: Array, lasting: Array, weights: Array, ove
         sizes = np.diff([*starts, n_counted])
         means = np.add.reduceat(residuals[counted], starts) / sizes
         of_noise = np.add.reduceat(noise[counted], starts) / sizes**2
-        expected = float(of_noise.mean()) + float(np.mean(lasting[counted] ** 2))
-        seen = float(np.sum((means - means.mean()) ** 2)) / freedom - expected
+        seen = float(np.sum((means - means.mean()) ** 2)) / freedom - float(of_noise.mean())
         # What the scatter leaves in such means, and in their common mean, which is taken from them.
-        in_block = max(MeanOverTime(over.duration_s / n_blocks, over.memory_s).of_mean, n_blocks / n_counted)
-        measured = max(0.0, seen) * freedom / (n_blocks * (in_block - over.of_mean))
+        in_block = max(MeanOverTime(shown.duration_s / n_blocks, over.memory_s).of_mean, n_blocks / n_counted)
+        measured = max(0.0, seen) * freedom / (n_blocks * (in_block - shown.of_mean))
     variance = (_PRIOR_FREEDOM * over.scatter**2 + freedom * measured) / (_PRIOR_FREEDOM + freedom)
     return math.sqrt(variance)
