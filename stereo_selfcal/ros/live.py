@@ -115,7 +115,7 @@ class LiveFrames:
         self._taking = threading.Lock()
         self._claimed = threading.Event()
         self._waits = threading.Lock()
-        self._wait: _Wait | None = None  # that of the user who has the input
+        self._wait: _Wait | None = None  # that of the user who has the input, or will have it next
         self._open = False  # whether the input goes on between single frames; of who takes
 
     @contextmanager
@@ -123,18 +123,22 @@ class LiveFrames:
         """Take the input over for a call; its frames arrive from now on. One thread at a time."""
         self._claimed.set()
         with self._taking:
+            self._end()
             self._source.begin()
             try:
                 yield self._source
             finally:
                 self._source.end()
-                self._open = False
                 self._claimed.clear()
 
     def close(self) -> None:
         """End the input that goes on for whoever takes one frame after the other."""
         with self._taking:
             self._end()
+            with self._waits:
+                wait, self._wait = self._wait, None
+        if wait is not None:  # of users who wait for the next frame of this one
+            wait.over.set()
 
     def next(self, timeout_s: float) -> LiveFrame | NoFrame | None:
         """Wait for the newest frame after the one before; as :meth:`one`, but the input goes on.
@@ -154,11 +158,13 @@ class LiveFrames:
             go_on: Whether the input goes on until :meth:`close`.
         """
         end_s = time.monotonic() + timeout_s
-        while not self._claimed.is_set():
+        while not (self._claimed.is_set() or self._source.stopped):
             with self._waits:
-                mine = self._taking.acquire(blocking=False)
-                if mine:
-                    self._wait = _Wait()
+                # Where the input goes on for another user, that one's next frame is this one's, too.
+                theirs = self._open and not go_on
+                mine = not theirs and self._taking.acquire(blocking=False)
+                if mine or theirs:
+                    self._wait = self._wait or _Wait()
                 wait = self._wait
             if wait is None:  # a call has the input, whose claim has just ended
                 return None
@@ -182,9 +188,9 @@ class LiveFrames:
             wait.over.set()
 
     def _share(self, wait: _Wait, end_s: float) -> None:
-        """Wait until another user's wait is over, or a call takes the input, or time is up."""
+        """Wait until another user's wait is over, or nobody is to wait any more, or time is up."""
         while not wait.over.wait(min(_SLICE_S, max(0.0, end_s - time.monotonic()))):
-            if self._claimed.is_set() or time.monotonic() >= end_s:
+            if self._claimed.is_set() or self._source.stopped or time.monotonic() >= end_s:
                 return
 
     def _next(self, timeout_s: float, go_on: bool) -> LiveFrame | NoFrame | None:

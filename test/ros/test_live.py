@@ -200,11 +200,10 @@ def test_a_call_takes_over_from_all_who_wait():
 
 
 def test_the_input_goes_on_between_frames_for_who_takes_one_after_the_other():
-    """And for others, until it is closed."""
     source = Input(pair(), pair())
     frames = live(source)
     frames._newest_pair = lambda: source.next_pair(0.0)
-    assert isinstance(frames.next(1.0), LiveFrame) and isinstance(frames.one(1.0), LiveFrame)
+    assert isinstance(frames.next(1.0), LiveFrame) and isinstance(frames.next(1.0), LiveFrame)
     assert isinstance(frames.next(0.0), NoFrame)
     assert (source.begun, source.ended) == (1, 0)
     frames.close()
@@ -217,6 +216,53 @@ def test_the_input_goes_on_between_frames_for_who_takes_one_after_the_other():
     assert source.ended == 2
 
 
+def test_who_takes_one_after_the_other_shares_the_next_one():
+    """The watch takes no frame away from the road."""
+    source, got = Input(pair()), []
+    frames = live(source)
+    frames.next(1.0)
+    watch = threading.Thread(target=lambda: got.append(frames.one(600.0)))
+    watch.start()
+    until_waiting(frames, 1)
+    source.pairs = [pair()]
+    shared = frames.next(1.0)
+    watch.join(60.0)
+    assert got == [shared] and isinstance(shared, LiveFrame)
+    assert (source.begun, source.ended) == (1, 0)
+
+
+def test_a_shutdown_ends_the_waiting_for_another_one_s_frame():
+    source, got = Input(pair()), []
+    frames = live(source)
+    frames.next(1.0)
+    watch = threading.Thread(target=lambda: got.append(frames.one(600.0)))
+    watch.start()
+    until_waiting(frames, 1)
+    source.stopped = True
+    watch.join(60.0)
+    assert got == [None]
+
+
+@pytest.mark.parametrize("by_call", [False, True])
+def test_who_waits_for_another_one_s_frame_is_not_left_alone(by_call):
+    source, got = Input(pair()), []
+    frames = live(source)
+    frames.next(1.0)
+    watch = threading.Thread(target=lambda: got.append(frames.one(600.0)))
+    watch.start()
+    until_waiting(frames, 1)
+    source.pairs = [pair()]
+    if by_call:
+        with frames.all():
+            watch.join(60.0)
+        assert got == [None]
+    else:
+        frames.close()
+        watch.join(60.0)
+        assert isinstance(got[0], LiveFrame)
+    assert source.begun == source.ended == 2
+
+
 def test_of_several_frames_that_have_come_the_newest_is_taken():
     source = Input(pair(), replace(pair(), left_stamp_ns=7, right_stamp_ns=7))
     assert live(source).next(1.0).stamp_ns == 7
@@ -225,6 +271,8 @@ def test_of_several_frames_that_have_come_the_newest_is_taken():
 
 def until_waiting(frames, number):
     """Wait until so many users share the wait of another one."""
+    while frames._wait is None:
+        threading.Event().wait(0.001)
     waits = frames._wait.over
     while len(waits._cond._waiters) < number:
         threading.Event().wait(0.001)
