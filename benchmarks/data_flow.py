@@ -224,7 +224,7 @@ NOT_ON_THE_WAY = {
     ),
     "geometry/mount, drive/targets": "how an estimate of the mount was reached, and when it is good enough",
     "estimators/landmarks, drive/landmark_matches, drive/motion_between_frames, drive/travel, "
-    "geometry/travel": "how the car moves between frames",
+    "drive/yaw_change, drive/kept_yaw, geometry/travel": "how the car moves between frames",
     "drive/turn_rates, drive/turn_topics": "what odometry and gyroscopes say of that motion",
     "evidence/told_alignment, drive/rig_alignment, drive/rig_doubt, drive/travel_vergence, "
     "drive/right_delay, drive/mean_over_time, drive/memory": "what a drive tells of the rig",

@@ -247,6 +247,7 @@ def _travel(travel: Travel | None) -> dict[str, Any] | None:
         return None
     yaw_std_rad, pitch_std_rad = map(float, travel.std)
     return {
+        "yaw_known": travel.tells_yaw,
         "yaw_rad": travel.yaw_rad,
         "yaw_std_rad": yaw_std_rad,
         "pitch_rad": travel.pitch_rad,

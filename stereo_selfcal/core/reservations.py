@@ -27,6 +27,7 @@ class ReservationKind(Enum):
     NO_CLOSED_FORM = "no_closed_form"
     CLOSED_FORM_DIFFERS = "closed_form_differs"
     PITCH_NOT_OF_TRAVEL = "pitch_not_of_travel"
+    YAW_CHANGED = "yaw_changed"
 
     def __str__(self) -> str:
         return self.value
@@ -52,6 +53,10 @@ _WORDS = {
         "the pitch over the road is not that against the direction of travel: the right camera may have "
         "turned about the vertical, or the road was hardly ever level with the way",
         ": it is ",
+    ),
+    ReservationKind.YAW_CHANGED: (
+        "the yaw against the direction of travel has changed during the drive, as if the camera was turned",
+        ": ",
     ),
 }
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
-from ..core.drive.travel import MOST_STEP_S
+from ..core.drive.travel import MOST_STEP_M, MOST_STEP_S
 from ..core.errors import ConfigError, shortened
 from ..core.geometry.pose import DEGREES, Extrinsics
 from ..core.geometry.travel import Travel
@@ -234,7 +234,10 @@ def unknown_yaw_cause(travel: Travel | None) -> str:
         travel: What is known of the direction of travel; it does not tell the yaw.
     """
     if travel is None:
-        return f"the car hardly moved, or its frames are more than {MOST_STEP_S:g} s apart"
+        return (
+            "no motion is seen between the frames: the car stood or drove backwards, they are more than "
+            f"{MOST_STEP_S:g} s or {MOST_STEP_M:g} m apart, or show too few points beside the road"
+        )
     std = DEGREES.text(float(travel.std[0]))
     return f"std {std}, no better than that of any mount: the car drove bends only, or too short a way"
 

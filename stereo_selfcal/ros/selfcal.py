@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 
 from ..core.camera.rectifier import StereoRectifier
 from ..core.camera.rig import StereoRig
+from ..core.drive.kept_yaw import with_kept_yaw
 from ..core.drive.states import Event, State
 from ..core.errors import ConfigError, RigError
 from ..core.faults import FaultLog
@@ -197,13 +198,17 @@ class SelfcalNode:
         result, rig, message = outcome.result, outcome.rig, outcome.message
         if result is None or rig is None:
             return False, message
+        active = self._keeper.active
+        same = active is not None and not other_cameras(active.rig, rig)
         if not outcome.reached:
-            active = self._keeper.active
-            same = active is not None and not other_cameras(active.rig, rig)
             better, why = self._keeper.compare(result, config.targets, same_cameras=same)
             if not better:
                 return False, f"not activated, as {why}: {message}"
             message += f"; activated all the same, as {why}"
+        if active is not None and same:
+            kept = with_kept_yaw(result, active.result)
+            message += kept.message.removeprefix(result.message)
+            result = kept
         found = FoundCalibration(result, rig, outcome.stamp_ns, outcome.cameras, self._lanes(result))
         saved = self._activation.activate(found, config, lambda: not call.cancelled)
         return (False, RESET) if saved is None else (True, f"{message}; {saved}")
@@ -303,6 +308,9 @@ class SelfcalNode:
         better = self._keeper.proposal(report.rig)
         if better is None:
             return
+        active = self._keeper.active
+        if active is not None and not other_cameras(active.rig, report.rig):
+            better = with_kept_yaw(better, active.result)
         self._remember_lines(report)
         cameras = self._cameras_of(report.rig, config)
         found = FoundCalibration(

@@ -106,10 +106,8 @@ def test_yaw_decides_the_parent():
     unknown = place_camera(result(), RIG, FrameNames(place=place), ZED)
     assert (unknown.parent, unknown.child) == ("road", "stereo_camera")
     assert unknown.camera.transform.translation_m == pytest.approx([0.0, 0.0, 1.4])
-    assert (
-        "the yaw is not known (the car hardly moved, or its frames are more than 1.5 s apart), so"
-        in unknown.yaw_remark
-    )
+    assert "the yaw is not known (no motion is seen between the frames: the car " in unknown.yaw_remark
+    assert "1.5 s or 20 m apart, or show too few points beside the road), so" in unknown.yaw_remark
     assert "drive straight on for half a minute" in unknown.told
     vague = place_camera(result(1.2), RIG, names, ZED)
     assert vague.parent == "road" and "(std 1.200 deg, no better than that of any mount: " in vague.yaw_remark

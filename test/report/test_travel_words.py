@@ -22,8 +22,8 @@ KNOWN = (
     "(std 0.172 deg), by 41 steps of 25.5 s of drive"
 )
 HARDLY_MOVED = (
-    "The yaw against the direction of travel is not known: the car hardly moved, or its frames are more than "
-    "1.5 s apart"
+    "The yaw against the direction of travel is not known: no motion is seen between the frames: the car "
+    "stood or drove backwards, they are more than 1.5 s or 20 m apart, or show too few points beside the road"
 )
 BENDS_ONLY = (
     "The yaw against the direction of travel is not known better than that of any mount (std 1.200 deg after "

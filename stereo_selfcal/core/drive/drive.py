@@ -18,8 +18,9 @@ from ..types import Array
 from .changes import find_changes
 from .fusion import AcceptedFrame, frame_series, fuse_frames
 from .rig_doubt import with_doubt_of_rig
-from .travel import ANY_ROLL, TravelStep, estimate_travel
+from .travel import ANY_ROLL, TravelStep
 from .travel_vergence import pitch_difference
+from .yaw_change import travel_at_end
 
 # Stamps from 2001 on come from a clock. Smaller stamps count from the start of a simulation.
 FIRST_CLOCK_S = 1e9
@@ -161,12 +162,13 @@ def with_travel(
     """
     pose, std = estimate.extrinsics, estimate.std
     roll = ANY_ROLL if pose is None or std is None else (pose.roll_rad, std.roll_rad)
-    travel = fitted(estimate_travel(steps, roll))
-    if travel is None:
+    found = travel_at_end(steps, roll, estimate.n_frames)
+    if found.travel is None:
         return estimate
-    told = replace(estimate, travel=travel)
+    told = replace(estimate, travel=found.travel)
     if not told.accepted:
         return told
+    told = replace(told, reservations=(*told.reservations, *found.reservations))
     apart = fitted(pitch_difference(steps, frames, rig))
     if apart is not None and abs(apart.value_rad) > _CONTRADICTS_SIGMAS * apart.std_rad:
         detail = f"{math.degrees(apart.value_rad):+.2f} deg more (std {math.degrees(apart.std_rad):.2f})"

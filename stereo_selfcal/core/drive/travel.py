@@ -30,12 +30,13 @@ from .mean_over_time import MeanOverTime, mean_over_time
 from .motion_between_frames import FrameMotion, estimate_motion
 
 MOST_STEP_S = 1.5  # between two frames of a step: beyond, few landmarks are left even at walking pace
-_MOST_STEP_M = 20.0
+MOST_STEP_M = 20.0
 LEAST_STEP_M = 0.05  # a step of less has no direction: landmarks tell a motion to about 5 mm
 _LEAST_STEPS = 3
 # Prior of the scatter of single steps: a car pitches by tenths of a degree; its body sways sideways while it
 # rolls, by a degree each second at a metre of height and 10 m/s.
 _PITCH_SCATTER_RAD, _YAW_SCATTER_RAD = math.radians(0.2), math.radians(0.1)
+_LASTING_PART = 0.5
 # How far the camera is ahead of the rear axle, the point of a car that moves along its heading: behind the
 # windscreen of a small car or of a long one, or on the roof.
 _LEVER_M, _LEVER_STD_M = 1.3, 1.0
@@ -47,12 +48,12 @@ _SLIP_RAD_PER_MPS2, _SLIP_STD_RAD_PER_MPS2 = 0.006, 0.003
 # travel is defined.
 _GRAVITY_MPS2 = 9.81
 _CROSS_FALL_STD_RAD = 0.02 * _GRAVITY_MPS2 * _SLIP_RAD_PER_MPS2
-# Drivers weave in their lane by less than a degree. Where the heading changes by 3 deg within 6 s, which is a
-# radius of 1.6 km at 50 km/h, the car drives in a bend, or changes the lane. A bend that is not told from a
-# straight road leaves 0.3 deg of yaw; what it leaves grows with the square of the turn.
+# Drivers weave in their lane by less than a degree to either side. Where the heading changes by 3.5 deg
+# within 6 s, which is a radius of 1.4 km at 50 km/h, the car drives in a bend, or changes the lane. A bend
+# that is not told from a straight road leaves 0.3 deg of yaw; that grows with the square of the turn.
 _STRAIGHT_S = 6.0
 _TINY_S = 1e-6  # stamps are rounded to less
-_BEND_TURN_RAD, _BEND_STD_RAD = math.radians(3.0), math.radians(0.3)
+_BEND_TURN_RAD, _BEND_STD_RAD = math.radians(3.5), math.radians(0.3)
 # Roll of a mount of which nothing is known: that of its yaw.
 ANY_ROLL = 0.0, MOUNT_YAW_STD_RAD
 
@@ -181,8 +182,8 @@ def step_between(
     if isinstance(motion, NotFitted):
         return motion
     way_m = float(np.linalg.norm(motion.moved_m))
-    if way_m > _MOST_STEP_M:
-        return NotFitted("way between two frames", way_m, Bound.MOST, _MOST_STEP_M, "m")
+    if way_m > MOST_STEP_M:
+        return NotFitted("way between two frames", way_m, Bound.MOST, MOST_STEP_M, "m")
     return TravelStep(before.stamp_s, duration_s, motion)
 
 
@@ -202,6 +203,64 @@ def ahead_only(steps: Iterable[TravelStep]) -> list[TravelStep]:
     return [step for step in steps if step.way_m >= LEAST_STEP_M]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class DrivenSteps:
+    """The steps in which the car drives ahead, as columns.
+
+    Attributes:
+        middle_s: (N,) times of their middles [s].
+        angles_rad: (N, 2) yaw and pitch of the camera against their directions [rad].
+        noise: (N, 2) variances of the noise of these [rad^2].
+        curvature: (N,) turn to the left over the way [1/m].
+        acceleration: (N,) acceleration to the left [m/s^2].
+        bend_std_rad: (N,) what the bends around a step leave of its yaw, which is not known to average out.
+        driven_s: Duration of all steps [s].
+    """
+
+    middle_s: Array
+    angles_rad: Array
+    noise: Array
+    curvature: Array
+    acceleration: Array
+    bend_std_rad: Array
+    driven_s: float
+
+    @classmethod
+    def of(cls, steps: Sequence[TravelStep], roll_rad: float) -> DrivenSteps | NotFitted:
+        """Return those of a drive; why there are none where they are too few.
+
+        Args:
+            steps: All steps, in the order of time.
+            roll_rad: Roll of the mount over the road [rad].
+        """
+        ahead = np.array([step.way_m >= LEAST_STEP_M for step in steps], dtype=bool)
+        driven = [step for step, drives in zip(steps, ahead, strict=True) if drives]
+        if len(driven) < _LEAST_STEPS:
+            return NotFitted("steps of a drive", len(driven), Bound.LEAST, _LEAST_STEPS)
+        curvature = np.array([step.curvature_per_m for step in driven])
+        return cls(
+            np.array([step.middle_s for step in driven]),
+            np.column_stack(angles_against(np.array([step.direction for step in driven]), roll_rad)),
+            np.array([step.noise() for step in driven]),
+            curvature,
+            np.array([step.speed_mps for step in driven]) ** 2 * curvature,
+            _BEND_STD_RAD * (_turns_nearby(steps)[ahead] / _BEND_TURN_RAD) ** 2,
+            float(sum(step.duration_s for step in driven)),
+        )
+
+    @property
+    def yaw_rad(self) -> Array:
+        """(N,) yaw, less what usual cars do in bends [rad]."""
+        in_bends = _LEVER_M * self.curvature - _SLIP_RAD_PER_MPS2 * self.acceleration
+        yaw: Array = self.angles_rad[:, 0] + in_bends
+        return yaw
+
+    @property
+    def yaw_scatter_rad(self) -> float:
+        """Prior of the slow scatter of the yaw [rad]."""
+        return math.hypot(_YAW_SCATTER_RAD, _lasting_noise(self.noise[:, 0]))
+
+
 def estimate_travel(steps: Sequence[TravelStep], roll: tuple[float, float] = ANY_ROLL) -> Travel | NotFitted:
     """Average the direction of travel over a drive.
 
@@ -212,31 +271,20 @@ def estimate_travel(steps: Sequence[TravelStep], roll: tuple[float, float] = ANY
     Returns:
         The camera against the direction of travel, or why it is not known: the car has hardly moved.
     """
-    driven = ahead_only(steps)
-    if len(driven) < _LEAST_STEPS:
-        return NotFitted("steps of a drive", len(driven), Bound.LEAST, _LEAST_STEPS)
-    values = np.column_stack(angles_against(np.array([step.direction for step in driven]), roll[0]))
-    noise = np.array([step.noise() for step in driven])
-    curvature = np.array([step.curvature_per_m for step in driven])
-    acceleration = np.array([step.speed_mps for step in driven]) ** 2 * curvature
-    driven_s = float(sum(step.duration_s for step in driven))
-    over = MeanOverTime(driven_s, RIDE_MEMORY_S)
-    bend = (
-        _BEND_STD_RAD
-        * (_turns_nearby(steps)[[step.way_m >= LEAST_STEP_M for step in steps]] / _BEND_TURN_RAD) ** 2
-    )
+    driven = DrivenSteps.of(steps, roll[0])
+    if isinstance(driven, NotFitted):
+        return driven
+    over = MeanOverTime(driven.driven_s, RIDE_MEMORY_S)
     yaw = mean_over_time(
-        values[:, 0] + _LEVER_M * curvature - _SLIP_RAD_PER_MPS2 * acceleration,
-        noise[:, 0],
-        over.with_scatter(math.hypot(_YAW_SCATTER_RAD, _lasting_noise(noise[:, 0]))),
-        slopes=((-curvature, _LEVER_STD_M), (acceleration, _SLIP_STD_RAD_PER_MPS2)),
-        lasting=bend,
+        driven.yaw_rad,
+        driven.noise[:, 0],
+        over.with_scatter(driven.yaw_scatter_rad),
+        slopes=((-driven.curvature, _LEVER_STD_M), (driven.acceleration, _SLIP_STD_RAD_PER_MPS2)),
+        lasting=driven.bend_std_rad,
     )
-    pitch = mean_over_time(
-        values[:, 1],
-        noise[:, 1],
-        over.with_scatter(math.hypot(_PITCH_SCATTER_RAD, _lasting_noise(noise[:, 1]))),
-    )
+    of_pitch = driven.noise[:, 1]
+    pitch_scatter_rad = math.hypot(_PITCH_SCATTER_RAD, _lasting_noise(of_pitch))
+    pitch = mean_over_time(driven.angles_rad[:, 1], of_pitch, over.with_scatter(pitch_scatter_rad))
     if isinstance(yaw, NotFitted):
         return yaw
     if isinstance(pitch, NotFitted):
@@ -250,20 +298,21 @@ def estimate_travel(steps: Sequence[TravelStep], roll: tuple[float, float] = ANY
         np.diag(variances),
         int(np.count_nonzero((yaw.weights > 0.0) & (pitch.weights > 0.0))),
         _LEVER_M + float(yaw.slopes[0]),
-        driven_s,
+        driven.driven_s,
     )
 
 
 def _lasting_noise(noise: Array) -> float:
-    """Return the prior of what landmarks do wrong for as long as they are seen [rad]: as much as their noise.
+    """Return the prior of what landmarks do wrong for as long as they are seen [rad].
 
     Steps one after the other rest on the same landmarks: how some are seen from the left and from the right,
-    or that they move, is in all of these.
+    or that they move, is in all of these. It is taken for half of the variance of a step, as for what frames
+    tell of the alignment.
 
     Args:
         noise: (N,) variances of the noise of the steps [rad^2].
     """
-    return math.sqrt(float(np.median(noise)))
+    return math.sqrt(_LASTING_PART * float(np.median(noise)))
 
 
 def _turns_nearby(steps: Sequence[TravelStep]) -> Array:
