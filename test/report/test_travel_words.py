@@ -51,6 +51,7 @@ def test_json_has_the_numbers_whether_they_tell_the_yaw_or_not(travel):
     content = json.loads(as_json(replay_of(travel)))
     assert content["travel"] == content["segments"][0]["travel"]
     assert content["travel"] == {
+        "yaw_known": travel is TRAVEL,
         "yaw_rad": -1 / 30,
         "yaw_std_rad": math.sqrt(travel.covariance[0, 0]),
         "pitch_rad": 1e-05,
