@@ -25,7 +25,7 @@ from ..core.geometry.homography import SIDES, image_from_road
 from ..core.geometry.vehicle import CameraAxes
 from .atomic_file import write_atomically
 from .camera_info_file import format_camera_info, is_ours
-from .frames import PlacedCamera
+from .frames import PlacedCamera, bare
 from .node_settings import CAMERA_FRAME
 
 _TRANSLATION, _ROTATION = ("x", "y", "z"), ("roll", "pitch", "yaw")
@@ -53,7 +53,7 @@ def urdf(placed: PlacedCamera, rig: StereoRig) -> str:
         placed: The camera in the vehicle.
         rig: The rig (not needed here; all exports are called alike).
     """
-    parent, child = placed.parent, placed.child
+    parent, child = _frames(placed)
     joint = quoteattr(f"{parent}_to_{child}")
     transform = placed.camera.transform.as_dict()
     xyz, rpy = (" ".join(repr(transform[axis]) for axis in axes) for axes in (_TRANSLATION, _ROTATION))
@@ -80,7 +80,8 @@ def static_transform_publisher(placed: PlacedCamera, rig: StereoRig) -> str:
     words = ["ros2", "run", "tf2_ros", "static_transform_publisher"]
     for name, value in placed.camera.transform.as_dict().items():
         words += [f"--{name}", repr(value)]
-    words += ["--frame-id", placed.parent, "--child-frame-id", placed.child]
+    parent, child = _frames(placed)
+    words += ["--frame-id", parent, "--child-frame-id", child]
     return f"#!/bin/sh\n# {_describe(placed)}\n{shlex.join(words)}\n"
 
 
@@ -91,7 +92,8 @@ def autoware(placed: PlacedCamera, rig: StereoRig) -> str:
         placed: The camera in the vehicle.
         rig: The rig (not needed here; all exports are called alike).
     """
-    document = {placed.parent: {placed.child: placed.camera.transform.as_dict()}}
+    parent, child = _frames(placed)
+    document = {parent: {child: placed.camera.transform.as_dict()}}
     text: str = yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
     return f"# {_describe(placed)}\n{text}"
 
@@ -104,8 +106,8 @@ def homographies(placed: PlacedCamera, rig: StereoRig) -> str:
         rig: The rig.
     """
     document: dict[str, object] = {
-        "road_frame": placed.road,
-        "camera_frame": placed.child,
+        "road_frame": bare(placed.road),
+        "camera_frame": bare(placed.child),
         "image_width": rig.width,
         "image_height": rig.height,
     }
@@ -116,6 +118,11 @@ def homographies(placed: PlacedCamera, rig: StereoRig) -> str:
         document, sort_keys=False, allow_unicode=True, default_flow_style=None, width=math.inf
     )
     return _HOMOGRAPHY + text
+
+
+def _frames(placed: PlacedCamera) -> tuple[str, str]:
+    """Return the names of parent and child as tf2 takes them."""
+    return bare(placed.parent), bare(placed.child)
 
 
 def _describe(placed: PlacedCamera) -> str:

@@ -2,7 +2,8 @@
 
 The node, the exports and ``replay`` name frames by these rules alone. Which axes a name stands for is never a
 guess: a name that CameraInfo gives to the left camera is that of its optical frame, any other is that of the
-body. Where this cannot be told, there is no transform, and a sentence says why.
+body, unless it says that it is optical. Where this cannot be told, there is no transform, and a sentence
+says why.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from .saved_evidence import told_travel
 FRAME_NAMES = ("vehicle_frame", "road_frame", "camera_frame")
 PLACE_NAMES = ("mount.x_m", "mount.y_m")
 _NAME_IT = "set camera_frame to a name of its own for the camera body"
+_OPTICAL_ENDINGS = ("_optical", "_optical_frame")  # REP-103, and what drivers make of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,19 +54,16 @@ class FrameNames:
             ConfigError: A name is empty, the camera is its own parent, or tf2 would refuse a name.
         """
         for name in FRAME_NAMES:
-            if not getattr(self, name).strip():
+            if not bare(getattr(self, name)):
                 raise ConfigError(f"{name} is empty: the name of a frame is needed")
-        if bare(self.camera_frame) == bare(self.vehicle_frame):
-            raise ConfigError(
-                f"camera_frame and vehicle_frame are both {self.camera_frame!r}: no frame is its own parent; "
-                "give camera_frame another name"
-            )
+        for name in ("vehicle_frame", "road_frame"):
+            if bare(self.camera_frame) == bare(getattr(self, name)):
+                raise ConfigError(
+                    f"camera_frame and {name} are both {bare(self.camera_frame)!r}: no frame is its own "
+                    "parent, so they must differ; give camera_frame another name"
+                )
         if not for_tf:
             return
-        if self.road_frame == self.camera_frame:
-            raise ConfigError(
-                f"road_frame and camera_frame are both {self.road_frame!r}: with publish_tf they must differ"
-            )
         for name in FRAME_NAMES:
             if getattr(self, name).startswith("/"):
                 raise ConfigError(
@@ -123,7 +122,7 @@ class NamedCamera:
 
 
 def bare(frame: str) -> str:
-    """Return the name of a frame without the slashes at its front, as tf2 has it."""
+    """Return the name of a frame without blanks around it and slashes at its front, as tf2 has it."""
     return frame.strip().lstrip("/")
 
 
@@ -136,22 +135,7 @@ def name_camera(names: FrameNames, infos: InfoFrames) -> NamedCamera:
     """
     asked = names.camera_frame
     if asked == FROM_CAMERA_INFO:
-        if infos.of_rig or not infos.left:
-            why, remedy = "that of the left camera has no frame_id", f"{_NAME_IT}, or frame_id in its driver"
-            if infos.of_rig:
-                why, remedy = "the rig is given, so that there is none", _NAME_IT
-            return NamedCamera(
-                CameraAxes.OPTICAL, "", f"camera_frame is {FROM_CAMERA_INFO}, but {why}: {remedy}"
-            )
-        parents = (bare(names.vehicle_frame), bare(names.road_frame))
-        if infos.left in parents:
-            return NamedCamera(
-                CameraAxes.OPTICAL,
-                "",
-                f"the CameraInfo of the left camera has the frame_id {_shown(infos.left)}, which is that of "
-                "the vehicle or of the road here: give the camera's driver a frame_id of its own",
-            )
-        return NamedCamera(CameraAxes.OPTICAL, infos.left)
+        return _left_of_camera_info(names, infos)
     if infos.left and bare(asked) == infos.left:
         return NamedCamera(CameraAxes.OPTICAL, asked)
     if infos.right and bare(asked) == infos.right:
@@ -162,7 +146,44 @@ def name_camera(names: FrameNames, infos: InfoFrames) -> NamedCamera:
             f"camera_frame is {_shown(asked)}, which is the right camera by its CameraInfo: the transform is "
             f"that of the left one or of the body; {_NAME_IT}{f', or to {left}' if left else ''}",
         )
+    if bare(asked).endswith(_OPTICAL_ENDINGS):
+        return NamedCamera(CameraAxes.OPTICAL, "", _doubt_optical(asked, infos))
     return NamedCamera(CameraAxes.BODY, asked)
+
+
+def _left_of_camera_info(names: FrameNames, infos: InfoFrames) -> NamedCamera:
+    """Return the optical frame of the left camera by the name that CameraInfo gives it."""
+    if infos.of_rig or not infos.left:
+        why, remedy = "that of the left camera has no frame_id", f"{_NAME_IT}, or frame_id in its driver"
+        if infos.of_rig:
+            why, remedy = "the rig is given, so that there is none", _NAME_IT
+        return NamedCamera(CameraAxes.OPTICAL, "", f"camera_frame is {FROM_CAMERA_INFO}, but {why}: {remedy}")
+    parents = (bare(names.vehicle_frame), bare(names.road_frame))
+    if infos.left in parents:
+        return NamedCamera(
+            CameraAxes.OPTICAL,
+            "",
+            f"the CameraInfo of the left camera has the frame_id {_shown(infos.left)}, which is that of "
+            "the vehicle or of the road here: give the camera's driver a frame_id of its own",
+        )
+    return NamedCamera(CameraAxes.OPTICAL, infos.left)
+
+
+def _doubt_optical(asked: str, infos: InfoFrames) -> str:
+    """Return why a name that says it is optical is not taken for that of the left camera."""
+    if infos.left:
+        why = f"the left {'images have' if infos.of_rig else 'CameraInfo has'} {_shown(infos.left)}"
+        remedy = "that name" if infos.of_rig else FROM_CAMERA_INFO
+        remedy = f"{_NAME_IT}, or set camera_frame to {remedy}"
+    elif infos.of_rig:
+        why = "the rig is given, so that there is no CameraInfo to say so, and no image has said so"
+        remedy = _NAME_IT
+    else:
+        why, remedy = (
+            "the left CameraInfo has no frame_id to say so",
+            f"{_NAME_IT}, or frame_id in its driver",
+        )
+    return f"camera_frame is {_shown(asked)}, an optical frame by its name, but {why}: {remedy}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

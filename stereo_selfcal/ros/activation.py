@@ -122,7 +122,7 @@ class Activation:
     def told(self) -> tuple[str, ...]:
         """What is to be known of the published transform, a sentence each; none where all is well."""
         placed = self.placed
-        each = (placed.yaw_remark, placed.problem) if placed is not None else ()
+        each = (placed.yaw_remark, placed.problem, self._outputs.outdated) if placed is not None else ()
         return tuple(filter(None, (*each, self._outputs.conflict)))
 
     def follow_frames(self, infos: InfoFrames) -> None:

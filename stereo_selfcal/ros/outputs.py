@@ -126,6 +126,11 @@ class Outputs:
         """Why nothing is sent to ``/tf_static``, or who contradicts it, one sentence; "" if all is well."""
         return "" if self._tree is None else self._tree.conflict
 
+    @property
+    def outdated(self) -> str:
+        """What stands on ``/tf_static`` though it is not wanted any more, one sentence; "" if nothing."""
+        return "" if self._tree is None else self._tree.outdated
+
     def withdraw(self) -> None:
         """Withdraw what was published; callers and errors as of :meth:`publish`.
 
@@ -174,29 +179,34 @@ class Outputs:
 
     def _in_vehicle(
         self, publication: Publication
-    ) -> tuple[MarkerArray, PoseWithCovarianceStamped | None, list[TransformStamped]]:
-        """Return the messages of where the camera is, as far as its frames are known."""
+    ) -> tuple[MarkerArray, PoseWithCovarianceStamped | None, list[TransformStamped], str]:
+        """Return the messages of where the camera is, as far as its frames are known.
+
+        The last is the road, where it must have no parent of others: while the yaw is not known.
+        """
         placed, config, stamp_ns = publication.placed, publication.config, publication.stamp_ns
         extrinsics = publication.result.extrinsics
         assert extrinsics is not None
         if placed is None:
-            return markers_message(extrinsics, publication.lanes, config.road_frame, stamp_ns), None, []
+            return markers_message(extrinsics, publication.lanes, config.road_frame, stamp_ns), None, [], ""
         markers = markers_message(extrinsics, publication.lanes, placed.parent, stamp_ns, placed.camera)
         sent = publication.frames_told and not placed.problem
         transforms = transform_messages(placed, stamp_ns) if sent else []
-        return markers, pose_message(placed, stamp_ns), transforms
+        top = placed.road if placed.yaw_remark else ""
+        return markers, pose_message(placed, stamp_ns), transforms, top
 
     def _publish_in_vehicle(
         self,
         markers: MarkerArray,
         pose: PoseWithCovarianceStamped | None,
         transforms: list[TransformStamped],
+        top: str,
     ) -> None:
         self._markers.publish(markers)
         if pose is not None:
             self._pose.publish(pose)
         if self._tree is not None:
-            self._tree.send(transforms)
+            self._tree.send(transforms, top)
 
     def stop(self) -> None:
         """End the waiting in :meth:`publish`: the node shuts down, and the request will not be served."""

@@ -56,45 +56,66 @@ class Joint(NamedTuple):
         return cls(bare(transform.header.frame_id), bare(transform.child_frame_id))
 
 
-def find_conflict(wanted: Sequence[Joint], heard: Iterable[tuple[str, Joint]]) -> str:
+class _Remedies(NamedTuple):
+    """What to do about the child of a joint: its parameter, and what to set, by what is wrong."""
+
+    parameter: str
+    other_parent: str
+    loop: str
+
+
+_VEHICLE_IS_ROAD = (
+    "set vehicle_frame to the name of road_frame to have the camera in it with yaw 0, as before"
+)
+# Of the joints in the order they are sent in: the camera in the vehicle, and then the road in it.
+_REMEDIES = (
+    _Remedies(
+        "camera_frame",
+        "set camera_frame to a name of its own, or remove that joint from the URDF and have it from exports",
+        "set camera_frame to a name of its own, or take the camera out of the URDF above the vehicle and "
+        "have it from exports",
+    ),
+    _Remedies(
+        "road_frame",
+        f"set road_frame to a name of its own, remove that joint, or {_VEHICLE_IS_ROAD}",
+        f"set road_frame to a name of its own, or {_VEHICLE_IS_ROAD}",
+    ),
+)
+
+
+def find_conflict(wanted: Sequence[Joint], heard: Iterable[tuple[str, Joint]], top: str = "") -> str:
     """Return why joints cannot be sent, one sentence; "" where they can.
 
     Args:
         wanted: The camera in the vehicle, and then the road in it, where it is sent.
         heard: Joints of others, with the topics they are on.
+        top: The road, where the camera is in it and where it is in the vehicle is not known; else "". A
+            parent that others give it is that of another camera's road.
     """
     parents: dict[str, dict[str, str]] = {}
     for topic, joint in heard:
         parents.setdefault(joint.child, {})[joint.parent] = topic
-    for number, joint in enumerate(wanted):
+    for joint, remedies in zip(wanted, _REMEDIES, strict=False):
         for parent, topic in parents.get(joint.child, {}).items():
-            name, remedy = _NAMES[number]
             return (
-                f"{name} {shortened(joint.child)} has the parent {shortened(parent)} on {topic} already, and "
-                f"a frame has one parent: {remedy}"
+                f"{remedies.parameter} {shortened(joint.child)} has the parent {shortened(parent)} on "
+                f"{topic} already, and a frame has one parent: {remedies.other_parent}"
             )
-    for joint in wanted[:1]:
+    for joint, remedies in zip(wanted, _REMEDIES, strict=False):
         topic = _way_up(joint.parent, joint.child, parents)
         if topic:
             return (
-                f"{shortened(joint.parent)} is below camera_frame {shortened(joint.child)} on {topic}, and a "
-                "frame cannot be above itself: set camera_frame to a name of its own, or take the camera out "
-                "of the URDF above the vehicle and have it from exports"
+                f"{shortened(joint.parent)} is below {remedies.parameter} {shortened(joint.child)} on "
+                f"{topic}, and a frame cannot be above itself: {remedies.loop}"
             )
+    for parent, topic in parents.get(top, {}).items() if top else ():
+        return (
+            f"road_frame {shortened(top)} has the parent {shortened(parent)} on {topic} already, and where "
+            "this camera's road is in it is not known while the yaw is not: set road_frame to a name of its "
+            "own for each camera, or, where you have joined it to the vehicle yourself, set vehicle_frame to "
+            "the name of road_frame"
+        )
     return ""
-
-
-_NAMES = (
-    (
-        "camera_frame",
-        "set camera_frame to a name of its own, or remove that joint from the URDF and have it from exports",
-    ),
-    (
-        "road_frame",
-        "set road_frame to a name of its own, remove that joint, or set vehicle_frame to the name of "
-        "road_frame to have the camera in it with yaw 0, as before",
-    ),
-)
 
 
 def _way_up(start: str, end: str, parents: dict[str, dict[str, str]]) -> str:
@@ -133,6 +154,8 @@ class TfTree:
         self._group = MutuallyExclusiveCallbackGroup()
         self._lock = threading.Lock()
         self._wanted: list[TransformStamped] = []
+        self._top = ""
+        self._standing: dict[str, Joint] = {}  # the last that was sent of each child
         self._sent: set[tuple[Joint, _Numbers]] = set()  # of this run: they come back
         self._is_sent = False
         self._conflict = ""
@@ -151,14 +174,26 @@ class TfTree:
         with self._lock:
             return self._conflict
 
-    def send(self, transforms: list[TransformStamped]) -> None:
+    @property
+    def outdated(self) -> str:
+        """What was sent, is not wanted any more and cannot be taken back, one sentence; "" if nothing."""
+        with self._lock:
+            wanted = {Joint.of(transform) for transform in self._wanted}
+            joints = [joint for joint in self._standing.values() if joint not in wanted]
+        if not joints:
+            return ""
+        names = ", ".join(f"{shortened(joint.parent)} -> {shortened(joint.child)}" for joint in joints)
+        return f"what was sent before stands on /tf_static until a restart: {names}"
+
+    def send(self, transforms: list[TransformStamped], top: str = "") -> None:
         """Send transforms as soon as the tree is known, and nobody else sends their frames.
 
         Args:
             transforms: The camera in the vehicle first; none: what was wanted is not wanted any more.
+            top: A frame that must have no parent of others (:func:`find_conflict`); "": none.
         """
         with self._lock:
-            self._wanted, self._is_sent = transforms, False
+            self._wanted, self._top, self._is_sent = transforms, bare(top), False
             self._decide()
 
     def tick(self) -> None:
@@ -207,8 +242,10 @@ class TfTree:
         if not self._wanted:
             self._conflict = ""
             return
-        conflict = find_conflict([Joint.of(transform) for transform in self._wanted], sorted(self._heard))
+        joints = [Joint.of(transform) for transform in self._wanted]
+        conflict = find_conflict(joints, sorted(self._heard), self._top)
         if not conflict and not self._is_sent:
+            self._standing.update((joint.child, joint) for joint in joints)
             self._sent.update((Joint.of(transform), _numbers(transform)) for transform in self._wanted)
             self._broadcaster.sendTransform(self._wanted)
             self._is_sent = True

@@ -128,6 +128,22 @@ def test_any_frame_keeps_its_name():
         assert yaml.safe_load(text_of("homographies", pose, name))["road_frame"] == name
 
 
+def test_names_have_no_slashes_at_the_front_and_no_blanks_around_them():
+    """As tf2 refuses them."""
+    pose = Extrinsics(1.4, 0.05, -0.01)
+    root = ElementTree.fromstring(text_of("urdf", pose, " /asphalt", "//front/cam ").encode())
+    joint = root.find("joint")
+    assert joint.get("name") == "asphalt_to_front/cam"
+    assert joint.find("parent").get("link") == "asphalt"
+    assert joint.find("child").get("link") == "front/cam"
+    options = publisher_options(text_of("static_transform_publisher", pose, " /asphalt", "//front/cam "))
+    assert (options["--frame-id"], options["--child-frame-id"]) == ("asphalt", "front/cam")
+    document = yaml.safe_load(text_of("autoware", pose, " /asphalt", "//front/cam "))
+    assert list(document) == ["asphalt"] and list(document["asphalt"]) == ["front/cam"]
+    document = yaml.safe_load(text_of("homographies", pose, " /asphalt", "//front/cam "))
+    assert (document["road_frame"], document["camera_frame"]) == ("asphalt", "front/cam")
+
+
 def test_script_is_one_command_to_a_real_shell(tmp_path):
     """Run with a ros2 that shows what it gets."""
     (path,) = write_exports(

@@ -39,6 +39,9 @@ def result(yaw_std_deg=None):
         ("zed_left", InfoFrames(of_rig=True), BODY, "zed_left"),
         ("zed_left", InfoFrames("zed_left", "zed_right", of_rig=True), OPTICAL, "zed_left"),
         ("zed_left", InfoFrames(), BODY, "zed_left"),
+        ("front_optical", InfoFrames("front_optical", "right_optical"), OPTICAL, "front_optical"),
+        ("optical", ZED, BODY, "optical"),
+        ("front_optical_mount", ZED, BODY, "front_optical_mount"),
     ],
 )
 def test_name_of_the_left_camera_is_optical_and_any_other_is_the_body(asked, infos, axes, name):
@@ -76,6 +79,27 @@ def test_name_of_the_left_camera_is_optical_and_any_other_is_the_body(asked, inf
             "set camera_frame to a name of its own for the camera body, or to from_camera_info",
         ),
         ("zed_right", InfoFrames("", "zed_right"), BODY, "is 'zed_right', which is the right camera"),
+        (
+            "front_optical",
+            ZED,
+            OPTICAL,
+            "'front_optical', an optical frame by its name, but the left CameraInfo has 'zed_left': set",
+        ),
+        ("/front_optical_frame ", ZED, OPTICAL, "or set camera_frame to from_camera_info"),
+        ("front_optical", InfoFrames(), OPTICAL, "the left CameraInfo has no frame_id to say so: set"),
+        (
+            "front_optical",
+            InfoFrames("zed_left", of_rig=True),
+            OPTICAL,
+            "the left images have 'zed_left': set camera_frame to a name of its own for the camera body, or "
+            "set camera_frame to that name",
+        ),
+        (
+            "front_optical_frame",
+            InfoFrames(of_rig=True),
+            OPTICAL,
+            "there is no CameraInfo to say so, and no image has said so: set camera_frame to a name",
+        ),
     ],
 )
 def test_camera_that_cannot_be_named_says_why_and_what_to_set(asked, infos, axes, words):
@@ -85,7 +109,7 @@ def test_camera_that_cannot_be_named_says_why_and_what_to_set(asked, infos, axes
 
 
 @pytest.mark.parametrize("name", ["vehicle_frame", "road_frame", "camera_frame"])
-@pytest.mark.parametrize("text", ["", " "])
+@pytest.mark.parametrize("text", ["", " ", "/", " //"])
 def test_empty_frame_is_refused(name, text):
     with pytest.raises(ConfigError, match=f"{name} is empty: the name of a frame is needed"):
         FrameNames(**{name: text}).check()
@@ -95,6 +119,12 @@ def test_camera_is_not_its_own_parent():
     for camera_frame in ("base_footprint", "/base_footprint"):
         with pytest.raises(ConfigError, match=r"camera_frame and vehicle_frame are both .* give"):
             FrameNames(camera_frame=camera_frame).check()
+    for camera_frame in ("road", "/road", "road ", " //road"):
+        for for_tf in (False, True):
+            with pytest.raises(
+                ConfigError, match=r"camera_frame and road_frame are both 'road': no frame .* must differ"
+            ):
+                FrameNames(camera_frame=camera_frame).check(for_tf)
     FrameNames(vehicle_frame="road").check(for_tf=True)  # as before there was a vehicle
 
 

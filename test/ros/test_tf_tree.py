@@ -15,8 +15,8 @@ CAMERA, ROAD = Joint("base_footprint", "cam"), Joint("base_footprint", "road")
 WANTED = [joint(*CAMERA), joint(*ROAD)]
 
 
-def conflict(wanted, *heard):
-    return find_conflict(wanted, [(topic, Joint(*names)) for topic, *names in heard])
+def conflict(wanted, *heard, top=""):
+    return find_conflict(wanted, [(topic, Joint(*names)) for topic, *names in heard], top)
 
 
 def test_tree_of_others_is_no_conflict():
@@ -47,6 +47,28 @@ def test_vehicle_below_the_camera_is_a_loop(between):
     others = [("/tf_static", *pair) for pair in pairwise(chain)]
     text = conflict([CAMERA], *others)
     assert "'base_footprint' is below camera_frame 'cam' on /tf_static" in text and "URDF" in text
+
+
+@pytest.mark.parametrize("between", [[], ["base_link"]])
+def test_vehicle_below_the_road_is_a_loop_of_the_road(between):
+    others = [("/tf_static", *pair) for pair in pairwise(["road", *between, "base_footprint"])]
+    text = conflict([CAMERA, ROAD], *others)
+    assert "'base_footprint' is below road_frame 'road' on /tf_static" in text
+    assert "set road_frame to a name of its own, or set vehicle_frame to the name of road_frame" in text
+    assert "camera_frame" not in text
+    assert conflict([CAMERA], *others) == ""  # without the leaf there is no loop
+
+
+def test_road_of_another_camera_is_no_parent_while_the_yaw_is_not_known():
+    others = ("/tf_static", "base_footprint", "road")
+    text = conflict([Joint("road", "rear")], others, top="road")
+    assert "road_frame 'road' has the parent 'base_footprint' on /tf_static already" in text
+    assert "set road_frame to a name of its own for each camera, or, where you have joined it" in text
+    assert "set vehicle_frame to the name of road_frame" in text
+    # Another camera in that road, of which nobody knows where it is, is no conflict; nor is a road apart.
+    assert conflict([Joint("road", "rear")], ("/tf_static", "road", "front"), top="road") == ""
+    assert conflict([Joint("rear_road", "rear")], others, top="rear_road") == ""
+    assert conflict([Joint("road", "rear")], ("/tf", "odom", "")) == ""
 
 
 def test_loop_of_others_ends_the_search():
@@ -115,3 +137,21 @@ def test_nothing_wanted_is_nothing_told(tf2, node):
     assert tree.conflict
     tree.send([])
     assert tree.conflict == ""
+
+
+def test_what_was_sent_and_is_not_wanted_any_more_is_told(tf2, node):
+    tree = TfTree(node)
+    tree.send(WANTED)
+    assert tree.outdated == ""
+    tree.send([])  # nothing of it was sent
+    assert tree.outdated == ""
+    tf2.listened(node)
+    tree.send(WANTED)
+    assert (tf2.sent, tree.outdated) == ([WANTED], "")
+    tree.send([])
+    sentence = "what was sent before stands on /tf_static until a restart: "
+    assert tree.outdated == f"{sentence}'base_footprint' -> 'cam', 'base_footprint' -> 'road'"
+    tree.send([joint("road", "cam")], "road")  # the camera has another parent then, the leaf stands
+    assert len(tf2.sent) == 2 and tree.outdated == f"{sentence}'base_footprint' -> 'road'"
+    tree.send(WANTED)
+    assert (len(tf2.sent), tree.outdated, tree.conflict) == (3, "", "")

@@ -25,7 +25,7 @@ from stereo_selfcal.ros.calibration import CallOutcome
 FRAMES = ("zed_left", "zed_right")
 RIG_PARAMETERS = {f"rig.{name}": value for name, value in scene.RIG.to_mapping().items()}
 MOUNT = {"mount.x_m": scene.PLACE.x_m, "mount.y_m": scene.PLACE.y_m}
-UNKNOWN_YAW = "frames are more than 1.5 s apart), so the camera is in 'road', with yaw 0"
+UNKNOWN_YAW = "show too few points beside the road), so the camera is in 'road', with yaw 0"
 
 
 @pytest.fixture
@@ -65,6 +65,13 @@ def calibrated(monkeypatch, tf2):
     yield start
     for node in started:
         node.__exit__()
+
+
+def moved():
+    """Return the scene's calibration of a camera that was moved, so that no yaw of before is kept."""
+    result = scene.calibrated(yaw_known=False)
+    pose = result.extrinsics
+    return dataclasses.replace(result, extrinsics=dataclasses.replace(pose, height_m=pose.height_m + 0.3))
 
 
 def last(node, name):
@@ -146,7 +153,7 @@ def test_yaw_is_set_with_the_other_results_and_taken_back(calibrated):
     assert [float(told[name]) for name in ("yaw_rad", "yaw_std_rad")] == pytest.approx(expected)
     (refused,) = node.node.set_parameters([Parameter(names[0], value=0.0)])
     assert not refused.successful and "is a result" in refused.reason
-    node.outcome["next"] = dataclasses.replace(node.outcome["next"], result=scene.calibrated(yaw_known=False))
+    node.outcome["next"] = dataclasses.replace(node.outcome["next"], result=moved())
     node.calibrate()
     assert parameters() == [None, None]
     assert set(names) <= {each.name for each in last(node, "extrinsics").deleted_parameters}
@@ -162,6 +169,7 @@ def test_yaw_is_set_with_the_other_results_and_taken_back(calibrated):
         ({"camera_frame": "from_camera_info"}, ("", "zed_right"), "has no frame_id: set camera_frame"),
         ({"camera_frame": "from_camera_info"}, ("base_footprint", ""), "that of the vehicle or of the road"),
         ({"camera_frame": "zed_right"}, FRAMES, "the right camera by its CameraInfo"),
+        ({"camera_frame": "front_optical"}, FRAMES, "by its name, but the left CameraInfo has 'zed_left': "),
         (
             {
                 "camera_frame": "from_camera_info",
@@ -181,7 +189,7 @@ def test_camera_without_a_name_goes_nowhere_and_says_why(
     assert answer.success and f"saved to {path}, but not exported: " in answer.message
     assert words in answer.message.split("not exported: ")[1] and any(words in line for line in node.logged)
     assert tf2.sent == [] and [file.name for file in tmp_path.iterdir()] == ["out.yaml"]
-    optical = parameters["camera_frame"] == "from_camera_info"
+    optical = parameters["camera_frame"] != "zed_right"
     assert carried(last(node, "pose").pose.pose, optical) == pytest.approx(scene.TRUTH_M, abs=0.01)
     level, told = values(node)
     assert level == b"\1" and words in told["transform"]
@@ -222,6 +230,50 @@ def test_parent_that_appears_later_is_a_warning(calibrated, tf2):
     level, told = values(node)
     assert level == b"\1" and "the transform was sent before that" in told["transform"]
     assert any("the transform was sent before that" in line for line in node.logged)
+
+
+def test_yaw_that_got_lost_leaves_the_road_in_the_vehicle_and_says_so(calibrated, tf2):
+    node = calibrated()
+    node.calibrate()
+    node.outcome["next"] = dataclasses.replace(node.outcome["next"], result=moved())
+    answer = node.calibrate()
+    words = "what was sent before stands on /tf_static until a restart: 'base_footprint' -> 'road'"
+    assert answer.success and answer.message.endswith(words)
+    (camera,) = tf2.sent[-1]  # its own leaf is no road of somebody else
+    assert camera.header.frame_id == "road"
+    tf2.listened(node.node)
+    level, told = values(node)
+    assert level == b"\1" and told["transform"].endswith(words)
+    node.outcome["next"] = dataclasses.replace(node.outcome["next"], result=scene.calibrated())
+    assert "until a restart" not in node.calibrate().message
+
+
+def test_camera_that_lost_its_name_says_that_the_old_transform_stands(calibrated, tf2):
+    node = calibrated()
+    node.calibrate()
+    (outcome,) = node.node.set_parameters([Parameter("camera_frame", value="zed_right")])
+    assert outcome.successful
+    node.report()
+    level, told = values(node)
+    assert level == b"\1" and len(tf2.sent) == 1
+    words = "until a restart: 'base_footprint' -> 'stereo_camera', 'base_footprint' -> 'road'"
+    assert "which is the right camera by its CameraInfo" in told["transform"] and words in told["transform"]
+    assert any(words in line for line in node.logged)
+
+
+def test_second_camera_does_not_hang_below_the_road_of_the_first(calibrated, tf2):
+    tf2.others = [("/tf_static", joint("base_footprint", "road"))]  # the first knows its yaw
+    node = calibrated(yaw_known=False, camera_frame="rear")
+    answer = node.calibrate()
+    words = "set road_frame to a name of its own for each camera"
+    assert answer.success and words in answer.message and tf2.sent == []
+    level, told = values(node)
+    assert level == b"\1" and words in told["transform"]
+    node.node.set_parameters([Parameter("road_frame", value="rear_road")])
+    node.report()
+    (camera,) = tf2.sent[-1]
+    assert (camera.header.frame_id, camera.child_frame_id) == ("rear_road", "rear")
+    assert values(node)[0] == b"\0"
 
 
 def test_old_configuration_with_a_road_of_its_own_goes_on(calibrated, tf2):
