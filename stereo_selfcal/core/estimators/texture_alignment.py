@@ -33,6 +33,7 @@ from ..road.surface import (
     CellHeights,
     LanePoints,
     Surface,
+    fit_plane,
     fit_surface,
 )
 from ..types import Array, Floats, Image, Mask
@@ -156,7 +157,8 @@ def _align(
             metres = plane.height_m(rig) / plane.disparities(grid.cell_rays)
             heights = np.where(cells.significant, cells.displacement * metres, np.nan)
             road = CellHeights(heights, cells.variance * metres**2, metres, grid.cell_xy, grid.cell_strip)
-            surface = fit_surface(road, grid.cell_rays * metres[:, None], lane, final=final)
+            fit = fit_surface if final else fit_plane
+            surface = fit(road, grid.cell_rays * metres[:, None], lane)
             if isinstance(surface, NotFitted):
                 return surface
             step_px = float(
