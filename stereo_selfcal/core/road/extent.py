@@ -158,7 +158,7 @@ def _robust_fits(rows: Array, target: Array, insides: Mask, planes: Array) -> tu
     residuals = target - planes @ columns
     scale = np.ones(len(insides))
     for _ in range(_ROUNDS):
-        weights = insides * _weights(residuals, scale)
+        weights: Array = insides * _weights(residuals, scale)
         normal = weights @ products
         traces = normal[:, diagonal].sum(axis=1)
         normal[:, diagonal] += np.finfo(float).eps * traces[:, None]
@@ -173,7 +173,8 @@ def _weights(residuals: Array, scale: Array) -> Array:
     """Return Tukey's weights of residuals (E, S), of scales (E,)."""
     relative = residuals / (TUKEY_SIGMAS * scale)[:, None]
     relative *= relative
-    return tukey_weights(relative, _LEAST_COUNT)
+    weights: Array = tukey_weights(relative, _LEAST_COUNT)
+    return weights
 
 
 def _most_agreed(rows: Array, target: Array, insides: Mask) -> tuple[Indices, Array]:
