@@ -26,12 +26,10 @@ from ..numerics.robust import TUKEY_SIGMAS, tukey_weights
 from ..rejection import Bound, NotFitted
 from ..road.cell_grid import FAR_M, HALF_WIDTH_M, SampleGrid, lay_out_samples, strip_of
 from ..road.extent import OUTLIER_WEIGHT
+from ..road.lane_points import OTHER_HALF_WIDTHS_M, STRETCHES_M, LanePoints
 from ..road.priors import HALF_LANE_WIDTH_M, HALF_STRIP_M
 from ..road.surface import (
-    OTHER_HALF_WIDTHS_M,
-    STRETCHES_M,
     CellHeights,
-    LanePoints,
     Surface,
     fit_plane,
     fit_surface,

@@ -156,14 +156,15 @@ def _robust_fits(rows: Array, target: Array, insides: Mask, planes: Array) -> tu
     columns = np.ascontiguousarray(rows.T)
     diagonal = slice(0, None, n_numbers + 1)
     residuals = target - planes @ columns
-    scale = np.ones(len(insides))
+    scale: Array = np.ones(len(insides))
     for _ in range(_ROUNDS):
-        weights: Array = insides * _weights(residuals, scale)
+        weights = insides * _weights(residuals, scale)
         normal = weights @ products
         traces = normal[:, diagonal].sum(axis=1)
         normal[:, diagonal] += np.finfo(float).eps * traces[:, None]
         right = (weights * target) @ rows
-        planes = np.linalg.solve(normal.reshape(-1, n_numbers, n_numbers), right[..., None])[..., 0]
+        solved = np.linalg.solve(normal.reshape(-1, n_numbers, n_numbers), right[..., None])
+        planes = np.asarray(solved, np.float64)[..., 0]
         residuals = target - planes @ columns
         scale = _scales(residuals, insides)
     return insides * _weights(residuals, scale), residuals
@@ -191,27 +192,28 @@ def _most_agreed(rows: Array, target: Array, insides: Mask) -> tuple[Indices, Ar
     n_numbers = rows.shape[1]
     enough = np.flatnonzero(insides.sum(axis=1) >= 2 * n_numbers)
     cells = [np.flatnonzero(insides[k]) for k in enough]
-    chosen = np.array([each[_triples(len(each))] for each in cells], np.intp).reshape(-1, n_numbers)
-    drawn = rows[chosen]
-    first, second, third = drawn[:, 0].T, drawn[:, 1].T, drawn[:, 2].T
+    chosen = np.array([each[_triples(len(each))] for each in cells], np.intp).reshape(-1, n_numbers).T
+    first, second, third = (rows.take(each, axis=0).T for each in chosen)
     # Cramer's rule, as thousands of equations with three unknowns are solved.
     normals = _cross(second, third), _cross(third, first), _cross(first, second)
     determinants = first[0] * normals[0][0] + first[1] * normals[0][1] + first[2] * normals[0][2]
-    lengths = np.sqrt(np.einsum("si,si->s", rows, rows))[chosen]
-    apart = np.abs(determinants) > _LEAST_SPREAD * (lengths[:, 0] * lengths[:, 1] * lengths[:, 2])
+    lengths = np.sqrt(np.einsum("si,si->s", rows, rows)).take(chosen)
+    apart = np.abs(determinants) > _LEAST_SPREAD * (lengths[0] * lengths[1] * lengths[2])
     determinants[~apart] = 1.0
-    heights = target[chosen].T / (determinants * TUKEY_SIGMAS)
-    all_planes = sum(height * normal for height, normal in zip(heights, normals, strict=True))
+    heights = target.take(chosen) / (determinants * TUKEY_SIGMAS)
+    tried = heights[0] * normals[0] + heights[1] * normals[1] + heights[2] * normals[2]
     of_target, of_rows = target / TUKEY_SIGMAS, np.ascontiguousarray(rows.T)
     found, planes = [], []
     for index, (k, inside) in enumerate(zip(enough, cells, strict=True)):
-        tried = slice(index * _N_TRIPLES, (index + 1) * _N_TRIPLES)
-        own = all_planes[:, tried].T[apart[tried]]
-        if len(own):
-            off = of_target[inside] - own @ of_rows[:, inside]
+        own = slice(index * _N_TRIPLES, (index + 1) * _N_TRIPLES)
+        usable = apart[own]
+        if usable.any():
+            off = of_target[inside] - tried[:, own].T @ of_rows[:, inside]
             off *= off
+            misfits = np.minimum(off, 1.0, out=off).sum(axis=1)
+            misfits[~usable] = np.inf
             found.append(k)
-            planes.append(TUKEY_SIGMAS * own[int(np.argmin(np.minimum(off, 1.0, out=off).sum(axis=1)))])
+            planes.append(TUKEY_SIGMAS * tried[:, own][:, int(np.argmin(misfits))])
     return np.array(found, np.intp), np.array(planes).reshape(-1, n_numbers)
 
 

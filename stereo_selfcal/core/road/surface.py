@@ -13,10 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..numerics.linear import invert, is_covariance, rank_of, solve_each, solve_linear
+from ..numerics.linear import invert, is_covariance, rank_of, solve_linear
 from ..rejection import Bound, NotFitted
 from ..types import Array, Indices, Mask
 from .extent import OUTLIER_WEIGHT, Extent, find_extent
+from .lane_points import OTHER_HALF_WIDTHS_M, LanePoints
 from .priors import HALF_LANE_WIDTH_M
 from .unevenness import (
     TYPICAL_MISMATCH_PX,
@@ -30,16 +31,7 @@ _WORST_STD_M = 0.3  # most standard deviation of a usable cell: the height of tw
 _DETERMINED = "numbers of the plane that the cells determine"
 # Variances of cells so different that rounding decides.
 _NOT_INVERTED = NotFitted("covariances of the cells that can be inverted", 0, Bound.LEAST, 1)
-_LEAST_COLUMNS = 2  # of the points of a lane: with one, its roll is open
 _LEAST_CELLS = 6  # twice the number of a plane's parameters
-# The pose describes the own lane. A plane over an uneven road depends on the part that counts, and there is
-# no one right part. It may begin behind the bonnet or at the first row of a camera behind the windscreen
-# (KITTI's lidar planes: 5.5 to 20 m): the pose is the mean of both. It may be that of the tracks of the
-# wheels, of the lane with its shoulders, or of both lanes of a road: how their planes differ from that of the
-# lane, as far as it is seen or follows from the road's usual shape, is an uncertainty.
-STRETCHES_M = ((3.0, 15.0), (5.0, 20.0))
-NEAREST_STRETCH_M = (3.0, 10.0)  # on which the car stands, and most pixels lie
-OTHER_HALF_WIDTHS_M = (1.0, 2.5, 4.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,45 +51,6 @@ class CellHeights:
     metres: Array
     xy: Array
     strip: Indices
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LanePoints:
-    """Points of the own lane at equal distances, over which the plane is fitted.
-
-    Attributes:
-        xy: (T, 2) positions relative to the point under the camera [m].
-        aside_m: (T,) distances from the camera's path along the lane, to the left [m].
-        design: (T, 3) derivative of the heights there by the parameters of the plane.
-        strip: (T,) strip along the road in which each point lies, as of the cells.
-        middle: Strip of the middle of the lane.
-    """
-
-    xy: Array
-    aside_m: Array
-    design: Array
-    strip: Indices
-    middle: int
-
-    def planes(self, strips: tuple[int, int], half_width_m: float) -> Array:
-        """Return the matrices (3, 3, T) that give the plane of each stretch from the heights of all points.
-
-        They are those of ``STRETCHES_M``, and then that of the nearest one.
-
-        Args:
-            strips: First and last strip of the road; points beyond them do not count.
-            half_width_m: How far from the camera's path points count. A narrow road may leave no more than a
-                side of the lane: then that counts, as wide as it is.
-        """
-        on_road = (self.strip >= strips[0]) & (self.strip <= strips[1])
-        within = on_road & (np.abs(self.aside_m) <= half_width_m)
-        if len(np.unique(self.aside_m[within])) < _LEAST_COLUMNS:
-            within = on_road
-        ahead, columns = self.xy[:, 0], self.design.T
-        stretches_m = np.array([*STRETCHES_M, NEAREST_STRETCH_M])[:, :, None]
-        inside = within & (ahead >= stretches_m[:, 0]) & (ahead <= stretches_m[:, 1])
-        counted = inside[:, None] * columns
-        return solve_each(counted @ self.design, counted)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -235,7 +188,7 @@ def fit_plane(cells: CellHeights, design: Array, lane: LanePoints) -> LanePlane 
         return found
     usual = RoadUnevenness.typical()
     n, road = len(found.y), found.road(usual)
-    plane_of_lane = _plane_of_lane(lane, _lane_strips(found.extent, cells.strip[found.seen], lane))
+    plane_of_lane = lane.plane_of_lane(_lane_strips(found.extent, cells.strip[found.seen], lane))
     right = np.column_stack([found.x, road[:, n:] @ plane_of_lane.T])
     solved = _solve_cells(road[:, :n], found.variances(usual), found.x, right)
     if isinstance(solved, NotFitted):
@@ -382,12 +335,6 @@ def _lane_strips(extent: Extent, seen: Indices, lane: LanePoints) -> tuple[int, 
     )
 
 
-def _plane_of_lane(lane: LanePoints, strips: tuple[int, int]) -> Array:
-    """Return the matrix (3, T) that gives the plane of the own lane from the heights of its points."""
-    plane: Array = lane.planes(strips, HALF_LANE_WIDTH_M)[: len(STRETCHES_M)].mean(axis=0)
-    return plane
-
-
 def _solve_cells(road: Array, noise: Array, x: Array, right: Array) -> tuple[Array, Array] | NotFitted:
     """Return the matrix that gives a plane from the heights of the cells, and what predicts other heights.
 
@@ -437,7 +384,7 @@ def _solve_lane(
     to_plane, predicted = solved
     # Heights of the lane over that plane, predicted from what remains of the cells' heights.
     to_lane = predicted - (predicted @ x) @ to_plane
-    plane = _plane_of_lane(lane, strips)
+    plane = lane.plane_of_lane(strips)
     parts = [lane.planes(strips, half_m) for half_m in (HALF_LANE_WIDTH_M, *OTHER_HALF_WIDTHS_M)]
     apart = np.concatenate(parts) - plane
     solve: Array = to_plane + plane @ to_lane

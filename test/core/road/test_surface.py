@@ -7,7 +7,8 @@ import pytest
 
 from stereo_selfcal.core.rejection import NotFitted
 from stereo_selfcal.core.road import surface
-from stereo_selfcal.core.road.surface import CellHeights, LanePoints, fit_plane, fit_surface
+from stereo_selfcal.core.road.lane_points import LanePoints
+from stereo_selfcal.core.road.surface import CellHeights, fit_plane, fit_surface
 from stereo_selfcal.core.road.unevenness import RoadUnevenness, unit_covariances
 
 UNEVEN = RoadUnevenness(roughness=1e-5, mismatch_px=0.05, camber=1.0)
