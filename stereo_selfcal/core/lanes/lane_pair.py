@@ -104,6 +104,11 @@ class LanePattern:
         )
 
     @property
+    def pairs(self) -> list[tuple[ImageLine, ImageLine]]:
+        """The two boundaries, each in the left and in the right camera."""
+        return list(zip(self.left, self.right, strict=True))
+
+    @property
     def boundaries(self) -> LanePattern:
         """The pattern of the two boundaries alone."""
         return replace(self, columns=self.columns[:, :2], extra_lines=()) if self.extra_lines else self

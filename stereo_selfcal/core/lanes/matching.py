@@ -72,6 +72,11 @@ class Match:
     similarity: float
 
     @property
+    def lines(self) -> tuple[ImageLine, ImageLine]:
+        """The line in the left and in the right image."""
+        return self.left.line, self.right.line
+
+    @property
     def votes(self) -> float:
         """Votes of both lines, weighted by how alike the cameras see them."""
         return self.similarity * (self.left.votes + self.right.votes)
