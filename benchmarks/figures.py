@@ -61,7 +61,7 @@ def debug_image() -> bytes:
     frame = scene.frame(0)
     rig = scene.scene.rig
     result = Calibrator(rig).add(frame.left, frame.right)
-    points = find_stripe_points(frame.left, CalibratorConfig().extraction).marked
+    points = find_stripe_points(frame.left, CalibratorConfig().extraction)
     stripes = np.column_stack([points.columns, points.rows])
     return _jpeg(draw_debug_image(frame.left, rig, result, verdict_of(result), stripes))
 
@@ -80,7 +80,7 @@ def extraction() -> bytes:
     frame = scene.frame(0)
     rig = scene.scene.rig
     result = Calibrator(rig).add(frame.left, frame.right)
-    stripes = find_stripe_points(frame.left, CalibratorConfig().extraction).marked
+    stripes = find_stripe_points(frame.left, CalibratorConfig().extraction)
     marked = draw_camera_view(frame.left, rig, None, 1.5, np.column_stack([stripes.columns, stripes.rows]))
     # Without the pose: lines and points alone.
     found = replace(result, extrinsics=None, stages={})

@@ -181,7 +181,7 @@ class Views:
             self._publish(self._birds_eye, picture, stamp_ns)
 
     def _stripes(self, left: Image) -> Array:
-        points = find_stripe_points(left, self._config().calibrator.extraction).marked
+        points = find_stripe_points(left, self._config().calibrator.extraction)
         return np.column_stack([points.columns, points.rows])
 
     def _publish(self, publisher: Publisher, picture: Image, stamp_ns: int) -> None:

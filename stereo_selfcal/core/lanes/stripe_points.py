@@ -115,8 +115,18 @@ class StripePoints:
     def none(cls) -> StripePoints:
         """Return those of an image in which none are looked for."""
         empty = np.empty(0)
-        gradient = np.empty((0, 0), np.float32)
-        return cls(empty, empty, empty, empty, empty, empty, empty, empty, 0.0, gradient)
+        marked = MarkedPoints(empty, empty, empty, empty, empty, empty, empty, empty)
+        return cls(0.0, np.empty((0, 0), np.float32), lambda: marked)
+
+    @property
+    def rows(self) -> Array:
+        """Rows (N,) of the points [px]."""
+        return self.marked.rows
+
+    @property
+    def columns(self) -> Array:
+        """Columns (N,) of the points [px]."""
+        return self.marked.columns
 
     def chosen(self, which: Mask) -> StripePoints:
         """Return some of the points, with the same image.

@@ -73,7 +73,7 @@ def candidates_on_road(
         detector: Finds the lines among these points; None for the Hough transform.
     """
     plane = plane_from_pose(road_pose, rig, PlaneCamera.LEFT)
-    rays = pixel_rays(rig, points.marked.columns, points.marked.rows)
+    rays = pixel_rays(rig, points.columns, points.rows)
     disparity = plane.disparities(rays)
     # At a disparity d, a metre is d / baseline pixels wide.
     half_px = disparity * (_HALF_WIDTH_M / rig.baseline_m)

@@ -67,12 +67,11 @@ def test_what_is_not_on_the_road_is_no_candidate():
         patch.setattr(module, "detect_by_hough", detector)
         candidates_on_road(scene.extrinsics, points[0], images[0], scene.rig)
     chosen = asked["points"]
-    marked = chosen.marked
-    assert 0 < len(marked.rows) < len(points[0].marked.rows)
-    disparity = plane.disparities(pixel_rays(scene.rig, marked.columns, marked.rows))
-    aside_m = (marked.columns - scene.rig.cx) / disparity * scene.rig.baseline_m
+    assert 0 < len(chosen.rows) < len(points[0].rows)
+    disparity = plane.disparities(pixel_rays(scene.rig, chosen.columns, chosen.rows))
+    aside_m = (chosen.columns - scene.rig.cx) / disparity * scene.rig.baseline_m
     assert disparity.min() > 0.0 and np.abs(aside_m).max() < 1.5 * 3.75
-    assert chosen.gradient is points[0].gradient and len(marked.columns) == len(marked.rows)
+    assert chosen.gradient is points[0].gradient and len(chosen.columns) == len(chosen.rows)
 
 
 @pytest.mark.parametrize("lift_m", [-0.06, 0.06])
