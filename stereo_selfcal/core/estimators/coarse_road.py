@@ -209,7 +209,8 @@ def _tangents(aside: Array, rig: StereoRig) -> Array:
         rig: Intrinsics and baseline.
     """
     # At a disparity d, a metre is d / baseline pixels wide.
-    return np.abs(aside) * aside.dtype.type(rig.fx * rig.baseline_m / _HALF_WIDTH_M)
+    tangents: Array = np.abs(aside) * aside.dtype.type(rig.fx * rig.baseline_m / _HALF_WIDTH_M)
+    return tangents
 
 
 def _is_ahead(predicted: Array, tangents: Array, rig: StereoRig, scale: int) -> Mask:
