@@ -29,7 +29,6 @@ import numpy.typing as npt
 from ..camera.rig import StereoRig
 from ..config import FitnessConfig
 from ..geometry.plane import DisparityPlane, PlaneCamera
-from ..geometry.rays import pixel_rays
 from ..lanes.closed_form import disparity_model, point_weights
 from ..lanes.lane_pair import LanePattern
 from ..numerics.derivatives import linearise
@@ -174,9 +173,10 @@ class PatternFitness:
 
 def _normals_of(columns: Array, rows: Array, rig: StereoRig) -> Array:
     """Return the normals of the planes through a camera and each line, as columns (..., 3, L)."""
-    ends = columns[..., [0, -1]]
-    rays = pixel_rays(rig, ends, rows[[0, -1]])
-    return np.swapaxes(np.cross(rays[..., 0, :], rays[..., 1, :]), -1, -2)
+    # The cross product of the rays (1, y, z) through both ends of a line.
+    y0, y1 = ((rig.cx - columns[..., end]) / rig.fx for end in (0, -1))
+    z0, z1 = ((rig.cy - float(rows[end])) / rig.fy for end in (0, -1))
+    return np.stack([y0 * z1 - z0 * y1, np.full(y0.shape, z0 - z1), y1 - y0], axis=-2)
 
 
 def _angles_between(normals: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:

@@ -177,9 +177,11 @@ def _products(
     valid = np.ones((*edge_columns.shape, n_run), dtype=bool)
     valid[..., 1, :] = reach > middles[..., :1] + half_width - first[..., 1:]
     valid_pixels = valid.reshape(n_stripes, n_blocks, 1, n_pixels)
-    # The factors are two arrays. Of one array with itself, numpy computes a symmetric product, which is
-    # slower for small matrices.
-    gram = (terms * valid_pixels) @ np.swapaxes(terms, -1, -2)
+    gram = np.empty((n_stripes, n_blocks, _N_TERMS, _N_TERMS))
+    for own, mask, product in zip(terms, valid_pixels, gram, strict=True):
+        # The factors are two arrays. Of one array with itself, numpy computes a symmetric product, which is
+        # slower for small matrices. Those of one stripe fit the processor's cache.
+        np.matmul(own * mask, np.swapaxes(own, -1, -2), out=product)
     return gram, valid_pixels.sum(axis=(-1, -2)), inside.all(axis=-1)
 
 
