@@ -35,7 +35,7 @@ from ..road.surface import (
     fit_surface,
 )
 from ..types import Array, Floats, Image, Mask
-from .sampling import blur_images, half_disparity, sample, sample_positions, usable_samples, warp
+from .sampling import ImageBlurs, half_disparity, sample, sample_positions, usable_samples, warp
 from .texture_fit import TextureFit, TextureQuality
 
 # The search corrects errors of the start up to these: a kerb's height (60 mm), the pitching of a frame (0.5
@@ -84,6 +84,7 @@ def align_texture(
     keep_paint: bool = False,
     vertical_px: float = 0.0,
     first_attempt: int = 0,
+    blurs: ImageBlurs | None = None,
 ) -> TextureFit | NotFitted:
     """Align the grey values of the road ahead of the camera.
 
@@ -98,10 +99,12 @@ def align_texture(
         vertical_px: Row of a point in the right image minus that in the left one [px]; 0 where it is not
             known.
         first_attempt: Attempt to begin with: that which another frame of the same road needed.
+        blurs: These images, as other alignments have blurred them; None to begin anew.
 
     Returns:
         The fit with its quality, or the reason why nothing could be aligned.
     """
+    blurs = blurs or ImageBlurs(images)
     layout = (lane_yaw_rad, limits_m, far_m)
     searched = _search(images, rig, plane_from_pose(start, rig), layout)
     if isinstance(searched, NotFitted):
@@ -109,7 +112,7 @@ def align_texture(
     first: TextureFit | None = None
     for attempt in (*range(first_attempt, len(_ATTEMPTS)), *range(first_attempt)):
         blur, thinnings = _ATTEMPTS[attempt]
-        fit = _align(images, rig, searched, layout, blur, thinnings, keep_paint, vertical_px)
+        fit = _align(images, blurs, rig, searched, layout, blur, thinnings, keep_paint, vertical_px)
         if isinstance(fit, NotFitted):
             given_up = fit
             continue
@@ -126,6 +129,7 @@ def align_texture(
 
 def _align(
     images: tuple[Image, Image],
+    blurs: ImageBlurs,
     rig: StereoRig,
     plane: DisparityPlane,
     layout: _Layout,
@@ -135,7 +139,6 @@ def _align(
     vertical_px: float,
 ) -> TextureFit | NotFitted:
     """Align from a plane that is exact to about a pixel: one pass for each thinning, and a final one."""
-    blurred = None
     for i, thinning in enumerate(thinnings):
         last = i == len(thinnings) - 1
         grid = lay_out_samples(rig, pose_from_plane(plane, rig), *layout, thinning=thinning)
@@ -144,8 +147,7 @@ def _align(
         lane = _lane_points(plane, rig, layout)
         half = half_disparity(grid, plane, rig)
         usable = usable_samples(images, grid, half, rig, None if keep_paint else blur_px)
-        if blurred is None:
-            blurred = blur_images(images, blur_px, grid)
+        blurred = blurs.of(blur_px, grid)
         for final in (False, True)[: 1 + last]:
             half = half_disparity(grid, plane, rig)
             positions = sample_positions(blurred.first_row, grid, half, vertical_px)

@@ -7,6 +7,7 @@ prior of what calibrations leave, the product is the probability of the yaw (Bay
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -171,6 +172,18 @@ def yaw_posterior(
     Returns:
         Mean and standard deviation of the yaw that is left in the images.
     """
+    return _posterior(tuple(told), far, rig, calibrated, corrected_rad)
+
+
+@functools.lru_cache(maxsize=16)  # the observations of a frame are asked more than once
+def _posterior(
+    told: tuple[YawTold, ...],
+    far: FarDisparity | None,
+    rig: StereoRig,
+    calibrated: bool,
+    corrected_rad: float,
+) -> YawTold:
+    """Return what :func:`yaw_posterior` does."""
     # What rows tell beyond the range is a turn all the same: at its end, it would look sharply known.
     most_rad = MOST_TURN_RAD
     if not calibrated:

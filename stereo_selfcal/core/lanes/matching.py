@@ -227,29 +227,29 @@ def similarity(images: tuple[Image, Image], left: ImageLine, right: ImageLine) -
     Returns:
         Correlation coefficient of the two cross-sections, -1 ... 1.
     """
-    rows = np.arange(
-        max(left.rows.min(), right.rows.min()), min(left.rows.max(), right.rows.max()), _SECTION_ROW_STEP
-    )
+    first, last = max(left.rows.min(), right.rows.min()), min(left.rows.max(), right.rows.max())
+    rows = np.arange(first, last, _SECTION_ROW_STEP)
     # The disparity is zero at the horizon; a distance on the road grows in the image with the rows below it.
     growth = left.slope - right.slope
-    middle = np.array(float(np.median(rows))) if len(rows) else np.array(left.v_mid)
+    middle = np.array((rows[0] + rows[-1]) / 2.0 if len(rows) else left.v_mid)
     horizon = float(middle) - float(left.column_at(middle) - right.column_at(middle)) / growth
     rows = rows[rows > horizon + _SECTION_ROW_STEP]
     width_per_row = left.width_px / max(left.v_mid - horizon, 1.0)
     offsets = (rows[:, None] - horizon) * width_per_row * _SECTION_WIDTHS
-    sections = []
-    valid = np.ones(offsets.shape, dtype=bool)
-    for image, line in zip(images, (left, right), strict=True):
-        columns = np.rint(line.column_at(rows)[:, None] + offsets).astype(np.intp)
-        valid &= (columns >= 0) & (columns < image.shape[1])
-        values = image[rows.astype(np.intp)[:, None], np.clip(columns, 0, image.shape[1] - 1)]
-        sections.append(values.astype(np.float64))
-    count = np.maximum(valid.sum(axis=0), 1)
-    a, b = (
-        (section * valid).sum(axis=0)[valid.any(axis=0)] / count[valid.any(axis=0)] for section in sections
-    )
-    if not len(a):
+    both = np.stack([line.column_at(rows) for line in (left, right)])
+    columns = np.rint(both[:, :, None] + offsets).astype(np.intp)
+    width = images[0].shape[1]
+    inside = np.minimum(np.maximum(columns, 0), width - 1)
+    valid = (inside == columns).all(axis=0)
+    inside += (rows.astype(np.intp) * width)[:, None]
+    count = valid.sum(axis=0)
+    seen = count > 0
+    if not seen.any():
         return 0.0
+    a, b = (
+        (image.ravel().take(at) * valid).sum(axis=0, dtype=np.float64)[seen] / count[seen]
+        for image, at in zip(images, inside, strict=True)
+    )
     a, b = a - a.mean(), b - b.mean()
     norm = float(np.sqrt((a @ a) * (b @ b)))
     return float(a @ b) / norm if norm > 0.0 else 0.0
