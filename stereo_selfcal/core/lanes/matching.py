@@ -46,6 +46,9 @@ MIN_LIKENESS = 0.867
 _SECTION_WIDTHS = np.linspace(-3.0, 4.0, 29)
 _SECTION_ROW_STEP = 3
 
+# Spread of the slopes of parallel lines, over their squares: rounding.
+_PARALLEL = 1e-14
+
 # Roll tilts the road along a line of slope du/dv, which adds up to tan(15 deg) * slope to the growth of its
 # disparity. The limits of the height are widened by this factor to allow for that.
 _GROWTH_SLACK = 1.6
@@ -262,19 +265,31 @@ def looks_alike(correlation: float) -> bool:
 
 def _overlap(a: Array, b: Array) -> float:
     """Return the rows common to two measured lines over those of the shorter one."""
-    common = min(a.max(), b.max()) - max(a.min(), b.min())
-    return float(common / min(np.ptp(a), np.ptp(b)))
+    (first_a, last_a), (first_b, last_b) = ((float(each.min()), float(each.max())) for each in (a, b))
+    common = min(last_a, last_b) - max(first_a, first_b)
+    return common / min(last_a - first_a, last_b - first_b)
 
 
 def common_point(lines: Sequence[ImageLine]) -> tuple[Array, float]:
     """Return the point nearest to all lines (column, row), and their RMS distance along the row [px]."""
-    # u - slope v = u_mid - slope v_mid for every line, least squares.
-    slopes = np.array([line.slope for line in lines])
-    offsets = np.array([line.u_mid - line.slope * line.v_mid for line in lines])
-    design = np.column_stack([np.ones_like(slopes), -slopes])
-    point, *_ = np.linalg.lstsq(design, offsets, rcond=None)
-    distance = float(np.sqrt(np.mean((design @ point - offsets) ** 2)))
-    return point, distance
+    # u - slope v = u_mid - slope v_mid for every line, least squares. In plain numbers: it is done for every
+    # pair of lines of a frame.
+    slopes = [line.slope for line in lines]
+    offsets = [line.u_mid - line.slope * line.v_mid for line in lines]
+    n = len(lines)
+    mean_slope, mean_offset = sum(slopes) / n, sum(offsets) / n
+    apart = [slope - mean_slope for slope in slopes]
+    spread = sum(each * each for each in apart)
+    if spread <= _PARALLEL * (n * mean_slope**2 + spread):  # they meet nowhere
+        design = np.column_stack([np.ones(n), np.negative(slopes)])
+        point = np.linalg.lstsq(design, np.array(offsets), rcond=None)[0]
+        u, v = point.tolist()
+    else:
+        v = -sum(each * offset for each, offset in zip(apart, offsets, strict=True)) / spread
+        u = mean_offset + v * mean_slope
+        point = np.array([u, v])
+    squares = sum((u - slope * v - offset) ** 2 for slope, offset in zip(slopes, offsets, strict=True))
+    return point, math.sqrt(squares / n)
 
 
 def sample_pattern(matched: MatchedLines, rig: StereoRig, config: CalibratorConfig) -> LanePattern:

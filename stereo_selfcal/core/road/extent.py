@@ -156,6 +156,7 @@ def _robust_fits(rows: Array, target: Array, insides: Mask, planes: Array) -> tu
     columns = np.ascontiguousarray(rows.T)
     diagonal = slice(0, None, n_numbers + 1)
     residuals = target - planes @ columns
+    scale_of = _Scales(insides)
     scale: Array = np.ones(len(insides))
     for _ in range(_ROUNDS):
         weights = insides * _weights(residuals, scale)
@@ -166,7 +167,7 @@ def _robust_fits(rows: Array, target: Array, insides: Mask, planes: Array) -> tu
         solved = np.linalg.solve(normal.reshape(-1, n_numbers, n_numbers), right[..., None])
         planes = np.asarray(solved, np.float64)[..., 0]
         residuals = target - planes @ columns
-        scale = _scales(residuals, insides)
+        scale = scale_of(residuals)
     return insides * _weights(residuals, scale), residuals
 
 
@@ -232,10 +233,20 @@ def _cross(first: Array, second: Array) -> Array:
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
 
 
-def _scales(residuals: Array, insides: Mask) -> Array:
-    """Return the scale (E,) of residuals (E, S): by the median, no more than their standard deviations."""
-    ordered = np.sort(np.where(insides, np.abs(residuals), np.inf), axis=1)
-    count, index = insides.sum(axis=1), np.arange(len(insides))
-    medians = 0.5 * (ordered[index, (count - 1) // 2] + ordered[index, count // 2])
-    scales: Array = np.clip(SIGMA_OVER_MAD * medians, _LEAST_SCALE, 1.0)
-    return scales
+class _Scales:
+    """Scales of residuals of extents: by the median, no more than their standard deviations."""
+
+    def __init__(self, insides: Mask) -> None:
+        """Create for the cells (E, S) of each extent."""
+        counts, firsts = np.count_nonzero(insides, axis=1), np.arange(len(insides)) * insides.shape[1]
+        self._middle = firsts + (counts - 1) // 2, firsts + counts // 2
+        self._beyond = np.where(insides, 0.0, np.inf)
+
+    def __call__(self, residuals: Array) -> Array:
+        """Return the scale (E,) of residuals (E, S)."""
+        ordered = np.abs(residuals)
+        ordered += self._beyond
+        ordered.sort(axis=1)
+        lower, upper = (ordered.ravel().take(each) for each in self._middle)
+        scales: Array = (lower + upper) * (0.5 * SIGMA_OVER_MAD)
+        return np.minimum(np.maximum(scales, _LEAST_SCALE), 1.0)
