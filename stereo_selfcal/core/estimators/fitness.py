@@ -81,12 +81,10 @@ class PatternFitness:
 
     def fitness_in_each_camera(self, populations: Array) -> Array:
         """Return the fitness of one population a camera, (2, P, 3), by that camera's parallelism, (2, P)."""
-        shape = populations.shape[:2]
-        self.evaluations += shape[0] * shape[1]
+        self.evaluations += populations.shape[0] * populations.shape[1]
         trig = _trigonometry(populations)
-        flat = [part.ravel() for part in (populations[..., 0], *trig)]
         parallelism = self._parallelism(self._normals, *trig)
-        return self._fitness(self._matching_error(*flat).reshape(shape), parallelism)
+        return self._fitness(self._matching_error(populations[..., 0], *trig), parallelism)
 
     def errors(self, population: Array) -> tuple[Array, Array]:
         """Return the normalised E1 and E2 of (P, 3) candidates [px^2], each of shape (P,)."""
@@ -115,9 +113,9 @@ class PatternFitness:
         return plane
 
     def _matching_error(self, height: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
-        """E1: mean square of the predicted disparity minus the measured one [px^2], (P,)."""
+        """E1: mean square of the predicted disparity minus the measured one [px^2], (..., P)."""
         plane = self._plane(height, cp, sp, cr, sr)
-        square = ((plane @ self._gram - self._twice_moment) * plane).sum(axis=1)
+        square = ((plane @ self._gram - self._twice_moment) * plane).sum(axis=-1)
         # Rounding may leave a perfect fit just below zero.
         error: Array = np.maximum(square + self._square, 0.0)
         return error

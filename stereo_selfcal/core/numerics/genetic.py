@@ -28,7 +28,7 @@ import numpy.typing as npt
 
 from ..config import GeneticConfig
 from ..errors import ConfigError
-from ..types import Array
+from ..types import Array, Indices
 
 Fitness = Callable[[Array], Array]
 
@@ -129,7 +129,7 @@ def maximise_each(
     while not converged.all() and len(history) <= config.max_generations:
         # Sorting random keys gives an independent permutation for every run.
         challenged = (rng.random(values.shape).argsort(axis=1)[:, :n_children] + firsts).ravel()
-        children = _offspring(populations, values, spread, n_children, config, rng)
+        children = _offspring(every, values, firsts, spread, n_children, config, rng)
         np.maximum(children, low, out=children)
         np.minimum(children, high, out=children)
         child_values = fitness(children).ravel()
@@ -169,20 +169,30 @@ def _latin_hypercube(rng: np.random.Generator, n: int, n_dim: int) -> Array:
 
 
 def _offspring(
-    populations: Array,
+    every: Array,
     values: Array,
+    firsts: Indices,
     spread: Array,
     n_children: int,
     config: GeneticConfig,
     rng: np.random.Generator,
 ) -> Array:
-    """Return (R, n_children, D) new individuals by differential crossover, copying and mutation."""
-    n_runs, n_individuals, n_dim = populations.shape
-    every, firsts = populations.reshape(-1, n_dim), np.arange(n_runs)[:, None] * n_individuals
+    """Return (R, n_children, D) new individuals by differential crossover, copying and mutation.
+
+    Args:
+        every: (R P, D) individuals of all runs.
+        values: (R, P) their fitness.
+        firsts: (R, 1) number of the first individual of each run.
+        spread: (R, D) range of each population.
+        n_children: Number of children of each run.
+        config: Probabilities.
+        rng: Source of all randomness.
+    """
+    n_runs, n_individuals = values.shape
     n_parents = max(2, round(config.parent_fraction * n_individuals))
-    parents = np.argsort(-values, axis=1, kind="stable")[:, :n_parents] + firsts
+    ranked = np.argsort(-values, axis=1, kind="stable")
     chance = rng.random((6, n_runs, n_children))
-    chosen = parents.take((chance[0] * n_parents).astype(np.intp) + firsts // n_individuals * n_parents)
+    chosen = ranked.take((chance[0] * n_parents).astype(np.intp) + firsts) + firsts
     a, b = (chance[1:3] * n_individuals).astype(np.intp) + firsts
     crosses = chance[3] < config.crossover_probability
     low, high = _STEP_RANGE
