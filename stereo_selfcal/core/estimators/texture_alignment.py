@@ -171,15 +171,24 @@ def _align(
     return _report(rig, plane, grid, surface, cells, layout[0], _correlation(*grey, cells.weights, grid))
 
 
-def _lane_points(plane: DisparityPlane, rig: StereoRig, layout: _Layout) -> LanePoints:
-    """Return the points of the own lane in the sampled strip, over which the plane is fitted."""
-    yaw, (right_m, left_m), _ = layout
-    pose = pose_from_plane(plane, rig)
+def _lane_grid() -> tuple[Array, Array]:
+    """Return distances ahead (T,) and to the left (T,) of the points of the own lane [m]."""
     begin_m, end_m = STRETCHES_M[0][0], STRETCHES_M[-1][1]
     ahead = np.linspace(begin_m, end_m, 1 + round((end_m - begin_m) / _LANE_STEP_M))
     half_m = np.array([*OTHER_HALF_WIDTHS_M, HALF_LANE_WIDTH_M, 0.0])
     lateral = np.unique(np.concatenate([half_m, -half_m]))
-    x, aside = (each.ravel() for each in np.meshgrid(ahead, lateral))
+    x, aside = np.meshgrid(ahead, lateral)
+    return x.ravel(), aside.ravel()
+
+
+_LANE_GRID = _lane_grid()
+
+
+def _lane_points(plane: DisparityPlane, rig: StereoRig, layout: _Layout) -> LanePoints:
+    """Return the points of the own lane in the sampled strip, over which the plane is fitted."""
+    yaw, (right_m, left_m), _ = layout
+    pose = pose_from_plane(plane, rig)
+    x, aside = _LANE_GRID
     xy = np.column_stack([x, aside - np.tan(yaw) * x])
     on_road = np.column_stack([xy, np.full(len(x), -pose.height_m)])
     ray = on_road @ road_from_camera_rotation(pose.pitch_rad, pose.roll_rad)

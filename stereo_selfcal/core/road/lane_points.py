@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..numerics.linear import solve_each
 from ..types import Array, Indices
 from .priors import HALF_LANE_WIDTH_M
 
@@ -19,6 +18,7 @@ STRETCHES_M = ((3.0, 15.0), (5.0, 20.0))
 NEAREST_STRETCH_M = (3.0, 10.0)  # on which the car stands, and most pixels lie
 OTHER_HALF_WIDTHS_M = (1.0, 2.5, 4.0)
 
+_OPEN = 1e-12  # eigenvalues of normal equations below this part of the greatest one are rounding
 _LEAST_COLUMNS = 2  # of the points of a lane: with one, its roll is open
 
 
@@ -40,31 +40,39 @@ class LanePoints:
     strip: Indices
     middle: int
 
-    def planes(self, strips: tuple[int, int], half_width_m: float) -> Array:
-        """Return the matrices (3, 3, T) that give the plane of each stretch from the heights of all points.
-
-        They are those of ``STRETCHES_M``, and then that of the nearest one.
+    def plane_and_parts(
+        self, strips: tuple[int, int], others_m: tuple[float, ...] = OTHER_HALF_WIDTHS_M
+    ) -> tuple[Array, Array]:
+        """Return the matrices that give planes of parts of the road from the heights of all points.
 
         Args:
             strips: First and last strip of the road; points beyond them do not count.
-            half_width_m: How far from the camera's path points count. A narrow road may leave no more than a
-                side of the lane: then that counts, as wide as it is.
+            others_m: Half widths of other parts than the own lane [m].
+
+        Returns:
+            That of the plane of the own lane (3, T), which is the mean of those of ``STRETCHES_M``; and those
+            of these stretches and of the nearest one, (K, 3, T), over the width of the lane and over the
+            others.
+        """
+        parts = self._planes(strips, (HALF_LANE_WIDTH_M, *others_m))
+        return parts[: len(STRETCHES_M)].mean(axis=0), parts
+
+    def _planes(self, strips: tuple[int, int], half_widths_m: tuple[float, ...]) -> Array:
+        """Return the matrices (K, 3, T) that give the plane of each stretch, one half width after the other.
+
+        A narrow road may leave no more than a side of the lane: then that counts, as wide as it is.
         """
         on_road = (self.strip >= strips[0]) & (self.strip <= strips[1])
-        within = on_road & (np.abs(self.aside_m) <= half_width_m)
-        if len(np.unique(self.aside_m[within])) < _LEAST_COLUMNS:
-            within = on_road
         ahead, columns = self.xy[:, 0], self.design.T
         stretches_m = np.array([*STRETCHES_M, NEAREST_STRETCH_M])[:, :, None]
-        inside = within & (ahead >= stretches_m[:, 0]) & (ahead <= stretches_m[:, 1])
-        counted = inside[:, None] * columns
-        return solve_each(counted @ self.design, counted)
-
-    def plane_of_lane(self, strips: tuple[int, int]) -> Array:
-        """Return the matrix (3, T) that gives the plane of the own lane from the heights of the points.
-
-        Args:
-            strips: First and last strip of the road.
-        """
-        plane: Array = self.planes(strips, HALF_LANE_WIDTH_M)[: len(STRETCHES_M)].mean(axis=0)
-        return plane
+        of_stretch = on_road & (ahead >= stretches_m[:, 0]) & (ahead <= stretches_m[:, 1])
+        inside = []
+        for half_m in half_widths_m:
+            within = np.abs(self.aside_m) <= half_m
+            if len(np.unique(self.aside_m[within & on_road])) < _LEAST_COLUMNS:
+                within = on_road
+            inside.append(of_stretch & within)
+        counted = np.concatenate(inside)[:, None] * columns
+        # Points in one column, or none at all, leave numbers of a plane open: those become small.
+        inverse = np.linalg.pinv(counted @ self.design, rcond=_OPEN, hermitian=True)
+        return np.asarray(inverse @ counted, np.float64)

@@ -17,8 +17,7 @@ from ..numerics.linear import invert, is_covariance, rank_of, solve_linear
 from ..rejection import Bound, NotFitted
 from ..types import Array, Indices, Mask
 from .extent import OUTLIER_WEIGHT, Extent, find_extent
-from .lane_points import OTHER_HALF_WIDTHS_M, LanePoints
-from .priors import HALF_LANE_WIDTH_M
+from .lane_points import LanePoints
 from .unevenness import (
     TYPICAL_MISMATCH_PX,
     TYPICAL_ROUGHNESS,
@@ -188,7 +187,7 @@ def fit_plane(cells: CellHeights, design: Array, lane: LanePoints) -> LanePlane 
         return found
     usual = RoadUnevenness.typical()
     n, road = len(found.y), found.road(usual)
-    plane_of_lane = lane.plane_of_lane(_lane_strips(found.extent, cells.strip[found.seen], lane))
+    plane_of_lane = lane.plane_and_parts(_lane_strips(found.extent, cells.strip[found.seen], lane), ())[0]
     right = np.column_stack([found.x, road[:, n:] @ plane_of_lane.T])
     solved = _solve_cells(road[:, :n], found.variances(usual), found.x, right)
     if isinstance(solved, NotFitted):
@@ -384,9 +383,8 @@ def _solve_lane(
     to_plane, predicted = solved
     # Heights of the lane over that plane, predicted from what remains of the cells' heights.
     to_lane = predicted - (predicted @ x) @ to_plane
-    plane = lane.plane_of_lane(strips)
-    parts = [lane.planes(strips, half_m) for half_m in (HALF_LANE_WIDTH_M, *OTHER_HALF_WIDTHS_M)]
-    apart = np.concatenate(parts) - plane
+    plane, parts = lane.plane_and_parts(strips)
+    apart = parts - plane
     solve: Array = to_plane + plane @ to_lane
     return (
         solve,
