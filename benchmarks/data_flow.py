@@ -95,6 +95,7 @@ ROWS = (
                     "sampling",
                     "road/cell_grid",
                     "road/surface",
+                    "road/lane_points",
                     "road/unevenness",
                     "road/extent",
                 ),
@@ -207,8 +208,9 @@ ROWS = (
 # Modules of core that no image passes through, and why.
 NOT_ON_THE_WAY = {
     "errors, types, config, tolerances, rejection, reservations, faults": "read everywhere",
-    "numerics/robust, numerics/linear, numerics/derivatives, numerics/statistics": "robust fits, equations "
-    "that may have no solution, derivatives, medians",
+    "numerics/robust, numerics/linear, numerics/derivatives, numerics/statistics, numerics/ragged": (
+        "robust fits, equations that may have no solution, derivatives, medians, lists end to end"
+    ),
     "geometry/pose, geometry/plane, geometry/rays, geometry/homography": "frames, signs and projections",
     "geometry/vehicle": "the camera in the vehicle's frame",
     "road_now, search/road_lines": "the road at this moment, by the known camera",

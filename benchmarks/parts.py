@@ -13,14 +13,22 @@ from stereo_selfcal.core.search import solve, strategy
 
 # The module that calls it, and the name it calls it by.
 PARTS: dict[str, tuple[object, str]] = {
-    "marking stripes": (frame_evidence, "find_stripe_points"),
-    "lines and pairs of them": (calibrator, "find_hypotheses"),
+    "coarse road": (frame_evidence, "find_coarse_road"),
+    "turn of the right camera": (frame_evidence, "measure_turn"),
+    "its correction": (frame_evidence, "turned_back"),
+    "road surface": (frame_evidence, "find_road_surface"),
+    "farthest things": (frame_evidence, "far_disparity"),
+    "gradients": (frame_evidence, "find_stripe_points"),
+    "lines on the road": (strategy, "lines_on_road"),
+    "lines of the whole image": (strategy, "find_hypotheses"),
     "extra lines": (strategy, "find_extra_lines"),
     "genetic algorithm": (solve, "maximise_each"),
     "covariance of lines": (solve, "propagate"),
     "closed form": (solve, "solve_plane"),
     "refinement": (solve, "refine"),
-    "texture and other cross-checks": (solve, "cross_check_texture"),
+    "synchronisation": (solve, "measure_lateness"),
+    "cross-checks": (solve, "cross_check_surface"),
+    "cause of a refusal": (calibrator, "diagnose"),
 }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -12,12 +12,14 @@ import numpy as np
 from stereo_selfcal import Calibrator
 
 from .options import Options
+from .parts import PARTS, clocked_parts
 from .road_pairs import RoadPair, pairs_of
 from .table import Table
 
 N_DISPARITIES, BLOCK_PX = 96, 5
 ROUNDS = 3
 MOST_RATIO = 2.0
+REST = "all the rest"
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +32,7 @@ class FrameTime:
         reason: Why it is refused; empty where it is accepted.
         ours_ms: Median time of a calibration [ms].
         matching_ms: Median time of a block matching [ms].
+        parts_ms: Times of the parts of one calibration [ms].
     """
 
     source: str
@@ -37,6 +40,7 @@ class FrameTime:
     reason: str
     ours_ms: float
     matching_ms: float
+    parts_ms: Mapping[str, float]
 
     @property
     def ratio(self) -> float:
@@ -84,7 +88,31 @@ def time_tables(options: Options) -> Iterator[Table]:
         numbers = (f"{value:.2f}" for value in (each.ours_ms, each.matching_ms, each.ratio))
         every.add(each.source, each.name, each.reason, *numbers)
     yield table
+    yield _parts_table(times)
     yield every
+
+
+def _parts_table(times: Sequence[FrameTime]) -> Table:
+    """Return where the time of real frames goes, accepted and refused ones apart."""
+    groups = {
+        "accepted": [each for each in times if not each.reason],
+        "refused": [each for each in times if each.reason],
+    }
+    table = Table(
+        "road_parts",
+        "Where the time of one real frame goes",
+        ["part", *(f"{name}, mean ms" for name in groups)],
+        ", ".join(f"{len(group)} {name}" for name, group in groups.items())
+        + "; CPU time of one thread, of one calibration each.",
+    )
+    for part in (*PARTS, REST):
+        means = (
+            float(np.mean([each.parts_ms[part] for each in group] or [0.0])) for group in groups.values()
+        )
+        table.add(part, *(f"{mean:.1f}" for mean in means))
+    matching = (float(np.mean([each.matching_ms for each in group] or [0.0])) for group in groups.values())
+    table.add("one block matching, beside", *(f"{mean:.1f}" for mean in matching))
+    return table
 
 
 def clocked(pair: RoadPair) -> FrameTime:
@@ -96,8 +124,12 @@ def clocked(pair: RoadPair) -> FrameTime:
     for _ in range(ROUNDS):
         theirs.append(_ms(lambda: matcher.compute(pair.left, pair.right)))
         ours.append(_ms(lambda: calibrator.add(pair.left, pair.right)))
+    with clocked_parts() as spent:
+        whole_ms = _ms(lambda: calibrator.add(pair.left, pair.right))
+    parts_ms = {name: seconds * 1e3 for name, seconds in spent.items()}
+    parts_ms[REST] = whole_ms - sum(parts_ms.values())
     median_ms = (float(np.median(each)) for each in (ours, theirs))
-    return FrameTime(pair.source, pair.name, str(result.reason or ""), *median_ms)
+    return FrameTime(pair.source, pair.name, str(result.reason or ""), *median_ms, parts_ms)
 
 
 def _cells(group: list[FrameTime]) -> list[str]:

@@ -8,6 +8,7 @@ import pytest
 
 from benchmarks.__main__ import SECTIONS, main
 from benchmarks.frames import READABLE
+from benchmarks.parts import PARTS, clocked_parts
 from benchmarks.road_pairs import ROAD_REFERENCES, ROADS, SOURCES, RoadPair
 from benchmarks.road_peer import peer_pose
 from benchmarks.road_summary import summary_table
@@ -128,6 +129,12 @@ def test_absent_pairs_are_skipped_with_a_reason(monkeypatch, tmp_path, capsys):
     assert main(["roads", "--source", "roads", "--processes", "1", "--folder", str(tmp_path / "out")]) == 0
     assert "roads: skipped, there is no" in capsys.readouterr().out
     assert not (tmp_path / "out" / "roads.md").exists()
+
+
+def test_parts_of_a_calibration_are_functions_of_its_modules():
+    with clocked_parts() as spent:
+        assert all(callable(getattr(module, name)) for module, name in PARTS.values())
+    assert set(spent) == set(PARTS)
 
 
 def test_sections_of_roads_can_be_measured():

@@ -41,6 +41,8 @@ _HORIZON = 0.4  # part of the image's height above which no road is looked for
 # search range only where they show no clear road within them.
 _USUAL_HEIGHT_M = 1.0
 _N_TRIPLES, _N_POINTS = 300, 2500
+_PLANES_AT_ONCE = 16
+_NEAR_FACTOR = 2.0  # of the disparities of a plane, by which the fit surely does not change them
 # Errors of semi-global matching [px of the small images]: it is good to half a pixel on slanted surfaces, and
 # a smooth error of a fifth of a pixel remains in a plane (pixel locking: Shimizu and Okutomi, 2005).
 _AGREES_PX, _BIAS_PX = 0.5, 0.2
@@ -109,12 +111,14 @@ def _find(
 ) -> CoarseRoad | NotFitted:
     """Find the plane of the road in disparities."""
     disparity, scale = disparities.values, disparities.scale
-    rows, columns = np.nonzero(disparity > 0.0)
-    v, u = in_images(rows, scale), in_images(columns, scale)
-    lower = v > _HORIZON * rig.height
+    u, v = (in_images(np.arange(length), scale) for length in disparity.shape[::-1])
+    first = int(np.count_nonzero(v <= _HORIZON * rig.height))
+    lower = disparity[first:].ravel()
+    known = np.flatnonzero(lower > 0.0)
+    row, column = np.divmod(known, len(u))
     rays, measured = (
-        pixel_rays(rig, u[lower], v[lower]),
-        disparity[rows, columns][lower].astype(np.float64) * scale,
+        pixel_rays(rig, u.take(column), v[first:].take(row)),
+        lower.take(known).astype(np.float64) * scale,
     )
     if len(measured) < _LEAST_POINTS:
         return NotFitted(_POINTS, len(measured), Bound.LEAST, _LEAST_POINTS)
@@ -175,34 +179,52 @@ def _most_agreed(
     if not len(planes):
         return NotFitted("planes of a road within the search range", 0, Bound.LEAST, 1)
     some = rng.permutation(len(rays))[:_N_POINTS]
-    # In single precision, which is good to a thousandth of a pixel, and in place: there are 750 000 numbers.
-    aside, reach = rays[some, 1].astype(np.float32), np.float32(2.0 * _AGREES_PX * scale)
-    predicted = planes.astype(np.float32) @ rays[some].T.astype(np.float32)
-    off = measured[some].astype(np.float32) - predicted
-    ahead = _is_ahead(predicted, aside, rig, scale)
-    below = off < np.float32(-_BELOW_PX * scale)
-    off /= reach
-    off *= off
-    votes = np.maximum(np.subtract(np.float32(1.0), off, out=off), np.float32(0.0), out=off)
-    votes -= below
-    votes *= ahead
-    best: Array = planes[int(np.argmax(votes.sum(axis=1)))]
+    # In single precision, which is good to a thousandth of a pixel, and a few planes at a time, whose numbers
+    # fit the processor's cache: there are 750 000.
+    points = rays[some].T.astype(np.float32)
+    tangents = _tangents(points[1], rig)
+    disparities, reach = measured[some].astype(np.float32), np.float32(2.0 * _AGREES_PX * scale)
+    votes = np.empty(len(planes), np.float32)
+    for first in range(0, len(planes), _PLANES_AT_ONCE):
+        which = slice(first, first + _PLANES_AT_ONCE)
+        predicted = planes[which].astype(np.float32) @ points
+        ahead = _is_ahead(predicted, tangents, rig, scale)
+        off = np.subtract(disparities, predicted, out=predicted)
+        below = off < np.float32(-_BELOW_PX * scale)
+        off /= reach
+        off *= off
+        agrees = np.maximum(np.subtract(np.float32(1.0), off, out=off), np.float32(0.0), out=off)
+        agrees -= below
+        agrees *= ahead
+        votes[which] = agrees.sum(axis=1)
+    best: Array = planes[int(np.argmax(votes))]
     return best
 
 
-def _is_ahead(predicted: Array, aside: Array, rig: StereoRig, scale: int) -> Mask:
+def _tangents(aside: Array, rig: StereoRig) -> Array:
+    """Return the disparities [px] up to which points are farther aside than the road ahead is wide.
+
+    Args:
+        aside: Tangents of the angle to the left of the optical axis.
+        rig: Intrinsics and baseline.
+    """
+    # At a disparity d, a metre is d / baseline pixels wide.
+    tangents: Array = np.abs(aside) * aside.dtype.type(rig.fx * rig.baseline_m / _HALF_WIDTH_M)
+    return tangents
+
+
+def _is_ahead(predicted: Array, tangents: Array, rig: StereoRig, scale: int) -> Mask:
     """Whether points lie on the road ahead, where a plane predicts their disparity [px].
 
     Args:
         predicted: Disparities by the plane.
-        aside: Tangents of the angle to the left of the optical axis, of a shape that broadcasts.
+        tangents: Those up to which the points are too far aside, of a shape that broadcasts.
         rig: Intrinsics and baseline.
         scale: Pixels of the images for one of the small images.
     """
-    # At a disparity d, a metre is d / baseline pixels wide.
     least = max(_LEAST_DISPARITY_PX * scale, rig.fx * rig.baseline_m / _FAR_M)
-    tangents = np.abs(aside) * (rig.fx * rig.baseline_m / _HALF_WIDTH_M)
-    inside: Mask = (predicted > least) & (tangents < predicted)
+    inside: Mask = predicted > least
+    inside &= tangents < predicted
     return inside
 
 
@@ -211,16 +233,21 @@ def _fit(
 ) -> DisparityPlane | NotFitted:
     """Fit a plane to the road ahead, from one that is good to a pixel of the small images."""
     plane: Array = start
+    # The fit moves the plane by parts of its disparities: what is far from the road ahead never counts.
+    tangents, predicted = _tangents(rays[:, 1], rig), rays @ plane
+    near = np.flatnonzero(_is_ahead(_NEAR_FACTOR * predicted, tangents, rig, scale))
+    rays, measured, tangents = rays[near], measured[near], tangents[near]
+    columns = np.ascontiguousarray(rays.T)
     for _ in range(_ROUNDS):
         predicted = rays @ plane
-        ahead = np.nonzero(_is_ahead(predicted, rays[:, 1], rig, scale))[0]
-        off = measured[ahead] - predicted[ahead]
-        weights = tukey_weights((off / (_REACH_PX * scale)) ** 2)
+        off = measured - predicted
+        weights = tukey_weights((off * (1.0 / (_REACH_PX * scale))) ** 2)
+        weights *= _is_ahead(predicted, tangents, rig, scale)
         counted = int(np.count_nonzero(weights))
         if counted < _LEAST_POINTS:
             return NotFitted(_POINTS, counted, Bound.LEAST, _LEAST_POINTS)
-        weighted = rays[ahead] * weights[:, None]
-        plane = plane + np.linalg.lstsq(weighted.T @ rays[ahead], weighted.T @ off, rcond=None)[0]
+        weighted = columns * weights
+        plane = plane + np.linalg.lstsq(weighted @ rays, weighted @ off, rcond=None)[0]
     return DisparityPlane(plane, PlaneCamera.LEFT)
 
 
@@ -231,7 +258,7 @@ def _shares(disparity: Floats, plane: DisparityPlane, rig: StereoRig, scale: int
     rays = pixel_rays(rig, u, v)
     predicted = plane.disparities(rays)
     # What only the left camera sees does not count.
-    road = _is_ahead(predicted, rays[..., 1], rig, scale) & (u > predicted)
+    road = _is_ahead(predicted, _tangents(rays[..., 1], rig), rig, scale) & (u > predicted)
     n_road = max(int(np.count_nonzero(road)), 1)
     matched = road & (disparity > 0.0)
     agrees = matched & (np.abs(disparity * np.float32(scale) - predicted) < _AGREES_PX * scale)

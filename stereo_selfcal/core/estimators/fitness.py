@@ -21,13 +21,14 @@ The paper says "E1 and E2 are normalised" without saying how. Here both are squa
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import numpy.typing as npt
 
 from ..camera.rig import StereoRig
 from ..config import FitnessConfig
 from ..geometry.plane import DisparityPlane, PlaneCamera
-from ..geometry.rays import pixel_rays
 from ..lanes.closed_form import disparity_model, point_weights
 from ..lanes.lane_pair import LanePattern
 from ..numerics.derivatives import linearise
@@ -52,6 +53,7 @@ class PatternFitness:
         weighted = self._design.T * (weights / weights.sum())
         self._gram = weighted @ self._design
         self._moment = weighted @ self._disparity
+        self._twice_moment = 2.0 * self._moment
         self._square = float(weights @ self._disparity**2 / weights.sum())
         self._normals = _normals_of(pattern.columns, pattern.rows, rig)
         # The first pair is that of the lane's boundaries.
@@ -79,12 +81,10 @@ class PatternFitness:
 
     def fitness_in_each_camera(self, populations: Array) -> Array:
         """Return the fitness of one population a camera, (2, P, 3), by that camera's parallelism, (2, P)."""
-        shape = populations.shape[:2]
-        flat = populations.reshape(-1, populations.shape[2])
-        self.evaluations += len(flat)
-        trig = _trigonometry(flat)
-        parallelism = self._parallelism(self._normals, *(part.reshape(shape) for part in trig)).ravel()
-        return self._fitness(self._matching_error(flat[:, 0], *trig), parallelism).reshape(shape)
+        self.evaluations += populations.shape[0] * populations.shape[1]
+        trig = _trigonometry(populations)
+        parallelism = self._parallelism(self._normals, *trig)
+        return self._fitness(self._matching_error(populations[..., 0], *trig), parallelism)
 
     def errors(self, population: Array) -> tuple[Array, Array]:
         """Return the normalised E1 and E2 of (P, 3) candidates [px^2], each of shape (P,)."""
@@ -113,9 +113,9 @@ class PatternFitness:
         return plane
 
     def _matching_error(self, height: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
-        """E1: mean square of the predicted disparity minus the measured one [px^2], (P,)."""
+        """E1: mean square of the predicted disparity minus the measured one [px^2], (..., P)."""
         plane = self._plane(height, cp, sp, cr, sr)
-        square = np.einsum("pi,pi->p", plane @ self._gram, plane) - 2.0 * plane @ self._moment
+        square = ((plane @ self._gram - self._twice_moment) * plane).sum(axis=-1)
         # Rounding may leave a perfect fit just below zero.
         error: Array = np.maximum(square + self._square, 0.0)
         return error
@@ -171,9 +171,10 @@ class PatternFitness:
 
 def _normals_of(columns: Array, rows: Array, rig: StereoRig) -> Array:
     """Return the normals of the planes through a camera and each line, as columns (..., 3, L)."""
-    ends = columns[..., [0, -1]]
-    rays = pixel_rays(rig, ends, rows[[0, -1]])
-    return np.swapaxes(np.cross(rays[..., 0, :], rays[..., 1, :]), -1, -2)
+    # The cross product of the rays (1, y, z) through both ends of a line.
+    y0, y1 = ((rig.cx - columns[..., end]) / rig.fx for end in (0, -1))
+    z0, z1 = ((rig.cy - float(rows[end])) / rig.fy for end in (0, -1))
+    return np.stack([y0 * z1 - z0 * y1, np.full(y0.shape, z0 - z1), y1 - y0], axis=-2)
 
 
 def _angles_between(normals: Array, cp: Array, sp: Array, cr: Array, sr: Array) -> Array:
@@ -194,15 +195,16 @@ def _angles_between(normals: Array, cp: Array, sp: Array, cr: Array, sr: Array) 
     towards, aside = rotation[..., :3] @ normals, rotation[..., 3:] @ normals[..., 1:, :]
     n_lines = normals.shape[-1]
     # Of two lines as slices, which copy nothing.
-    first, second = (slice(0, 1), slice(1, 2)) if n_lines == 2 else tuple(_pairs(n_lines).T)
+    first, second = (slice(0, 1), slice(1, 2)) if n_lines == 2 else _pairs(n_lines).T
     x0, x1, y0, y1 = towards[..., first], towards[..., second], aside[..., first], aside[..., second]
     dot = x0 * x1 + y0 * y1
     cross = x1 * y0 - x0 * y1
     # Lines have no direction: they differ by at most a right angle.
-    angle: Array = np.arctan2(np.where(dot < 0.0, -cross, cross), np.abs(dot))
+    angle: Array = np.arctan2(np.copysign(1.0, dot) * cross, np.abs(dot))
     return angle
 
 
+@functools.cache
 def _pairs(n_lines: int) -> npt.NDArray[np.intp]:
     """Return the numbers of the lines of each pair, (pairs, 2), the boundaries first."""
     return np.column_stack(np.triu_indices(n_lines, 1))
@@ -210,5 +212,6 @@ def _pairs(n_lines: int) -> npt.NDArray[np.intp]:
 
 def _trigonometry(population: Array) -> tuple[Array, Array, Array, Array]:
     """Return cosine and sine of pitch, cosine and sine of roll, each (...)."""
-    pitch, roll = population[..., 1], population[..., 2]
-    return np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
+    angles = population[..., 1:3]
+    cosines, sines = np.cos(angles), np.sin(angles)
+    return cosines[..., 0], sines[..., 0], cosines[..., 1], sines[..., 1]

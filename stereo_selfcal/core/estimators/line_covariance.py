@@ -188,8 +188,8 @@ def _sensitivity(
 def _predict(parameters: Array, lines: tuple[ImageLine, ...], rig: StereoRig) -> Array:
     """Return (u_mid, slope) of the four lines for (B, 6) parameters, shape (B, 8)."""
     # The stripes have no width and no height over the plane: both edges coincide with the line.
-    roads = np.concatenate([parameters, np.zeros((len(parameters), 4))], axis=1)
-    roads = np.insert(roads, 4, 0.0, axis=1)  # no curvature
+    roads = np.zeros((len(parameters), 11))
+    roads[:, :4], roads[:, 5:7] = parameters[:, :4], parameters[:, 4:]  # no curvature between them
     lines_uv = predict_edges(roads, rig)[:, :, :, 0].reshape(len(parameters), 4, 2)
     v_mid = np.array([line.v_mid for line in lines])
     u_mid = lines_uv[..., 0] + lines_uv[..., 1] * v_mid

@@ -160,26 +160,33 @@ def _products(
     # The response of either edge in both windows: (edge, stripe, block, row, 2 windows).
     found = response.at(first - np.moveaxis(edge_columns, -1, 0)[..., None], tables.T[..., None, None, None])
     share, density, jac_share_variance = (part.reshape(2, n_stripes, n_blocks, n_pixels) for part in found)
-    terms = np.empty((n_stripes, n_blocks, _N_TERMS, n_pixels))
-    # Shares of the road surface on the left, of the paint, and of the road surface on the right.
-    np.subtract(1.0, share[0], out=terms[..., 0, :])
-    np.subtract(share[0], share[1], out=terms[..., 1, :])
-    terms[..., 2, :] = share[1]
     ramp = (first - edge_columns.mean(axis=-1, keepdims=True)) * (1.0 / RAMP_PX)
-    ramp = ramp[..., None] + reach / RAMP_PX
-    np.multiply(terms[..., :3, :], ramp.reshape(n_stripes, n_blocks, 1, n_pixels), out=terms[..., 3:6, :])
-    terms[..., 6:8, :] = np.moveaxis(density, 0, -2)
-    np.multiply(
-        np.moveaxis(jac_share_variance, 0, -2), jac_variance_blur[:, None, :, None], out=terms[..., 8:10, :]
-    )
-    terms[..., 10, :] = runs_of(image.ravel(), n_run)[index].reshape(n_stripes, n_blocks, n_pixels)
+    ramp = (ramp[..., None] + reach / RAMP_PX).reshape(n_stripes, n_blocks, 1, n_pixels)
+    grey = runs_of(image.ravel(), n_run)[index].reshape(n_stripes, n_blocks, n_pixels)
     # The windows of a narrow stripe overlap; each pixel is counted once.
     valid = np.ones((*edge_columns.shape, n_run), dtype=bool)
     valid[..., 1, :] = reach > middles[..., :1] + half_width - first[..., 1:]
     valid_pixels = valid.reshape(n_stripes, n_blocks, 1, n_pixels)
-    # The factors are two arrays. Of one array with itself, numpy computes a symmetric product, which is
-    # slower for small matrices.
-    gram = (terms * valid_pixels) @ np.swapaxes(terms, -1, -2)
+    gram = np.empty((n_stripes, n_blocks, _N_TERMS, _N_TERMS))
+    # One stripe after the other, whose terms fit the processor's cache.
+    terms, masked = np.empty((2, n_blocks, _N_TERMS, n_pixels))
+    for stripe in range(n_stripes):
+        # Shares of the road surface on the left, of the paint, and of the road surface on the right.
+        of_left, of_right = share[:, stripe]
+        np.subtract(1.0, of_left, out=terms[:, 0])
+        np.subtract(of_left, of_right, out=terms[:, 1])
+        terms[:, 2] = of_right
+        np.multiply(terms[:, :3], ramp[stripe], out=terms[:, 3:6])
+        for edge in range(2):
+            terms[:, 6 + edge] = density[edge, stripe]
+            np.multiply(
+                jac_share_variance[edge, stripe], jac_variance_blur[stripe, edge], out=terms[:, 8 + edge]
+            )
+        terms[:, 10] = grey[stripe]
+        # The factors are two arrays. Of one array with itself, numpy computes a symmetric product, which is
+        # slower for small matrices.
+        np.multiply(terms, valid_pixels[stripe], out=masked)
+        np.matmul(masked, np.swapaxes(terms, -1, -2), out=gram[stripe])
     return gram, valid_pixels.sum(axis=(-1, -2)), inside.all(axis=-1)
 
 

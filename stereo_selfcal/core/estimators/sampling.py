@@ -15,6 +15,7 @@ from ..numerics.statistics import quantile
 from ..road.cell_grid import SampleGrid
 from ..types import Floats, Image
 
+_FIRST_ROWS = 16  # the first blurred row is a multiple of this, so that other alignments rarely need one more
 _SPARE_ROWS = 6  # kept above the samples of the first pass, because later passes move the samples
 _SATURATED = 250  # noise and interpolation make clipping visible a few grey levels below 255
 _DARK = 3
@@ -47,9 +48,32 @@ class BlurredImages:
     slope: tuple[Floats, Floats]
 
 
-def blur_images(images: tuple[Image, Image], blur_px: float, grid: SampleGrid) -> BlurredImages:
-    """Blur both images along the rows that hold the samples, and differentiate them along the rows."""
-    first = max(0, int(grid.v.min()) - _SPARE_ROWS)
+class ImageBlurs:
+    """Both images, blurred along the rows. Each blur is made once, for all alignments of a frame."""
+
+    def __init__(self, images: tuple[Image, Image]) -> None:
+        """Create from the left and the right image, (H, W) uint8."""
+        self._images = images
+        self._made: dict[float, BlurredImages] = {}
+
+    def of(self, blur_px: float, grid: SampleGrid) -> BlurredImages:
+        """Return the rows that hold the samples of a grid, blurred and differentiated along the rows.
+
+        Args:
+            blur_px: Standard deviation of the blur [px].
+            grid: The samples.
+        """
+        first = max(0, int(grid.v.min()) - _SPARE_ROWS)
+        made = self._made.get(blur_px)
+        if made is None or made.first_row > first:
+            made = self._made[blur_px] = _blur_images(
+                self._images, blur_px, first // _FIRST_ROWS * _FIRST_ROWS
+            )
+        return made
+
+
+def _blur_images(images: tuple[Image, Image], blur_px: float, first: int) -> BlurredImages:
+    """Blur both images along the rows from a row on, and differentiate them along the rows."""
     radius = int(np.ceil(4.0 * blur_px))
     kernel = cv2.getGaussianKernel(2 * radius + 1, blur_px, cv2.CV_32F).ravel()
     x = np.arange(-radius, radius + 1)

@@ -26,17 +26,16 @@ from ..numerics.robust import TUKEY_SIGMAS, tukey_weights
 from ..rejection import Bound, NotFitted
 from ..road.cell_grid import FAR_M, HALF_WIDTH_M, SampleGrid, lay_out_samples, strip_of
 from ..road.extent import OUTLIER_WEIGHT
+from ..road.lane_points import OTHER_HALF_WIDTHS_M, STRETCHES_M, LanePoints
 from ..road.priors import HALF_LANE_WIDTH_M, HALF_STRIP_M
 from ..road.surface import (
-    OTHER_HALF_WIDTHS_M,
-    STRETCHES_M,
     CellHeights,
-    LanePoints,
     Surface,
+    fit_plane,
     fit_surface,
 )
 from ..types import Array, Floats, Image, Mask
-from .sampling import blur_images, half_disparity, sample, sample_positions, usable_samples, warp
+from .sampling import ImageBlurs, half_disparity, sample, sample_positions, usable_samples, warp
 from .texture_fit import TextureFit, TextureQuality
 
 # The search corrects errors of the start up to these: a kerb's height (60 mm), the pitching of a frame (0.5
@@ -85,6 +84,7 @@ def align_texture(
     keep_paint: bool = False,
     vertical_px: float = 0.0,
     first_attempt: int = 0,
+    blurs: ImageBlurs | None = None,
 ) -> TextureFit | NotFitted:
     """Align the grey values of the road ahead of the camera.
 
@@ -99,10 +99,12 @@ def align_texture(
         vertical_px: Row of a point in the right image minus that in the left one [px]; 0 where it is not
             known.
         first_attempt: Attempt to begin with: that which another frame of the same road needed.
+        blurs: These images, as other alignments have blurred them; None to begin anew.
 
     Returns:
         The fit with its quality, or the reason why nothing could be aligned.
     """
+    blurs = blurs or ImageBlurs(images)
     layout = (lane_yaw_rad, limits_m, far_m)
     searched = _search(images, rig, plane_from_pose(start, rig), layout)
     if isinstance(searched, NotFitted):
@@ -110,7 +112,7 @@ def align_texture(
     first: TextureFit | None = None
     for attempt in (*range(first_attempt, len(_ATTEMPTS)), *range(first_attempt)):
         blur, thinnings = _ATTEMPTS[attempt]
-        fit = _align(images, rig, searched, layout, blur, thinnings, keep_paint, vertical_px)
+        fit = _align(images, blurs, rig, searched, layout, blur, thinnings, keep_paint, vertical_px)
         if isinstance(fit, NotFitted):
             given_up = fit
             continue
@@ -127,6 +129,7 @@ def align_texture(
 
 def _align(
     images: tuple[Image, Image],
+    blurs: ImageBlurs,
     rig: StereoRig,
     plane: DisparityPlane,
     layout: _Layout,
@@ -136,7 +139,6 @@ def _align(
     vertical_px: float,
 ) -> TextureFit | NotFitted:
     """Align from a plane that is exact to about a pixel: one pass for each thinning, and a final one."""
-    blurred = None
     for i, thinning in enumerate(thinnings):
         last = i == len(thinnings) - 1
         grid = lay_out_samples(rig, pose_from_plane(plane, rig), *layout, thinning=thinning)
@@ -145,8 +147,7 @@ def _align(
         lane = _lane_points(plane, rig, layout)
         half = half_disparity(grid, plane, rig)
         usable = usable_samples(images, grid, half, rig, None if keep_paint else blur_px)
-        if blurred is None:
-            blurred = blur_images(images, blur_px, grid)
+        blurred = blurs.of(blur_px, grid)
         for final in (False, True)[: 1 + last]:
             half = half_disparity(grid, plane, rig)
             positions = sample_positions(blurred.first_row, grid, half, vertical_px)
@@ -156,7 +157,8 @@ def _align(
             metres = plane.height_m(rig) / plane.disparities(grid.cell_rays)
             heights = np.where(cells.significant, cells.displacement * metres, np.nan)
             road = CellHeights(heights, cells.variance * metres**2, metres, grid.cell_xy, grid.cell_strip)
-            surface = fit_surface(road, grid.cell_rays * metres[:, None], lane, final=final)
+            fit = fit_surface if final else fit_plane
+            surface = fit(road, grid.cell_rays * metres[:, None], lane)
             if isinstance(surface, NotFitted):
                 return surface
             step_px = float(
@@ -169,15 +171,24 @@ def _align(
     return _report(rig, plane, grid, surface, cells, layout[0], _correlation(*grey, cells.weights, grid))
 
 
-def _lane_points(plane: DisparityPlane, rig: StereoRig, layout: _Layout) -> LanePoints:
-    """Return the points of the own lane in the sampled strip, over which the plane is fitted."""
-    yaw, (right_m, left_m), _ = layout
-    pose = pose_from_plane(plane, rig)
+def _lane_grid() -> tuple[Array, Array]:
+    """Return distances ahead (T,) and to the left (T,) of the points of the own lane [m]."""
     begin_m, end_m = STRETCHES_M[0][0], STRETCHES_M[-1][1]
     ahead = np.linspace(begin_m, end_m, 1 + round((end_m - begin_m) / _LANE_STEP_M))
     half_m = np.array([*OTHER_HALF_WIDTHS_M, HALF_LANE_WIDTH_M, 0.0])
     lateral = np.unique(np.concatenate([half_m, -half_m]))
-    x, aside = (each.ravel() for each in np.meshgrid(ahead, lateral))
+    x, aside = np.meshgrid(ahead, lateral)
+    return x.ravel(), aside.ravel()
+
+
+_LANE_GRID = _lane_grid()
+
+
+def _lane_points(plane: DisparityPlane, rig: StereoRig, layout: _Layout) -> LanePoints:
+    """Return the points of the own lane in the sampled strip, over which the plane is fitted."""
+    yaw, (right_m, left_m), _ = layout
+    pose = pose_from_plane(plane, rig)
+    x, aside = _LANE_GRID
     xy = np.column_stack([x, aside - np.tan(yaw) * x])
     on_road = np.column_stack([xy, np.full(len(x), -pose.height_m)])
     ray = on_road @ road_from_camera_rotation(pose.pitch_rad, pose.roll_rad)

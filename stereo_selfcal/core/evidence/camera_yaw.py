@@ -7,6 +7,7 @@ prior of what calibrations leave, the product is the probability of the yaw (Bay
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from ..camera.rig import StereoRig
 from ..geometry.plane import plane_from_pose
 from ..geometry.pose import Extrinsics
 from ..lanes.lane_pair import ImageLine
-from ..lanes.line_geometry import height_and_offset_m
+from ..lanes.line_geometry import heights_and_offsets_m
 from ..lanes.matching import Matches
 from ..road.priors import (
     FARTHEST_M,
@@ -87,18 +88,21 @@ def yaw_of_matches(matches: Matches, rig: StereoRig, road_pose: Extrinsics) -> Y
         The yaw; None without two lines as far apart as those of a lane.
     """
     plane = plane_from_pose(road_pose, rig)
+    sides = [
+        list(zip(side, heights_and_offsets_m([match.lines for match in side], plane, rig)[1], strict=True))
+        for side in matches
+    ]
     best, most_votes = None, 0.0
-    for first, second in product(*matches):
-        offsets_m = [
-            height_and_offset_m(each.left.line, each.right.line, plane, rig)[1] for each in (first, second)
-        ]
-        width_m = abs(offsets_m[0] - offsets_m[1])
+    for (first, first_m), (second, second_m) in product(*sides):
+        width_m = abs(float(first_m - second_m))
         votes = first.votes + second.votes
         if MIN_LANE_WIDTH_M <= width_m <= MAX_LANE_WIDTH_M and votes > most_votes:
-            in_left = first.left.line, second.left.line
-            best = yaw_of_lines(in_left, (first.right.line, second.right.line), width_m, rig)
-            most_votes = votes
-    return best
+            best, most_votes = (first, second, width_m), votes
+    if best is None:
+        return None
+    first, second, width_m = best
+    in_left, in_right = zip(first.lines, second.lines, strict=True)
+    return yaw_of_lines(in_left, in_right, width_m, rig)
 
 
 def yaw_of_lines(
@@ -168,6 +172,18 @@ def yaw_posterior(
     Returns:
         Mean and standard deviation of the yaw that is left in the images.
     """
+    return _posterior(tuple(told), far, rig, calibrated, corrected_rad)
+
+
+@functools.lru_cache(maxsize=16)  # the observations of a frame are asked more than once
+def _posterior(
+    told: tuple[YawTold, ...],
+    far: FarDisparity | None,
+    rig: StereoRig,
+    calibrated: bool,
+    corrected_rad: float,
+) -> YawTold:
+    """Return what :func:`yaw_posterior` does."""
     # What rows tell beyond the range is a turn all the same: at its end, it would look sharply known.
     most_rad = MOST_TURN_RAD
     if not calibrated:

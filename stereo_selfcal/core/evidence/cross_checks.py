@@ -15,6 +15,7 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..estimators.lane_profile import profile_lane
 from ..estimators.lane_sweep import LaneSweep, sweep_lane
+from ..estimators.sampling import ImageBlurs
 from ..estimators.texture_alignment import align_texture
 from ..estimators.texture_fit import TextureFit
 from ..geometry.plane import plane_from_pose
@@ -156,8 +157,9 @@ def _align_between(
     _, left_m, right_m = lane_in_road(pattern.boundaries, rig, pose)
     wide_m = (float(right_m) - _MARGIN_M, float(left_m) + _MARGIN_M)
     within_m = (float(right_m) + _INSET_M, float(left_m) - _INSET_M)
+    blurs = ImageBlurs(frame.images)
     wide, between = (
-        fitted(align_texture(frame.images, rig, pose, yaw, limits_m=limits_m))
+        fitted(align_texture(frame.images, rig, pose, yaw, limits_m=limits_m, blurs=blurs))
         for limits_m in (wide_m, within_m)
     )
     heights = _heights_over_lane(pattern, rig, pose, between)

@@ -17,6 +17,7 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..geometry.homography import horizon_row
 from ..geometry.pose import Extrinsics
+from ..numerics.statistics import median
 from ..rejection import Bound, NotFitted
 from ..road.priors import RECTIFICATION_STD_PX
 from ..types import Array, Floats, Image, Indices, Mask
@@ -230,10 +231,11 @@ def _confirmed(u: Indices, v: Indices, disparity: Array, std: Array, width: int)
 def _farthest(u: Indices, disparity: Array, width: int) -> Array:
     """Return the least disparities of the directions in which something is seen, in order."""
     sector = np.minimum(u * _SECTORS // width, _SECTORS - 1)
+    order = np.lexsort((disparity, sector))
+    ends = np.searchsorted(sector[order], np.arange(1, _SECTORS))
     least = []
-    for each in range(_SECTORS):
-        own = np.sort(disparity[sector == each])
+    for own in np.split(disparity[order], ends):
         if len(own) >= _LEAST_POINTS:
             # The second least one, and what is as far as that: a single one may be a wrong match.
-            least.append(float(np.median(own[(own >= own[1]) & (own < own[1] + _AGREEMENT_PX)])))
+            least.append(median(own[(own >= own[1]) & (own < own[1] + _AGREEMENT_PX)]))
     return np.sort(np.array(least))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from ..camera.rig import StereoRig
 from ..estimators.coarse_road import CoarseRoad
+from ..estimators.sampling import ImageBlurs
 from ..estimators.texture_alignment import align_texture
 from ..estimators.texture_fit import MIN_CELL_SHARE, MIN_SIGMAS, TextureFit
 from ..geometry.pose import Extrinsics
@@ -165,9 +167,9 @@ def surface_from(
         coarse: Plane of the dense disparities; None where it was not looked for.
         first_attempt: As of :func:`.align_texture`.
     """
-    texture = align_texture(images, rig, start, first_attempt=first_attempt)
+    align = partial(align_texture, images, rig, first_attempt=first_attempt, blurs=ImageBlurs(images))
+    texture = align(start)
     if isinstance(texture, NotFitted):
         return RoadSurface(coarse, texture, texture)
-    limits_m = (-HALF_STRIP_M, HALF_STRIP_M)
-    strip = align_texture(images, rig, texture.extrinsics, limits_m=limits_m, first_attempt=first_attempt)
+    strip = align(texture.extrinsics, limits_m=(-HALF_STRIP_M, HALF_STRIP_M))
     return RoadSurface(coarse, texture, strip)

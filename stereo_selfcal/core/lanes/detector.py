@@ -10,7 +10,7 @@ from typing import Protocol
 
 from ..types import Image
 from .hough import hough_peaks
-from .line_fit import fit_line
+from .line_fit import fit_lines
 from .matching import Candidate, Candidates
 from .stripe_points import StripePoints
 
@@ -37,12 +37,10 @@ def detect_by_hough(points: StripePoints, image: Image) -> Candidates:
 
     This is the detector of the paper (section 2.2). Arguments and result are those of :class:`LineDetector`.
     """
+    peaks = hough_peaks(points, image.shape)
+    lines = fit_lines(points.gradient, [*peaks[0], *peaks[1]], points.noise_grey)
     left, right = (
-        [
-            Candidate(line, peak.votes)
-            for peak in peaks
-            if (line := fit_line(points.gradient, peak, points.noise_grey)) is not None
-        ]
-        for peaks in hough_peaks(points, image.shape)
+        [Candidate(line, peak.votes) for peak, line in zip(each, own, strict=True) if line is not None]
+        for each, own in zip(peaks, (lines[: len(peaks[0])], lines[len(peaks[0]) :]), strict=True)
     )
     return left, right

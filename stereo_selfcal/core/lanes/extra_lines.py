@@ -7,6 +7,8 @@ left out.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..camera.rig import StereoRig
@@ -18,8 +20,8 @@ from ..road.priors import CROSS_FALL_STD, LANE_WIDTH_M, LINE_HEIGHT_STD_M, MAX_C
 from ..tolerances import MAX_LINE_HEIGHT_M
 from .closed_form import solve_plane
 from .lane_pair import ExtraLine, ImageLine, LanePattern
-from .line_fit import refit_line
-from .line_geometry import HeightOverLane, height_and_offset_m, height_std_m
+from .line_fit import refit_lines
+from .line_geometry import HeightOverLane, height_std_m, heights_and_offsets_m
 from .matching import HALF_CREDIT_PX, Match, Matches, common_point, first_sampled_row
 from .stripe_points import StripePoints
 
@@ -58,22 +60,20 @@ def find_extra_lines(
     if isinstance(closed, NotFitted):
         return ()
     plane = plane_from_pose(closed.extrinsics, rig)
-    bounds_m = [
-        height_and_offset_m(*pair, plane, rig)[1] for pair in zip(pattern.left, pattern.right, strict=True)
-    ]
+    _, (first_m, second_m) = heights_and_offsets_m(pattern.pairs, plane, rig)
+    bounds_m = [float(first_m), float(second_m)]
     occupied = [
         (offset, _width_m(line, plane, rig)) for offset, line in zip(bounds_m, pattern.left, strict=True)
     ]
     found: list[ExtraLine] = []
-    for match in sorted((m for side in matches for m in side), key=lambda m: -m.votes):
+    others = _others(
+        bounds_m, sorted((m for side in matches for m in side), key=lambda m: -m.votes), plane, rig
+    )
+    refitted = _refit([match for match, _ in others], pattern, points, rig, config)
+    heights_m, offsets_m = heights_and_offsets_m(refitted, plane, rig)
+    for lines, height_m, offset_m in zip(refitted, heights_m.tolist(), offsets_m.tolist(), strict=True):
         if len(found) == _MOST_LINES:
             break
-        if _is_one_of(bounds_m, match, plane, rig):
-            continue
-        lines = _refit(match, pattern, points, rig, config)
-        if lines is None:
-            continue
-        height_m, offset_m = height_and_offset_m(*lines, plane, rig)
         width_m = _width_m(lines[0], plane, rig)
         if any(abs(offset_m - offset) < (width_m + width) / 2.0 for offset, width in occupied):
             continue
@@ -85,11 +85,8 @@ def find_extra_lines(
         if missed_px > _MAX_CONCURRENCY_PX:
             continue
         occupied.append((offset_m, width_m))
-        found.append(
-            ExtraLine(
-                *lines, float(np.hypot(LINE_HEIGHT_STD_M, CROSS_FALL_STD * _lever_m(bounds_m, offset_m)))
-            )
-        )
+        std_m = float(np.hypot(LINE_HEIGHT_STD_M, CROSS_FALL_STD * _lever_m(bounds_m, offset_m)))
+        found.append(ExtraLine(*lines, std_m))
     return tuple(found)
 
 
@@ -130,20 +127,19 @@ def inner_line_height(
     Returns:
         The height of the line that most surely lies beside the plane; zeros where there is no such line.
     """
-    bounds_m = [
-        height_and_offset_m(*pair, plane, rig)[1] for pair in zip(pattern.left, pattern.right, strict=True)
-    ]
+    _, (first_m, second_m) = heights_and_offsets_m(pattern.pairs, plane, rig)
+    bounds_m = [float(first_m), float(second_m)]
     widths = [_width_m(line, plane, rig) for line in pattern.left]
     worst = HeightOverLane(0.0, 0.0)
-    for match in (m for side in matches for m in side):
-        # Before it is fitted again, a line may be off by its width.
-        _, offset_m = height_and_offset_m(match.left.line, match.right.line, plane, rig)
-        if _is_one_of(bounds_m, match, plane, rig) or not min(bounds_m) < offset_m < max(bounds_m):
-            continue
-        lines = _refit(match, pattern, points, rig, config)
-        if lines is None:
-            continue
-        height_m, offset_m = height_and_offset_m(*lines, plane, rig)
+    # Before it is fitted again, a line may be off by its width.
+    others = [
+        match
+        for match, offset_m in _others(bounds_m, [m for side in matches for m in side], plane, rig)
+        if min(bounds_m) < offset_m < max(bounds_m)
+    ]
+    refitted = _refit(others, pattern, points, rig, config)
+    heights_m, offsets_m = heights_and_offsets_m(refitted, plane, rig)
+    for lines, height_m, offset_m in zip(refitted, heights_m.tolist(), offsets_m.tolist(), strict=True):
         if not min(bounds_m) + max(widths) < offset_m < max(bounds_m) - max(widths) or height_m > MAX_CROWN_M:
             continue
         _, missed_px = common_point([*pattern.left, *pattern.right, *lines])
@@ -155,34 +151,40 @@ def inner_line_height(
     return worst
 
 
-def _is_one_of(offsets_m: list[float], match: Match, plane: DisparityPlane, rig: StereoRig) -> bool:
-    """Whether a line lies at one of the given offsets [m], to within half of its width."""
-    _, offset_m = height_and_offset_m(match.left.line, match.right.line, plane, rig)
-    return any(abs(offset_m - offset) < _width_m(match.left.line, plane, rig) / 2.0 for offset in offsets_m)
+def _others(
+    bounds_m: list[float], matches: Sequence[Match], plane: DisparityPlane, rig: StereoRig
+) -> list[tuple[Match, float]]:
+    """Return the lines that are not within half of their width of a boundary, with their offsets [m]."""
+    _, offsets_m = heights_and_offsets_m([match.lines for match in matches], plane, rig)
+    return [
+        (match, offset_m)
+        for match, offset_m in zip(matches, offsets_m.tolist(), strict=True)
+        if all(abs(offset_m - bound_m) >= _width_m(match.left.line, plane, rig) / 2.0 for bound_m in bounds_m)
+    ]
 
 
 def _refit(
-    match: Match,
+    matches: Sequence[Match],
     pattern: LanePattern,
     points: tuple[StripePoints, StripePoints],
     rig: StereoRig,
     config: CalibratorConfig,
-) -> tuple[ImageLine, ImageLine] | None:
-    """Fit a line in both images again, in the rows where the pattern is sampled."""
+) -> list[tuple[ImageLine, ImageLine]]:
+    """Fit lines in both images again, in the rows where the pattern is sampled, without those too short."""
     first_row = first_sampled_row(pattern.vanishing_point, rig, config)
-    left, right = (
-        refit_line(view.gradient, candidate.line, view.noise_grey, first_row)
-        for view, candidate in zip(points, (match.left, match.right), strict=True)
-    )
-    if max(abs(match.left.line.slope), abs(match.right.line.slope)) > _MAX_SLOPE:
-        return None
-    if (
-        left is None
-        or right is None
-        or min(left.length_px, right.length_px) < config.extraction.min_line_rows
-    ):
-        return None
-    return left, right
+    pairs = [match.lines for match in matches if max(abs(line.slope) for line in match.lines) <= _MAX_SLOPE]
+    refitted = [
+        refit_lines(
+            view.gradient, [pair[camera] for pair in pairs], view.noise_grey, [first_row] * len(pairs)
+        )
+        for camera, view in enumerate(points)
+    ]
+    least_px = config.extraction.min_line_rows
+    return [
+        (left, right)
+        for left, right in zip(*refitted, strict=True)
+        if left is not None and right is not None and min(left.length_px, right.length_px) >= least_px
+    ]
 
 
 def _width_m(line: ImageLine, plane: DisparityPlane, rig: StereoRig) -> float:

@@ -11,10 +11,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from ..types import Array
-from .stripe_points import StripePoints
+from ..numerics.ragged import consecutive
+from ..numerics.statistics import median
+from ..types import Array, Indices
+from .stripe_points import MarkedPoints, StripePoints
 
 _THETA_STEP_DEG = 1.0
 # A row-wise gradient sees no line flatter than this; it also bounds du/dv to +-5.7.
@@ -82,14 +83,15 @@ def hough_peaks(points: StripePoints, shape: tuple[int, int]) -> tuple[list[Houg
         Lines that run to the left going down (theta > 0: left lane boundaries), and to the right.
     """
     centre_u, centre_v = (shape[1] - 1) / 2, (shape[0] - 1) / 2
-    vote, theta, half_width = _votes(points)
-    strongest = np.argsort(-vote, kind="stable")[:_MAX_VOTING_POINTS]
-    u, v = points.columns[strongest] - centre_u, points.rows[strongest] - centre_v
-    theta, half_width = theta[strongest], half_width[strongest]
+    marked = points.marked
+    vote = _weight(marked)
+    strongest = _strongest(vote)
+    u, v = marked.columns[strongest] - centre_u, marked.rows[strongest] - centre_v
+    theta, half_width = _directions(marked.slopes[strongest], marked.slope_std[strongest])
     n_rho = 2 * math.ceil(math.hypot(*shape) / 2 / _RHO_STEP_PX) + 3
-    cells, owner = _cells(u, v, theta, half_width, n_rho)
+    cells = _cells(u, v, theta, half_width, n_rho)
     weights = vote[strongest]
-    table = np.bincount(cells, weights[owner], minlength=_N_THETA * n_rho)
+    table = np.bincount(cells.cells, np.repeat(weights, cells.counts), minlength=_N_THETA * n_rho)
 
     sides: tuple[list[HoughPeak], list[HoughPeak]] = ([], [])
     middle = _N_THETA // 2
@@ -109,36 +111,39 @@ def hough_peaks(points: StripePoints, shape: tuple[int, int]) -> tuple[list[Houg
             of_upright += upright.start <= best < upright.stop
             angle = math.radians(best // n_rho * _THETA_STEP_DEG - _THETA_MAX_DEG)
             rho = (best % n_rho - n_rho // 2) * _RHO_STEP_PX
-            support = np.abs(u * math.cos(angle) + v * math.sin(angle) - rho) < _SUPPORT_PX
-            support &= weights > 0.0
-            support &= np.abs(theta - math.degrees(angle)) <= half_width
-            if not support.any():
+            is_near = np.abs(u * math.cos(angle) + v * math.sin(angle) - rho) < _SUPPORT_PX
+            is_near &= weights > 0.0
+            is_near &= np.abs(theta - math.degrees(angle)) <= half_width
+            support = np.flatnonzero(is_near)
+            if not len(support):
                 table[best] = 0.0
                 continue
-            chosen = strongest[support]
-            v_mid = float(np.median(v[support]))
+            chosen, votes = strongest[support], weights[support]
+            v_mid = median(v[support])
             u_mid, slope = _line_through(
                 u[support],
                 v[support] - v_mid,
-                weights[support],
+                votes,
                 ((rho - v_mid * math.sin(angle)) / math.cos(angle), -math.tan(angle)),
             )
             # Houses and trees stand above a line; below its points it may go on, in noise.
-            rows = _row_range(points.rows[chosen], weights[support])[0], shape[0] - 1.0
+            rows = _row_range(marked.rows[chosen], votes)[0], shape[0] - 1.0
             peaks.append(
                 HoughPeak(
                     u_mid=u_mid + centre_u,
                     slope=slope,
                     v_mid=v_mid + centre_v,
                     votes=float(table[best]),
-                    contrast=float(np.median(points.contrast[chosen])),
-                    width_px=float(np.median(points.widths[chosen])),
+                    contrast=median(marked.contrast[chosen]),
+                    width_px=median(marked.widths[chosen]),
                     first_row=int(rows[0]),
                     last_row=int(rows[1]),
                 )
             )
-            withdrawn = support[owner]
-            table -= np.bincount(cells[withdrawn], weights[owner[withdrawn]], minlength=table.size)
+            withdrawn = cells.of(support)
+            first, last = int(withdrawn.min()), int(withdrawn.max())
+            given = np.bincount(withdrawn - first, np.repeat(votes, cells.counts[support]))
+            table[first : last + 1] -= given
             weights[support] = 0.0
             table[best] = 0.0  # rounding, or points at the border of the support, may have left votes
     return sides
@@ -155,23 +160,24 @@ def peak_near(points: StripePoints, u_mid: float, slope: float, v_mid: float) ->
         slope: Its du/dv.
         v_mid: Row [px].
     """
-    vote, theta, half_width = _votes(points)
+    marked = points.marked
+    vote, (theta, half_width) = _weight(marked), _directions(marked.slopes, marked.slope_std)
     for reach_px in (_FOLLOWED_PX, _SUPPORT_PX):
-        distance = (points.columns - u_mid - slope * (points.rows - v_mid)) / math.hypot(1.0, slope)
+        distance = (marked.columns - u_mid - slope * (marked.rows - v_mid)) / math.hypot(1.0, slope)
         along = np.abs(theta - math.degrees(math.atan(-slope))) <= half_width
         support = np.flatnonzero((np.abs(distance) < reach_px) & along & (vote > 0.0))
         if not len(support):
             return None
-        rows = points.rows[support]
-        v_mid_new = float(np.median(rows))
+        rows = marked.rows[support]
+        v_mid_new = median(rows)
         found = _line_through(
-            points.columns[support],
+            marked.columns[support],
             rows - v_mid_new,
             vote[support],
             (u_mid + slope * (v_mid_new - v_mid), slope),
         )
         (u_mid, slope), v_mid = found, v_mid_new
-    distance = (points.columns - u_mid - slope * (points.rows - v_mid)) / math.hypot(1.0, slope)
+    distance = (marked.columns - u_mid - slope * (marked.rows - v_mid)) / math.hypot(1.0, slope)
     votes = float(vote[support] @ (np.abs(distance[support]) < _RHO_STEP_PX / 2.0))
     if votes <= _MIN_VOTES:
         return None
@@ -180,19 +186,38 @@ def peak_near(points: StripePoints, u_mid: float, slope: float, v_mid: float) ->
         slope=slope,
         v_mid=v_mid,
         votes=votes,
-        contrast=float(np.median(points.contrast[support])),
-        width_px=float(np.median(points.widths[support])),
+        contrast=median(marked.contrast[support]),
+        width_px=median(marked.widths[support]),
         first_row=int(_row_range(rows, vote[support])[0]),
         last_row=points.gradient.shape[0] - 1,
     )
 
 
-def _votes(points: StripePoints) -> tuple[Array, Array, Array]:
-    """Return weight, theta [deg] and half width [deg] of each point's votes."""
-    vote = np.minimum(points.contrast / _FULL_VOTE_GREY, 1.0) * points.continuity * points.counts
-    spread = np.degrees(points.slope_std / (1.0 + points.slopes**2))
+def _weight(marked: MarkedPoints) -> Array:
+    """Return the weight (N,) of each point's votes."""
+    weight: Array = np.minimum(marked.contrast / _FULL_VOTE_GREY, 1.0) * marked.continuity * marked.counts
+    return weight
+
+
+def _directions(slopes: Array, slope_std: Array) -> tuple[Array, Array]:
+    """Return theta (N,) and the half width (N,) of the votes of points [deg].
+
+    Args:
+        slopes: (N,) du/dv of their edges.
+        slope_std: (N,) standard deviations of these.
+    """
+    spread = np.degrees(slope_std / (1.0 + slopes**2))
     half_width = np.clip(_VOTE_SIGMAS * spread, _MIN_VOTE_HALF_WIDTH_DEG, _MAX_VOTE_HALF_WIDTH_DEG)
-    return vote, np.degrees(np.arctan(-points.slopes)), half_width
+    return np.degrees(np.arctan(-slopes)), half_width
+
+
+def _strongest(vote: Array) -> Indices:
+    """Return the points with the most votes, as many as may vote; of equal ones, the first."""
+    if len(vote) <= _MAX_VOTING_POINTS:
+        return np.arange(len(vote))
+    least = np.partition(vote, -_MAX_VOTING_POINTS)[-_MAX_VOTING_POINTS]
+    more, equal = np.flatnonzero(vote > least), np.flatnonzero(vote == least)
+    return np.sort(np.concatenate([more, equal[: _MAX_VOTING_POINTS - len(more)]]))
 
 
 def _line_through(u: Array, v: Array, weights: Array, cell: tuple[float, float]) -> tuple[float, float]:
@@ -228,18 +253,39 @@ def _row_range(rows: Array, weights: Array) -> tuple[float, float]:
     return float(rows[order[ends[0]]]), float(rows[order[min(ends[1], len(rows) - 1)]])
 
 
-def _cells(
-    u: Array, v: Array, theta: Array, half_width: Array, n_rho: int
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Return the cell of each vote, (M,), and the index of its point, (M,)."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Cells:
+    """Cells of the accumulator that points vote for, point by point.
+
+    Attributes:
+        cells: (M,) cell of each vote.
+        counts: (N,) number of votes of each point.
+        starts: (N,) index of its first vote.
+    """
+
+    cells: Indices
+    counts: Indices
+    starts: Indices
+
+    def of(self, points: Indices) -> Indices:
+        """Return the cells of the votes of some points (K,)."""
+        return self.cells[consecutive(self.starts[points], self.counts[points])]
+
+
+def _cells(u: Array, v: Array, theta: Array, half_width: Array, n_rho: int) -> _Cells:
+    """Return the cells that points vote for."""
     nearest = np.rint((theta + _THETA_MAX_DEG) / _THETA_STEP_DEG).astype(np.intp)
     reach = (half_width / _THETA_STEP_DEG).astype(np.intp)
-    n_votes = 2 * reach + 1
-    owner = np.repeat(np.arange(len(u)), n_votes)
-    first = np.cumsum(n_votes) - n_votes
-    column = nearest[owner] - reach[owner] + np.arange(len(owner)) - first[owner]
-    inside = (column >= 0) & (column < _N_THETA)
-    column, owner = column[inside], owner[inside]
+    first = np.maximum(nearest - reach, 0)
+    counts = np.maximum(np.minimum(nearest + reach, _N_THETA - 1) - first + 1, 0)
+    column = consecutive(first, counts)
     angles = np.radians(np.arange(_N_THETA) * _THETA_STEP_DEG - _THETA_MAX_DEG)
-    rho = u[owner] * np.cos(angles)[column] + v[owner] * np.sin(angles)[column]
-    return column * n_rho + np.rint(rho / _RHO_STEP_PX).astype(np.intp) + n_rho // 2, owner
+    rho = np.repeat(u / _RHO_STEP_PX, counts)
+    rho *= np.cos(angles)[column]
+    down = np.repeat(v / _RHO_STEP_PX, counts)
+    down *= np.sin(angles)[column]
+    rho += down
+    column *= n_rho
+    column += np.rint(rho, out=rho).astype(np.intp)
+    column += n_rho // 2
+    return _Cells(column, counts, np.cumsum(counts) - counts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -18,8 +19,8 @@ from . import frame_checks
 from .closed_form import solve_plane
 from .detector import LineDetector, detect_by_hough
 from .lane_pair import ImageLine, LanePattern
-from .line_fit import refit_line
-from .line_geometry import BelowPlane, height_and_offset_m, height_std_m
+from .line_fit import refit_lines
+from .line_geometry import BelowPlane, height_std_m, heights_and_offsets_m
 from .matching import (
     Candidates,
     MatchedLines,
@@ -138,11 +139,7 @@ def _patterns(
     converging = [pair for pair, refusal in zip(pairs, refusals, strict=True) if refusal is None]
     if refusals[0] is not None and not converging:
         return NoPattern(refusals[0], sample_pattern(pairs[0], rig, config))
-    refined = [
-        refit
-        for pair in converging
-        if (refit := _refit(pair, points, rig, config)) is not None and is_sampled(refit, rig, config)
-    ]
+    refined = [pair for pair in _refit(converging, points, rig, config) if is_sampled(pair, rig, config)]
     if not refined:
         return NoPattern(frame_checks.lines_too_short(config))
     refined.sort(key=lambda pair: -pair.score)
@@ -150,18 +147,23 @@ def _patterns(
 
 
 def _refit(
-    matched: MatchedLines, points: Points, rig: StereoRig, config: CalibratorConfig
-) -> MatchedLines | None:
-    """Fit the chosen lines again in the rows where they are sampled, below the vanishing point."""
-    first_row = first_sampled_row(matched.vanishing_point, rig, config)
-    lines = []
-    for view, pair in zip(points, (matched.left, matched.right), strict=True):
-        for line in pair:
-            refitted = refit_line(view.gradient, line, view.noise_grey, first_row)
-            if refitted is None or refitted.length_px < config.extraction.min_line_rows:
-                return None
-            lines.append(refitted)
-    return MatchedLines.of(lines, matched.votes)
+    pairs: Sequence[MatchedLines], points: Points, rig: StereoRig, config: CalibratorConfig
+) -> list[MatchedLines]:
+    """Fit lines again in the rows where they are sampled, below their vanishing point; too short ones go."""
+    first_rows = [first_sampled_row(pair.vanishing_point, rig, config) for pair in pairs for _ in range(2)]
+    left, right = (
+        refit_lines(view.gradient, [line for both in lines for line in both], view.noise_grey, first_rows)
+        for view, lines in zip(
+            points, ([pair.left for pair in pairs], [pair.right for pair in pairs]), strict=True
+        )
+    )
+    refitted = []
+    for index, pair in enumerate(pairs):
+        own = slice(2 * index, 2 * index + 2)
+        lines = [line for line in (*left[own], *right[own]) if line is not None]
+        if len(lines) == 4 and min(line.length_px for line in lines) >= config.extraction.min_line_rows:
+            refitted.append(MatchedLines.of(lines, pair.votes))
+    return refitted
 
 
 def unused_lines(
@@ -185,7 +187,7 @@ def lines_below_plane(patterns: list[LanePattern], rig: StereoRig) -> list[Below
         patterns: Pairs of lines of one frame.
         rig: Intrinsics and baseline.
     """
-    lines = [pair for pattern in patterns for pair in _line_pairs(pattern)]
+    lines = [pair for pattern in patterns for pair in pattern.pairs]
     depths = []
     for pattern in patterns:
         closed = solve_plane(pattern, rig)
@@ -197,15 +199,13 @@ def lines_below_plane(patterns: list[LanePattern], rig: StereoRig) -> list[Below
         if isinstance(jac_plane_pose, NotFitted):
             continue
         covariance = jac_plane_pose @ closed.covariance @ jac_plane_pose.T
-        own_offsets_m = np.array(
-            [height_and_offset_m(left, right, plane, rig)[1] for left, right in _line_pairs(pattern)]
-        )
-        for left, right in lines:
-            height_m, offset_m = height_and_offset_m(left, right, plane, rig)
+        _, own_offsets_m = heights_and_offsets_m(pattern.pairs, plane, rig)
+        heights_m, offsets_m = heights_and_offsets_m(lines, plane, rig)
+        for (left, right), height_m, offset_m in zip(lines, heights_m, offsets_m, strict=True):
             beyond_m = float(max(offset_m - own_offsets_m.max(), own_offsets_m.min() - offset_m, 0.0))
             if beyond_m <= LANE_WIDTH_M:
                 std_m = height_std_m(left, right, plane, rig, covariance)
-                depth = BelowPlane(-height_m - MAX_CROSS_FALL * beyond_m, std_m)
+                depth = BelowPlane(-float(height_m) - MAX_CROSS_FALL * beyond_m, std_m)
                 depths[-1] = max(depths[-1], depth, key=lambda each: each.depth_m - each.limit_m)
     return depths
 
@@ -229,7 +229,3 @@ def _cross(a: ImageLine, b: ImageLine) -> bool:
         return False
     apart = a.column_at(ends) - b.column_at(ends)
     return bool(apart.min() < -_SURELY_APART_PX and apart.max() > _SURELY_APART_PX)
-
-
-def _line_pairs(pattern: LanePattern) -> list[tuple[ImageLine, ImageLine]]:
-    return list(zip(pattern.left, pattern.right, strict=True))

@@ -52,8 +52,12 @@ class ImageLine:
 
     def is_same_stripe(self, other: ImageLine) -> bool:
         """Whether another line of the image is closer than the stripe's width, at its middle and its end."""
-        v = np.array([self.rows.mean(), self.rows.max()])
-        return bool(np.all(np.abs(self.column_at(v) - other.column_at(v)) < self.width_px))
+        at_mid = self.u_mid - other.u_mid - self.slope * self.v_mid + other.slope * other.v_mid
+        between = self.slope - other.slope
+        return all(
+            abs(at_mid + between * v) < self.width_px
+            for v in (float(self.rows.mean()), float(self.rows.max()))
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,6 +106,11 @@ class LanePattern:
             (*self.left, *(line.left for line in self.extra_lines)),
             (*self.right, *(line.right for line in self.extra_lines)),
         )
+
+    @property
+    def pairs(self) -> list[tuple[ImageLine, ImageLine]]:
+        """The two boundaries, each in the left and in the right camera."""
+        return list(zip(self.left, self.right, strict=True))
 
     @property
     def boundaries(self) -> LanePattern:

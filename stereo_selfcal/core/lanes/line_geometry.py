@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,11 +62,36 @@ def height_and_offset_m(
         plane: The road, of the camera in the middle.
         rig: Intrinsics and baseline.
     """
-    _, ray, disparity = _rows_of(left, right, rig)
+    heights, offsets = heights_and_offsets_m([(left, right)], plane, rig)
+    return float(heights[0]), float(offsets[0])
+
+
+def heights_and_offsets_m(
+    pairs: Sequence[tuple[ImageLine, ImageLine]], plane: DisparityPlane, rig: StereoRig
+) -> tuple[Array, Array]:
+    """Return heights (K,) and offsets (K,) of lines as :func:`height_and_offset_m` does, all at once.
+
+    Args:
+        pairs: Each line in the left and in the right image.
+        plane: The road, of the camera in the middle.
+        rig: Intrinsics and baseline.
+    """
+    numbers = np.array(
+        [
+            [(line.u_mid, line.slope, line.v_mid, line.rows.min(), line.rows.max()) for line in (left, right)]
+            for left, right in pairs
+        ]
+    ).reshape(-1, 2, 5)
+    first, last = numbers[:, :, 3].max(axis=1), numbers[:, :, 4].min(axis=1)
+    v = first[:, None] + (last - first)[:, None] * np.linspace(0.0, 1.0, N_ROWS)
+    u_mid, slope, v_mid = (numbers[:, :, index, None] for index in range(3))
+    columns = u_mid + slope * (v[:, None] - v_mid)
+    ray, disparity = pixel_rays(rig, columns.mean(axis=1), v), columns[:, 0] - columns[:, 1]
     metres, weights = _metres(disparity, plane, rig)
-    height = float(np.average((disparity - plane.disparities(ray)) * metres, weights=weights))
+    weights /= weights.sum(axis=1, keepdims=True)
+    heights = ((disparity - plane.disparities(ray)) * metres * weights).sum(axis=1)
     far = np.maximum(disparity, LEAST_DISPARITY_PX)
-    return height, float(np.average(ray[:, 1] * rig.fx * rig.baseline_m / far, weights=weights))
+    return heights, (ray[..., 1] * rig.fx * rig.baseline_m / far * weights).sum(axis=1)
 
 
 def height_std_m(

@@ -46,6 +46,9 @@ MIN_LIKENESS = 0.867
 _SECTION_WIDTHS = np.linspace(-3.0, 4.0, 29)
 _SECTION_ROW_STEP = 3
 
+# Spread of the slopes of parallel lines, over their squares: rounding.
+_PARALLEL = 1e-14
+
 # Roll tilts the road along a line of slope du/dv, which adds up to tan(15 deg) * slope to the growth of its
 # disparity. The limits of the height are widened by this factor to allow for that.
 _GROWTH_SLACK = 1.6
@@ -70,6 +73,11 @@ class Match:
     left: Candidate
     right: Candidate
     similarity: float
+
+    @property
+    def lines(self) -> tuple[ImageLine, ImageLine]:
+        """The line in the left and in the right image."""
+        return self.left.line, self.right.line
 
     @property
     def votes(self) -> float:
@@ -222,29 +230,29 @@ def similarity(images: tuple[Image, Image], left: ImageLine, right: ImageLine) -
     Returns:
         Correlation coefficient of the two cross-sections, -1 ... 1.
     """
-    rows = np.arange(
-        max(left.rows.min(), right.rows.min()), min(left.rows.max(), right.rows.max()), _SECTION_ROW_STEP
-    )
+    first, last = max(left.rows.min(), right.rows.min()), min(left.rows.max(), right.rows.max())
+    rows = np.arange(first, last, _SECTION_ROW_STEP)
     # The disparity is zero at the horizon; a distance on the road grows in the image with the rows below it.
     growth = left.slope - right.slope
-    middle = np.array(float(np.median(rows))) if len(rows) else np.array(left.v_mid)
+    middle = np.array((rows[0] + rows[-1]) / 2.0 if len(rows) else left.v_mid)
     horizon = float(middle) - float(left.column_at(middle) - right.column_at(middle)) / growth
     rows = rows[rows > horizon + _SECTION_ROW_STEP]
     width_per_row = left.width_px / max(left.v_mid - horizon, 1.0)
     offsets = (rows[:, None] - horizon) * width_per_row * _SECTION_WIDTHS
-    sections = []
-    valid = np.ones(offsets.shape, dtype=bool)
-    for image, line in zip(images, (left, right), strict=True):
-        columns = np.rint(line.column_at(rows)[:, None] + offsets).astype(np.intp)
-        valid &= (columns >= 0) & (columns < image.shape[1])
-        values = image[rows.astype(np.intp)[:, None], np.clip(columns, 0, image.shape[1] - 1)]
-        sections.append(values.astype(np.float64))
-    count = np.maximum(valid.sum(axis=0), 1)
-    a, b = (
-        (section * valid).sum(axis=0)[valid.any(axis=0)] / count[valid.any(axis=0)] for section in sections
-    )
-    if not len(a):
+    both = np.stack([line.column_at(rows) for line in (left, right)])
+    columns = np.rint(both[:, :, None] + offsets).astype(np.intp)
+    width = images[0].shape[1]
+    inside = np.minimum(np.maximum(columns, 0), width - 1)
+    valid = (inside == columns).all(axis=0)
+    inside += (rows.astype(np.intp) * width)[:, None]
+    count = valid.sum(axis=0)
+    seen = count > 0
+    if not seen.any():
         return 0.0
+    a, b = (
+        (image.ravel().take(at) * valid).sum(axis=0, dtype=np.float64)[seen] / count[seen]
+        for image, at in zip(images, inside, strict=True)
+    )
     a, b = a - a.mean(), b - b.mean()
     norm = float(np.sqrt((a @ a) * (b @ b)))
     return float(a @ b) / norm if norm > 0.0 else 0.0
@@ -257,19 +265,31 @@ def looks_alike(correlation: float) -> bool:
 
 def _overlap(a: Array, b: Array) -> float:
     """Return the rows common to two measured lines over those of the shorter one."""
-    common = min(a.max(), b.max()) - max(a.min(), b.min())
-    return float(common / min(np.ptp(a), np.ptp(b)))
+    (first_a, last_a), (first_b, last_b) = ((float(each.min()), float(each.max())) for each in (a, b))
+    common = min(last_a, last_b) - max(first_a, first_b)
+    return common / min(last_a - first_a, last_b - first_b)
 
 
 def common_point(lines: Sequence[ImageLine]) -> tuple[Array, float]:
     """Return the point nearest to all lines (column, row), and their RMS distance along the row [px]."""
-    # u - slope v = u_mid - slope v_mid for every line, least squares.
-    slopes = np.array([line.slope for line in lines])
-    offsets = np.array([line.u_mid - line.slope * line.v_mid for line in lines])
-    design = np.column_stack([np.ones_like(slopes), -slopes])
-    point, *_ = np.linalg.lstsq(design, offsets, rcond=None)
-    distance = float(np.sqrt(np.mean((design @ point - offsets) ** 2)))
-    return point, distance
+    # u - slope v = u_mid - slope v_mid for every line, least squares. In plain numbers: it is done for every
+    # pair of lines of a frame.
+    slopes = [line.slope for line in lines]
+    offsets = [line.u_mid - line.slope * line.v_mid for line in lines]
+    n = len(lines)
+    mean_slope, mean_offset = sum(slopes) / n, sum(offsets) / n
+    apart = [slope - mean_slope for slope in slopes]
+    spread = sum(each * each for each in apart)
+    if spread <= _PARALLEL * (n * mean_slope**2 + spread):  # they meet nowhere
+        design = np.column_stack([np.ones(n), np.negative(slopes)])
+        point = np.linalg.lstsq(design, np.array(offsets), rcond=None)[0]
+        u, v = point.tolist()
+    else:
+        v = -sum(each * offset for each, offset in zip(apart, offsets, strict=True)) / spread
+        u = mean_offset + v * mean_slope
+        point = np.array([u, v])
+    squares = sum((u - slope * v - offset) ** 2 for slope, offset in zip(slopes, offsets, strict=True))
+    return point, math.sqrt(squares / n)
 
 
 def sample_pattern(matched: MatchedLines, rig: StereoRig, config: CalibratorConfig) -> LanePattern:

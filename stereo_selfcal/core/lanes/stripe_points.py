@@ -9,7 +9,9 @@ the middle of the stripe, as perspective moves the middle.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
@@ -54,7 +56,7 @@ _NOISE_ROW_STEP = 10  # every tenth strip of three rows gives two digits
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StripePoints:
+class MarkedPoints:
     """Marked points of one image, filter by filter, row by row.
 
     Attributes:
@@ -66,8 +68,6 @@ class StripePoints:
         slopes: (N,) du/dv of the edge from the grey-value gradient around the point.
         slope_std: (N,) its standard deviation by the image noise.
         continuity: (N,) share of the neighbouring rows in which the stripe continues, 0 ... 1.
-        noise_grey: Standard deviation of the image noise [grey levels].
-        gradient: (H, W) gradient by the paper's kernel, in which the lines are measured.
     """
 
     rows: Array
@@ -78,15 +78,55 @@ class StripePoints:
     slopes: Array
     slope_std: Array
     continuity: Array
-    noise_grey: float
-    gradient: Response
+
+    def chosen(self, which: Mask) -> MarkedPoints:
+        """Return the points of a mask (N,)."""
+        return MarkedPoints(*(getattr(self, each.name)[which] for each in fields(self)))
+
+
+class StripePoints:
+    """One image as lines are found and measured in it: its gradient, and its stripe points.
+
+    The points are marked when they are asked for. A line that was found in one image needs only the gradient
+    of the other one.
+
+    Attributes:
+        noise_grey: Standard deviation of the image noise [grey levels].
+        gradient: (H, W) gradient by the paper's kernel, in which the lines are measured.
+    """
+
+    def __init__(self, noise_grey: float, gradient: Response, mark: Callable[[], MarkedPoints]) -> None:
+        """Create from noise and gradient.
+
+        Args:
+            noise_grey: Standard deviation of the image noise [grey levels].
+            gradient: (H, W) gradient by the paper's kernel.
+            mark: Marks the points.
+        """
+        self.noise_grey, self.gradient = noise_grey, gradient
+        self._mark = mark
+
+    @functools.cached_property
+    def marked(self) -> MarkedPoints:
+        """The stripe points."""
+        return self._mark()
 
     @classmethod
     def none(cls) -> StripePoints:
         """Return those of an image in which none are looked for."""
         empty = np.empty(0)
-        gradient = np.empty((0, 0), np.float32)
-        return cls(empty, empty, empty, empty, empty, empty, empty, empty, 0.0, gradient)
+        marked = MarkedPoints(empty, empty, empty, empty, empty, empty, empty, empty)
+        return cls(0.0, np.empty((0, 0), np.float32), lambda: marked)
+
+    @property
+    def rows(self) -> Array:
+        """Rows (N,) of the points [px]."""
+        return self.marked.rows
+
+    @property
+    def columns(self) -> Array:
+        """Columns (N,) of the points [px]."""
+        return self.marked.columns
 
     def chosen(self, which: Mask) -> StripePoints:
         """Return some of the points, with the same image.
@@ -94,12 +134,8 @@ class StripePoints:
         Args:
             which: (N,) whether to take each point.
         """
-        per_point = {
-            each.name: getattr(self, each.name)[which]
-            for each in fields(self)
-            if each.name not in ("noise_grey", "gradient")
-        }
-        return replace(self, **per_point)
+        chosen = self.marked.chosen(which)
+        return StripePoints(self.noise_grey, self.gradient, lambda: chosen)
 
 
 def noise_grey(image: Image) -> float:
@@ -156,8 +192,19 @@ def find_stripe_points(image: Image, config: ExtractionConfig, first_row: int = 
         first_row: Row from which on stripes are looked for; the gradient is zero above it.
     """
     noise = noise_grey(image)
-    whole, image = image, image[first_row:]
-    gradient = edge_response(image, 1)
+    below = edge_response(image[first_row:], 1)
+    gradient = below
+    if first_row:
+        gradient = np.zeros(image.shape, np.float32)
+        gradient[first_row:] = below
+    return StripePoints(noise, gradient, lambda: _mark_points(image, below, noise, config, first_row))
+
+
+def _mark_points(
+    image: Image, gradient: Response, noise: float, config: ExtractionConfig, first_row: int
+) -> MarkedPoints:
+    """Mark the points of an image from a row on, whose gradient is given from there on."""
+    image = image[first_row:]
     found = [
         _points_of_response(
             gradient if length == 1 else edge_response(image[::row_step], length),
@@ -171,10 +218,7 @@ def find_stripe_points(image: Image, config: ExtractionConfig, first_row: int = 
     rows, columns, widths, contrast, counts = (np.concatenate(parts) for parts in zip(*found, strict=True))
     slopes, slope_std = _edge_directions(image, rows, columns, noise)
     continuity = _continuity(rows, columns, slopes, image.shape)
-    if first_row:
-        below, gradient = gradient, np.zeros(whole.shape, np.float32)
-        gradient[first_row:] = below
-    return StripePoints(
+    return MarkedPoints(
         rows.astype(np.float64) + first_row,
         columns,
         widths,
@@ -183,8 +227,6 @@ def find_stripe_points(image: Image, config: ExtractionConfig, first_row: int = 
         slopes,
         slope_std,
         continuity,
-        noise,
-        gradient,
     )
 
 

@@ -54,7 +54,7 @@ def _around(at: Array, steps: Array) -> Array:
 def _quotients(values: Array, steps: Array) -> Array:
     """Return the difference quotients (P, ...) of values (2 V, ...) at the points of :func:`_around`."""
     varied = steps != 0.0
-    after, before = np.split(values, 2)
+    after, before = values[: len(values) // 2], values[len(values) // 2 :]
     quotients = np.zeros((len(steps), *values.shape[1:]))
     quotients[varied] = (after - before) / (2.0 * steps[varied]).reshape(-1, *[1] * (values.ndim - 1))
     return quotients

@@ -28,7 +28,7 @@ import numpy.typing as npt
 
 from ..config import GeneticConfig
 from ..errors import ConfigError
-from ..types import Array
+from ..types import Array, Indices
 
 Fitness = Callable[[Array], Array]
 
@@ -115,26 +115,27 @@ def maximise_each(
     if not np.all(low < high):
         raise ConfigError(f"bounds {low} ... {high}: every lower bound must be below its upper bound")
     n_children = max(1, round(config.child_fraction * config.population))
-    runs = np.arange(n_runs)[:, None]
+    # Individuals of all runs are numbered one after the other: single indices are faster than pairs of them.
+    firsts = np.arange(n_runs)[:, None] * config.population
 
     unit = np.stack([_latin_hypercube(rng, config.population, low.size) for _ in range(n_runs)])
     populations = unit * (high - low) + low
-    values = fitness(populations)
+    values = np.ascontiguousarray(fitness(populations))
+    every, every_value = populations.reshape(-1, low.size), values.reshape(-1)  # the same numbers
     history = [values.max(axis=1)]
     spread = np.ptp(populations, axis=1)
     small = config.tolerance * (high - low)
     converged = np.zeros(n_runs, dtype=bool)
     while not converged.all() and len(history) <= config.max_generations:
         # Sorting random keys gives an independent permutation for every run.
-        challenged = rng.random(values.shape).argsort(axis=1)[:, :n_children]
-        children = _offspring(populations, values, spread, n_children, config, rng)
+        challenged = (rng.random(values.shape).argsort(axis=1)[:, :n_children] + firsts).ravel()
+        children = _offspring(every, values, firsts, spread, n_children, config, rng)
         np.maximum(children, low, out=children)
         np.minimum(children, high, out=children)
-        child_values = fitness(children)
-        before = values[runs, challenged]
-        wins = child_values >= before
-        populations[runs, challenged] = np.where(wins[..., None], children, populations[runs, challenged])
-        values[runs, challenged] = np.where(wins, child_values, before)
+        child_values = fitness(children).ravel()
+        wins = child_values >= every_value.take(challenged)
+        won = challenged[wins]
+        every[won], every_value[won] = children.reshape(-1, low.size)[wins], child_values[wins]
         history.append(values.max(axis=1))
         spread = populations.max(axis=1) - populations.min(axis=1)
         converged = (spread <= small).all(axis=1)
@@ -168,28 +169,38 @@ def _latin_hypercube(rng: np.random.Generator, n: int, n_dim: int) -> Array:
 
 
 def _offspring(
-    populations: Array,
+    every: Array,
     values: Array,
+    firsts: Indices,
     spread: Array,
     n_children: int,
     config: GeneticConfig,
     rng: np.random.Generator,
 ) -> Array:
-    """Return (R, n_children, D) new individuals by differential crossover, copying and mutation."""
-    n_runs, n_individuals, _ = populations.shape
-    runs = np.arange(n_runs)[:, None]
+    """Return (R, n_children, D) new individuals by differential crossover, copying and mutation.
+
+    Args:
+        every: (R P, D) individuals of all runs.
+        values: (R, P) their fitness.
+        firsts: (R, 1) number of the first individual of each run.
+        spread: (R, D) range of each population.
+        n_children: Number of children of each run.
+        config: Probabilities.
+        rng: Source of all randomness.
+    """
+    n_runs, n_individuals = values.shape
     n_parents = max(2, round(config.parent_fraction * n_individuals))
-    parents = np.argsort(-values, axis=1, kind="stable")[:, :n_parents]
+    ranked = np.argsort(-values, axis=1, kind="stable")
     chance = rng.random((6, n_runs, n_children))
-    chosen = parents[runs, (chance[0] * n_parents).astype(np.intp)]
-    a, b = (chance[1:3] * n_individuals).astype(np.intp)
+    chosen = ranked.take((chance[0] * n_parents).astype(np.intp) + firsts) + firsts
+    a, b = (chance[1:3] * n_individuals).astype(np.intp) + firsts
     crosses = chance[3] < config.crossover_probability
     low, high = _STEP_RANGE
     factors = (low + (high - low) * chance[4]) * crosses
-    children: Array = populations[runs, a]
-    children -= populations[runs, b]
+    children: Array = every.take(a, axis=0)
+    children -= every.take(b, axis=0)
     children *= factors[..., None]
-    children += populations[runs, chosen]
+    children += every.take(chosen, axis=0)
     # The fitness of an unchanged copy is already known, so a child that is not crossed is always mutated.
     mutates = (chance[5] < config.mutation_probability) | ~crosses
     steps = rng.standard_normal(children.shape)

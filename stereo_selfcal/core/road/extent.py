@@ -8,6 +8,7 @@ cars and other obstacles are outliers.
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -150,18 +151,32 @@ def _robust_fits(rows: Array, target: Array, insides: Mask, planes: Array) -> tu
     Returns:
         Robust weights (E, S), 0 ... 1, and residuals (E, S) in standard deviations.
     """
-    products = rows[:, :, None] * rows[:, None, :]
-    residuals = target - planes @ rows.T
-    scale = np.ones(len(insides))
+    n_numbers = rows.shape[1]
+    products = (rows[:, :, None] * rows[:, None, :]).reshape(len(rows), -1)
+    columns = np.ascontiguousarray(rows.T)
+    diagonal = slice(0, None, n_numbers + 1)
+    residuals = target - planes @ columns
+    scale_of = _Scales(insides)
+    scale: Array = np.ones(len(insides))
     for _ in range(_ROUNDS):
-        weights = insides * tukey_weights((residuals / (TUKEY_SIGMAS * scale[:, None])) ** 2, _LEAST_COUNT)
-        normal = np.tensordot(weights, products, axes=1)
-        normal = normal + np.finfo(float).eps * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-        planes = np.linalg.solve(normal, ((weights * target) @ rows)[..., None])[..., 0]
-        residuals = target - planes @ rows.T
-        scale = _scales(residuals, insides)
-    weights = insides * tukey_weights((residuals / (TUKEY_SIGMAS * scale[:, None])) ** 2, _LEAST_COUNT)
-    return weights, residuals
+        weights = insides * _weights(residuals, scale)
+        normal = weights @ products
+        traces = normal[:, diagonal].sum(axis=1)
+        normal[:, diagonal] += np.finfo(float).eps * traces[:, None]
+        right = (weights * target) @ rows
+        solved = np.linalg.solve(normal.reshape(-1, n_numbers, n_numbers), right[..., None])
+        planes = np.asarray(solved, np.float64)[..., 0]
+        residuals = target - planes @ columns
+        scale = scale_of(residuals)
+    return insides * _weights(residuals, scale), residuals
+
+
+def _weights(residuals: Array, scale: Array) -> Array:
+    """Return Tukey's weights of residuals (E, S), of scales (E,)."""
+    relative = residuals / (TUKEY_SIGMAS * scale)[:, None]
+    relative *= relative
+    weights: Array = tukey_weights(relative, _LEAST_COUNT)
+    return weights
 
 
 def _most_agreed(rows: Array, target: Array, insides: Mask) -> tuple[Indices, Array]:
@@ -178,40 +193,60 @@ def _most_agreed(rows: Array, target: Array, insides: Mask) -> tuple[Indices, Ar
     n_numbers = rows.shape[1]
     enough = np.flatnonzero(insides.sum(axis=1) >= 2 * n_numbers)
     cells = [np.flatnonzero(insides[k]) for k in enough]
-    drawn = [
-        each[np.random.default_rng(0).integers(len(each), size=(_N_TRIPLES, n_numbers))] for each in cells
-    ]
-    chosen = np.array(drawn, np.intp).reshape(-1, n_numbers)
-    first, second, third = np.moveaxis(rows[chosen], 1, 0)
+    chosen = np.array([each[_triples(len(each))] for each in cells], np.intp).reshape(-1, n_numbers).T
+    first, second, third = (rows.take(each, axis=0).T for each in chosen)
     # Cramer's rule, as thousands of equations with three unknowns are solved.
-    normals = np.stack([_cross(second, third), _cross(third, first), _cross(first, second)], axis=1)
-    determinants = np.einsum("ni,ni->n", first, normals[:, 0])
-    lengths = np.sqrt(np.einsum("si,si->s", rows, rows))
-    apart = np.abs(determinants) > _LEAST_SPREAD * lengths[chosen].prod(axis=1)
-    heights = target[chosen[apart]] / determinants[apart, None]
-    all_planes = np.einsum("nj,nji->ni", heights, normals[apart]) / TUKEY_SIGMAS
-    ends = np.cumsum(apart.reshape(-1, _N_TRIPLES).sum(axis=1))
+    normals = _cross(second, third), _cross(third, first), _cross(first, second)
+    determinants = first[0] * normals[0][0] + first[1] * normals[0][1] + first[2] * normals[0][2]
+    lengths = np.sqrt(np.einsum("si,si->s", rows, rows)).take(chosen)
+    apart = np.abs(determinants) > _LEAST_SPREAD * (lengths[0] * lengths[1] * lengths[2])
+    determinants[~apart] = 1.0
+    heights = target.take(chosen) / (determinants * TUKEY_SIGMAS)
+    tried = heights[0] * normals[0] + heights[1] * normals[1] + heights[2] * normals[2]
+    of_target, of_rows = target / TUKEY_SIGMAS, np.ascontiguousarray(rows.T)
     found, planes = [], []
-    for k, own, inside in zip(enough, np.split(all_planes, ends), cells, strict=False):
-        if len(own):
-            off = target[inside] / TUKEY_SIGMAS - own @ rows[inside].T
+    for index, (k, inside) in enumerate(zip(enough, cells, strict=True)):
+        own = slice(index * _N_TRIPLES, (index + 1) * _N_TRIPLES)
+        usable = apart[own]
+        if usable.any():
+            off = of_target[inside] - tried[:, own].T @ of_rows[:, inside]
             off *= off
+            misfits = np.minimum(off, 1.0, out=off).sum(axis=1)
+            misfits[~usable] = np.inf
             found.append(k)
-            planes.append(TUKEY_SIGMAS * own[int(np.argmin(np.minimum(off, 1.0, out=off).sum(axis=1)))])
+            planes.append(TUKEY_SIGMAS * tried[:, own][:, int(np.argmin(misfits))])
     return np.array(found, np.intp), np.array(planes).reshape(-1, n_numbers)
 
 
+@functools.lru_cache(maxsize=256)
+def _triples(n_cells: int) -> Indices:
+    """Return the triples of so many cells that are tried, (N_TRIPLES, 3): always the same."""
+    triples = np.random.default_rng(0).integers(n_cells, size=(_N_TRIPLES, 3))
+    triples.flags.writeable = False
+    return triples
+
+
 def _cross(first: Array, second: Array) -> Array:
-    """Return the cross products (N, 3) of vectors (N, 3)."""
-    x, y, z = first.T
-    u, v, w = second.T
-    return np.column_stack([y * w - z * v, z * u - x * w, x * v - y * u])
+    """Return the cross products (3, N) of vectors (3, N)."""
+    x, y, z = first
+    u, v, w = second
+    return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
 
 
-def _scales(residuals: Array, insides: Mask) -> Array:
-    """Return the scale (E,) of residuals (E, S): by the median, no more than their standard deviations."""
-    ordered = np.sort(np.where(insides, np.abs(residuals), np.inf), axis=1)
-    count, index = insides.sum(axis=1), np.arange(len(insides))
-    medians = 0.5 * (ordered[index, (count - 1) // 2] + ordered[index, count // 2])
-    scales: Array = np.clip(SIGMA_OVER_MAD * medians, _LEAST_SCALE, 1.0)
-    return scales
+class _Scales:
+    """Scales of residuals of extents: by the median, no more than their standard deviations."""
+
+    def __init__(self, insides: Mask) -> None:
+        """Create for the cells (E, S) of each extent."""
+        counts, firsts = np.count_nonzero(insides, axis=1), np.arange(len(insides)) * insides.shape[1]
+        self._middle = firsts + (counts - 1) // 2, firsts + counts // 2
+        self._beyond = np.where(insides, 0.0, np.inf)
+
+    def __call__(self, residuals: Array) -> Array:
+        """Return the scale (E,) of residuals (E, S)."""
+        ordered = np.abs(residuals)
+        ordered += self._beyond
+        ordered.sort(axis=1)
+        lower, upper = (ordered.ravel().take(each) for each in self._middle)
+        scales: Array = (lower + upper) * (0.5 * SIGMA_OVER_MAD)
+        return np.minimum(np.maximum(scales, _LEAST_SCALE), 1.0)

@@ -37,26 +37,30 @@ def predict_edges(parameters: Array, rig: StereoRig) -> Array:
     Returns:
         (B, 2 cameras, L stripes, 2 edges, 2): a [px] and m; the left edge first.
     """
-    height, pitch, roll, yaw = parameters[:, :4].T
-    # Height of the camera over each stripe.
-    below = height[:, None] - np.split(parameters[:, N_POSE:], 3, axis=1)[2]
+    # Numbers of a road (B, 1, 1), of its stripes (B, L, 1), and of their edges (B, L, 2).
+    height, pitch, roll, yaw = (parameters[:, index, None, None] for index in range(4))
+    n_stripes = (parameters.shape[1] - N_POSE) // 3
+    below = height - parameters[:, -n_stripes:, None]  # of the camera over each stripe
     cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
-    zero = np.zeros_like(cp)
-    # Rows: body axes x, y, z from road axes, the transpose of R_y(pitch) R_x(roll).
-    body_from_road = np.array([[cp, zero, -sp], [sp * sr, cr, cp * sr], [sp * cr, -sr, cp * cr]])
-    start = _edge_positions(parameters)
+    start, tangent = _edge_positions(parameters), np.tan(yaw)
+    offsets = np.array([camera_centre_m(rig, side)[1] for side in SIDES])[:, None, None]
     pixels = []
     for ahead in (_NEAR_M, _FAR_M):
-        y = start - (np.tan(yaw) * ahead)[:, None, None]
-        points = np.stack(np.broadcast_arrays(ahead, y, -below[..., None]))
-        x_body, y_body, z_body = np.einsum("ijb,jbse->ibse", body_from_road, points)
-        offsets = np.array([camera_centre_m(rig, side)[1] for side in SIDES])[:, None, None]
-        u = rig.cx - rig.fx * (y_body[:, None] - offsets) / x_body[:, None]
-        v = np.broadcast_to((rig.cy - rig.fy * z_body / x_body)[:, None], u.shape)
-        pixels.append((u, v))
+        # Body axes from road axes are the transpose of R_y(pitch) R_x(roll).
+        aside, turned = start - tangent * ahead, sp * ahead - cp * below
+        depth = cp * ahead + sp * below
+        leftwards = (sr * turned + cr * aside)[:, None] - offsets
+        pixels.append(
+            (
+                rig.cx - rig.fx * leftwards / depth[:, None],
+                rig.cy - rig.fy * (cr * turned - sr * aside) / depth,
+            )
+        )
     (u0, v0), (u1, v1) = pixels
-    slope = (u1 - u0) / (v1 - v0)
-    return np.stack([u0 - slope * v0, slope], axis=-1)
+    lines = np.empty((*u0.shape, 2))
+    slope = np.divide(u1 - u0, (v1 - v0)[:, None], out=lines[..., 1])
+    np.subtract(u0, slope * v0[:, None], out=lines[..., 0])
+    return lines
 
 
 def bent_columns(parameters: Array, rows: Array, rig: StereoRig) -> Array:
@@ -100,6 +104,8 @@ def _lateral_position(x: Array, y: Array, yaw: float, curvature: float) -> Array
 
 def _edge_positions(parameters: Array) -> Array:
     """Return the lateral positions of the left and right edges at x = 0 [m], (B, L, 2)."""
-    middles, widths, _ = np.split(parameters[:, N_POSE:], 3, axis=1)
-    positions: Array = middles[..., None] + widths[..., None] / 2.0 * np.array([1.0, -1.0])
+    n_stripes = (parameters.shape[1] - N_POSE) // 3
+    middles = parameters[:, N_POSE : N_POSE + n_stripes, None]
+    widths = parameters[:, N_POSE + n_stripes : N_POSE + 2 * n_stripes, None]
+    positions: Array = middles + widths / 2.0 * np.array([1.0, -1.0])
     return positions

@@ -17,7 +17,7 @@ from ..numerics.linear import invert, is_covariance, rank_of, solve_linear
 from ..rejection import Bound, NotFitted
 from ..types import Array, Indices, Mask
 from .extent import OUTLIER_WEIGHT, Extent, find_extent
-from .priors import HALF_LANE_WIDTH_M
+from .lane_points import LanePoints
 from .unevenness import (
     TYPICAL_MISMATCH_PX,
     TYPICAL_ROUGHNESS,
@@ -28,16 +28,9 @@ from .unevenness import (
 
 _WORST_STD_M = 0.3  # most standard deviation of a usable cell: the height of two kerbs
 _DETERMINED = "numbers of the plane that the cells determine"
-_LEAST_COLUMNS = 2  # of the points of a lane: with one, its roll is open
+# Variances of cells so different that rounding decides.
+_NOT_INVERTED = NotFitted("covariances of the cells that can be inverted", 0, Bound.LEAST, 1)
 _LEAST_CELLS = 6  # twice the number of a plane's parameters
-# The pose describes the own lane. A plane over an uneven road depends on the part that counts, and there is
-# no one right part. It may begin behind the bonnet or at the first row of a camera behind the windscreen
-# (KITTI's lidar planes: 5.5 to 20 m): the pose is the mean of both. It may be that of the tracks of the
-# wheels, of the lane with its shoulders, or of both lanes of a road: how their planes differ from that of the
-# lane, as far as it is seen or follows from the road's usual shape, is an uncertainty.
-STRETCHES_M = ((3.0, 15.0), (5.0, 20.0))
-NEAREST_STRETCH_M = (3.0, 10.0)  # on which the car stands, and most pixels lie
-OTHER_HALF_WIDTHS_M = (1.0, 2.5, 4.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,47 +53,6 @@ class CellHeights:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LanePoints:
-    """Points of the own lane at equal distances, over which the plane is fitted.
-
-    Attributes:
-        xy: (T, 2) positions relative to the point under the camera [m].
-        aside_m: (T,) distances from the camera's path along the lane, to the left [m].
-        design: (T, 3) derivative of the heights there by the parameters of the plane.
-        strip: (T,) strip along the road in which each point lies, as of the cells.
-        middle: Strip of the middle of the lane.
-    """
-
-    xy: Array
-    aside_m: Array
-    design: Array
-    strip: Indices
-    middle: int
-
-    def planes(self, strips: tuple[int, int], half_width_m: float) -> Array:
-        """Return the matrices (3, 3, T) that give the plane of each stretch from the heights of all points.
-
-        They are those of ``STRETCHES_M``, and then that of the nearest one.
-
-        Args:
-            strips: First and last strip of the road; points beyond them do not count.
-            half_width_m: How far from the camera's path points count. A narrow road may leave no more than a
-                side of the lane: then that counts, as wide as it is.
-        """
-        on_road = (self.strip >= strips[0]) & (self.strip <= strips[1])
-        within = on_road & (np.abs(self.aside_m) <= half_width_m)
-        if len(np.unique(self.aside_m[within])) < _LEAST_COLUMNS:
-            within = on_road
-        ahead = self.xy[:, 0]
-        stretches_m = (*STRETCHES_M, NEAREST_STRETCH_M)
-        matrices = np.zeros((len(stretches_m), self.design.shape[1], len(ahead)))
-        for matrix, (begin_m, end_m) in zip(matrices, stretches_m, strict=True):
-            inside = within & (ahead >= begin_m) & (ahead <= end_m)
-            matrix[:, inside] = np.linalg.pinv(self.design[inside])
-        return matrices
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class HalvesDifference:
     """How the planes by two halves of the cells differ, each fitted to one half alone.
 
@@ -111,6 +63,19 @@ class HalvesDifference:
 
     plane: Array
     covariance: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LanePlane:
+    """Plane of the own lane, without its uncertainty.
+
+    Attributes:
+        plane: (3,) coefficients of the design's columns.
+        weights: (C,) robust weights of the cells, 0 ... 1.
+    """
+
+    plane: Array
+    weights: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,7 +93,7 @@ class Surface:
         on_road: (C,) whether a cell lies between the steps at the sides of the road.
         noise_variance: (C,) variances of these heights, caused by the noise and the mismatch [m^2].
         halves: Differences of the planes by the near and the far, and by the left and the right half of the
-            cells; empty before the last pass, and without those halves that determine no plane.
+            cells, without those halves that determine no plane.
     """
 
     plane: Array
@@ -143,20 +108,55 @@ class Surface:
     halves: tuple[HalvesDifference, ...] = ()
 
 
-def fit_surface(
-    cells: CellHeights, design: Array, lane: LanePoints, *, final: bool = True
-) -> Surface | NotFitted:
-    """Fit the plane of the own lane.
+@dataclass(frozen=True, slots=True, eq=False)
+class _SeenCells:
+    """The S cells whose height is known, and the covariances of a road there and at the T points of the lane.
+
+    Attributes:
+        seen: (C,) which cells these are.
+        y: (S,) heights [m].
+        x: (S, 3) derivative of the heights by the parameters of the plane.
+        noise: (S,) variances of the heights by the noise of the images [m^2].
+        metres: (S,) change of a height for one pixel of disparity [m].
+        kernel: (S or S + T, S + T) covariance of the road's heights for unit roughness.
+        profile: The same for unit camber.
+        extent: The cells that are road.
+    """
+
+    seen: Mask
+    y: Array
+    x: Array
+    noise: Array
+    metres: Array
+    kernel: Array
+    profile: Array
+    extent: Extent
+
+    def weights(self) -> Array:
+        """Return the robust weights of all cells, (C,)."""
+        weights = np.zeros(len(self.seen))
+        weights[self.seen] = self.extent.weights
+        return weights
+
+    def variances(self, unevenness: RoadUnevenness) -> Array:
+        """Return the variances (S,) of the heights by noise and mismatch, of outliers by their distance."""
+        variances: Array = self.extent.variances + (unevenness.mismatch_px * self.metres) ** 2
+        return variances
+
+    def road(self, unevenness: RoadUnevenness) -> Array:
+        """Return the covariance of the road's heights, of the shape of the kernel."""
+        road: Array = unevenness.roughness * self.kernel + unevenness.camber**2 * self.profile
+        return road
+
+
+def _seen_cells(cells: CellHeights, design: Array, lane: LanePoints, whole: bool) -> _SeenCells | NotFitted:
+    """Return the cells whose height is known; or why they do not determine a plane.
 
     Args:
         cells: The measured heights.
         design: (C, 3) derivative of the heights by the parameters of the plane.
         lane: Points of the own lane.
-        final: Whether to estimate the road's own unevenness, and what other parts of the road leave open;
-            else a typical unevenness is used.
-
-    Returns:
-        The plane, or the reason why the measured cells do not determine one.
+        whole: Whether the covariances of the points of the lane among themselves are needed.
     """
     seen = np.isfinite(cells.heights) & (cells.variances < _WORST_STD_M**2)  # false for NaN as well
     lacking = _too_few(design[seen])
@@ -164,25 +164,64 @@ def fit_surface(
         return lacking
     y, x, noise, metres = cells.heights[seen], design[seen], cells.variances[seen], cells.metres[seen]
     n_seen = len(y)
-    kernel, profile = unit_covariances(np.concatenate([cells.xy[seen], lane.xy]))
-    of_cells = slice(n_seen), slice(n_seen)
-    usual = TYPICAL_ROUGHNESS * kernel[of_cells] + profile[of_cells]
+    at = np.concatenate([cells.xy[seen], lane.xy])
+    kernel, profile = unit_covariances(at, None if whole else n_seen)
+    usual = TYPICAL_ROUGHNESS * kernel[:n_seen, :n_seen] + profile[:n_seen, :n_seen]
     usual += np.diag((TYPICAL_MISMATCH_PX * metres) ** 2)
-    unevenness = RoadUnevenness.typical()
     try:
         extent = find_extent(y, x, noise, usual, cells.strip[seen], lane.middle)
-        if isinstance(extent, NotFitted):
-            return extent
-        if final:
-            unevenness = estimate_unevenness(
-                y, x, extent.variances, profile[of_cells], kernel[of_cells], metres
-            )
-    except np.linalg.LinAlgError:  # variances so different that rounding decides
-        return NotFitted("covariances of the cells that can be inverted", 0, Bound.LEAST, 1)
-    variances = extent.variances + (unevenness.mismatch_px * metres) ** 2
-    road = unevenness.roughness * kernel + unevenness.camber**2 * profile
-    heights = road[of_cells] + np.diag(variances)  # their covariance
-    solved = _solve_lane(road, variances, x, lane, _lane_strips(extent, cells.strip[seen], lane), final)
+    except np.linalg.LinAlgError:
+        return _NOT_INVERTED
+    if isinstance(extent, NotFitted):
+        return extent
+    return _SeenCells(seen, y, x, noise, metres, kernel, profile, extent)
+
+
+def fit_plane(cells: CellHeights, design: Array, lane: LanePoints) -> LanePlane | NotFitted:
+    """Fit the plane of the own lane on a road of a typical unevenness, without its uncertainty.
+
+    Arguments are those of :func:`fit_surface`.
+    """
+    found = _seen_cells(cells, design, lane, whole=False)
+    if isinstance(found, NotFitted):
+        return found
+    usual = RoadUnevenness.typical()
+    n, road = len(found.y), found.road(usual)
+    plane_of_lane = lane.plane_and_parts(_lane_strips(found.extent, cells.strip[found.seen], lane), ())[0]
+    right = np.column_stack([found.x, road[:, n:] @ plane_of_lane.T])
+    solved = _solve_cells(road[:, :n], found.variances(usual), found.x, right)
+    if isinstance(solved, NotFitted):
+        return solved
+    to_plane, predicted = solved
+    solve = to_plane + predicted - (predicted @ found.x) @ to_plane
+    return LanePlane(solve @ found.y, found.weights())
+
+
+def fit_surface(cells: CellHeights, design: Array, lane: LanePoints) -> Surface | NotFitted:
+    """Fit the plane of the own lane, with the road's own unevenness and what other parts of it leave open.
+
+    Args:
+        cells: The measured heights.
+        design: (C, 3) derivative of the heights by the parameters of the plane.
+        lane: Points of the own lane.
+
+    Returns:
+        The plane, or the reason why the measured cells do not determine one.
+    """
+    found = _seen_cells(cells, design, lane, whole=True)
+    if isinstance(found, NotFitted):
+        return found
+    seen, y, x, extent, noise = found.seen, found.y, found.x, found.extent, found.noise
+    kernel, profile = found.kernel, found.profile
+    of_cells = slice(len(y)), slice(len(y))
+    try:
+        unevenness = estimate_unevenness(
+            y, x, extent.variances, profile[of_cells], kernel[of_cells], found.metres
+        )
+    except np.linalg.LinAlgError:
+        return _NOT_INVERTED
+    variances, road = found.variances(unevenness), found.road(unevenness)
+    solved = _solve_lane(road, variances, x, lane, _lane_strips(extent, cells.strip[seen], lane))
     if isinstance(solved, NotFitted):
         return solved
     solve, error, others = solved
@@ -197,19 +236,18 @@ def fit_surface(
     if not is_covariance(covariance):
         return NotFitted(_DETERMINED, min(rank_of(covariance), 2), Bound.LEAST, len(covariance))
     plane = solve @ y
-    weights = np.zeros(len(cells.heights))
-    weights[seen] = extent.weights
+    heights = road[of_cells] + np.diag(variances)  # their covariance
     return Surface(
         plane=plane,
         covariance=covariance,
         noise_covariance=(solve * variances) @ solve.T,
         covariance_terms=terms,
         unevenness=unevenness,
-        weights=weights,
+        weights=found.weights(),
         residuals=cells.heights - design @ plane,
         on_road=(cells.strip >= extent.strips[0]) & (cells.strip <= extent.strips[1]),
         noise_variance=cells.variances + (unevenness.mismatch_px * cells.metres) ** 2,
-        halves=_compare_halves(y, x, heights, cells, seen, extent) if final else (),
+        halves=_compare_halves(y, x, heights, cells, seen, extent),
     )
 
 
@@ -296,8 +334,33 @@ def _lane_strips(extent: Extent, seen: Indices, lane: LanePoints) -> tuple[int, 
     )
 
 
+def _solve_cells(road: Array, noise: Array, x: Array, right: Array) -> tuple[Array, Array] | NotFitted:
+    """Return the matrix that gives a plane from the heights of the cells, and what predicts other heights.
+
+    Args:
+        road: (S, S) covariance of the road's heights at the cells.
+        noise: (S,) variances of the cells' heights besides that.
+        x: (S, 3) derivative of the cells' heights by the parameters of the plane.
+        right: (S, 3 + K) these, and the covariances of K other heights with those of the cells.
+
+    Returns:
+        The matrices (3, S) and (K, S).
+    """
+    covariance = road.copy()
+    covariance[np.diag_indices(len(noise))] += noise
+    solved = solve_linear(covariance, right, "heights of the cells that are independent")
+    if isinstance(solved, NotFitted):
+        return solved
+    n_numbers = x.shape[1]
+    weighted = solved[:, :n_numbers]
+    of_plane = invert(weighted.T @ x, _DETERMINED)
+    if isinstance(of_plane, NotFitted):
+        return of_plane
+    return of_plane @ weighted.T, solved[:, n_numbers:].T
+
+
 def _solve_lane(
-    road: Array, noise: Array, x: Array, lane: LanePoints, strips: tuple[int, int], other_parts: bool
+    road: Array, noise: Array, x: Array, lane: LanePoints, strips: tuple[int, int]
 ) -> tuple[Array, Array, Array] | NotFitted:
     """Return the matrices that give the planes of the parts of the lane from the heights of the cells.
 
@@ -307,34 +370,24 @@ def _solve_lane(
         x: (S, 3) derivative of the cells' heights by the parameters of the plane.
         lane: The points of the lane.
         strips: First and last strip of the road.
-        other_parts: Whether to compare other parts of the road with the lane.
 
     Returns:
         Heights of the cells to the plane of the lane (3, S); deviations of the road at cells and points to
         the error of that plane (3, S + T); and the same to the differences of the planes of other parts from
-        it (12, 3, S + T), for the predicted differences and for their errors; none where not asked.
+        it (12, 3, S + T), for the predicted differences and for their errors.
     """
     n = len(x)
-    what = "heights of the cells that are independent"
-    solved = solve_linear(road[:n, :n] + np.diag(noise), np.column_stack([x, road[:n, n:]]), what)
+    solved = _solve_cells(road[:n, :n], noise, x, np.column_stack([x, road[:n, n:]]))
     if isinstance(solved, NotFitted):
         return solved
-    weighted, predicted = solved[:, : x.shape[1]], solved[:, x.shape[1] :].T
-    covariance = invert(weighted.T @ x, _DETERMINED)
-    if isinstance(covariance, NotFitted):
-        return covariance
-    to_plane = covariance @ weighted.T
+    to_plane, predicted = solved
     # Heights of the lane over that plane, predicted from what remains of the cells' heights.
     to_lane = predicted - (predicted @ x) @ to_plane
-    of_lane = lane.planes(strips, HALF_LANE_WIDTH_M)
-    plane = of_lane[: len(STRETCHES_M)].mean(axis=0)
-    apart = np.zeros((0, *plane.shape))
-    if other_parts:
-        of_others = [lane.planes(strips, half_m) for half_m in OTHER_HALF_WIDTHS_M]
-        apart = np.concatenate([of_lane, *of_others]) - plane
+    plane, parts = lane.plane_and_parts(strips)
+    apart = parts - plane
     solve: Array = to_plane + plane @ to_lane
     return (
         solve,
         np.concatenate([solve, -plane], axis=1),
-        np.concatenate([apart @ to_lane, np.broadcast_to(-apart, apart.shape)], axis=2),
+        np.concatenate([apart @ to_lane, -apart], axis=2),
     )

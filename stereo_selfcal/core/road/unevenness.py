@@ -20,7 +20,7 @@ from ..types import Array
 # 8608, and 2.5 in the middle of measured ones (1.5 to 3.5; the smoother the road, the steeper its spectrum).
 # Squared differences of heights grow with the distance to the power of waviness - 1.
 _WAVINESS = 2.5
-_EXPONENT = _WAVINESS - 1.0
+_EXPONENT = _WAVINESS - 1.0  # `_grown` has it written out
 # Class A of ISO 8608 has a spectrum of 16e-6 m^3 at 0.1 cycles/m. D is twice the integral of the spectrum
 # times (1 - cos) over all wave numbers, 2.7e-6 m^2 / m^1.5. This is 9 mm between points 10 m apart.
 _CLASS_A = 2.7e-6
@@ -85,7 +85,7 @@ class RoadUnevenness:
         return cls(TYPICAL_ROUGHNESS, TYPICAL_MISMATCH_PX, 1.0)
 
 
-def unit_covariances(xy: Array) -> tuple[Array, Array]:
+def unit_covariances(xy: Array, n_first: int | None = None) -> tuple[Array, Array]:
     """Return the covariances (N, N) of a road's heights for unit roughness, and for unit camber.
 
     The deviation by roughness is zero under the camera. The camber stands for everything that runs along the
@@ -93,12 +93,32 @@ def unit_covariances(xy: Array) -> tuple[Array, Array]:
 
     Args:
         xy: (N, 2) positions on the road, relative to the point under the camera [m].
+        n_first: Number of positions, from the first one on, whose covariances with all are returned: as many
+            rows; None for all.
     """
-    growth = np.linalg.norm(xy, axis=1) ** _EXPONENT
-    apart = np.linalg.norm(xy[:, None] - xy, axis=-1)
-    bent = _CAMBER_PER_M * xy[:, 1] ** 2
-    alike = np.exp(-0.5 * ((xy[:, None, 1] - xy[:, 1]) / _PROFILE_LENGTH_M) ** 2)
-    return 0.5 * (growth[:, None] + growth - apart**_EXPONENT), bent[:, None] * bent * alike
+    x, y = np.ascontiguousarray(xy.T)
+    own = slice(n_first)
+    beside = y[own, None] - y
+    squares = beside * beside
+    bent = _CAMBER_PER_M * y**2
+    alike = np.exp(squares * (-0.5 / _PROFILE_LENGTH_M**2))
+    alike *= bent[own, None]
+    alike *= bent
+    ahead = x[own, None] - x
+    ahead *= ahead
+    squares += ahead
+    growth = _grown(x**2 + y**2)
+    kernel = growth[own, None] + growth
+    kernel -= _grown(squares)
+    kernel *= 0.5
+    return kernel, alike
+
+
+def _grown(squares: Array) -> Array:
+    """Return distances to the power of ``_EXPONENT``, for squared distances: by roots, which are faster."""
+    distances = np.sqrt(squares)
+    grown: Array = distances * np.sqrt(distances)
+    return grown
 
 
 def estimate_unevenness(

@@ -7,6 +7,7 @@ fitted to the images without that plane, and the gates are the same as for all o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -21,8 +22,8 @@ from ..lanes import frame_checks
 from ..lanes.detector import LineDetector, detect_by_hough
 from ..lanes.hypotheses import LaneHypotheses, NoPattern, Points
 from ..lanes.lane_pair import ImageLine
-from ..lanes.line_fit import refit_line
-from ..lanes.line_geometry import height_and_offset_m
+from ..lanes.line_fit import refit_lines
+from ..lanes.line_geometry import heights_and_offsets_m
 from ..lanes.matching import (
     Candidate,
     Candidates,
@@ -100,14 +101,12 @@ def lines_on_road(
     """
     plane = plane_from_pose(road_pose, rig)
     candidates = candidates_on_road(road_pose, points[0], images[0], rig, detector)
+    seen = _seen_by_both([*candidates[0], *candidates[1]], plane, points, images, rig, config)
     sides: Matches = ([], [])
-    for side, lines in zip(sides, candidates, strict=True):
-        for candidate in lines:
-            match = _seen_by_both(candidate, plane, points, images, rig, config)
-            if match is not None and not any(
-                match.left.line.is_same_stripe(other.left.line) for other in side
-            ):
-                side.append(match)
+    for index, match in seen:
+        side = sides[index >= len(candidates[0])]
+        if not any(match.left.line.is_same_stripe(other.left.line) for other in side):
+            side.append(match)
     pairs = [MatchedLines.of_matches(first, second) for first, second in product(*sides)]
     reach_px = MAX_GAP_RAD * rig.fy
     pairs = [
@@ -134,56 +133,69 @@ def _horizon_gap_px(pair: MatchedLines, plane: DisparityPlane, rig: StereoRig) -
 
 
 def _seen_by_both(
-    candidate: Candidate,
+    candidates: Sequence[Candidate],
     plane: DisparityPlane,
     points: Points,
     images: tuple[Image, Image],
     rig: StereoRig,
     config: CalibratorConfig,
-) -> Match | None:
-    """Measure a line of the left image below the horizon, and in the right image where the plane predicts it.
+) -> list[tuple[int, Match]]:
+    """Measure lines of the left image below the horizon, and where the plane predicts them in the right one.
 
     Returns:
-        The line in both images; None where it is too short, not in the plane, or differs between the images.
+        Index and match of each line that is long enough, lies in the plane, and is alike in both images.
     """
-    line = candidate.line
-    horizon = _horizon(line, plane, rig)
-    bottom = rig.height - 1.0
-    first_row = bottom - config.extraction.horizon_fraction * (bottom - horizon)
-    left = refit_line(points[0].gradient, line, points[0].noise_grey, first_row)
-    if left is None or left.length_px < config.extraction.min_line_rows:
-        return None
-    expected = _in_right_camera(left, plane, rig)
-    right = refit_line(points[1].gradient, expected, points[1].noise_grey, first_row)
-    if right is None or right.length_px < config.extraction.min_line_rows:
-        return None
-    if abs(height_and_offset_m(left, right, plane, rig)[0]) > MAX_LINE_HEIGHT_M:
-        return None
-    if not may_lie_on_road(left, right, rig, config):
-        return None
-    correlation = similarity(images, left, right)
-    if not looks_alike(correlation):
-        return None
-    return Match(Candidate(left, candidate.votes), Candidate(right, candidate.votes), correlation)
+    bottom, least_px = rig.height - 1.0, config.extraction.min_line_rows
+    of_left = plane.of_camera(PlaneCamera.LEFT, rig)
+    horizons = [_horizon(candidate.line, of_left, rig) for candidate in candidates]
+    first_rows = [bottom - config.extraction.horizon_fraction * (bottom - each) for each in horizons]
+    lines = [candidate.line for candidate in candidates]
+    in_left = refit_lines(points[0].gradient, lines, points[0].noise_grey, first_rows)
+    long = [(i, line) for i, line in enumerate(in_left) if line is not None and line.length_px >= least_px]
+    expected = [_in_right_camera(line, of_left, rig) for _, line in long]
+    in_right = refit_lines(
+        points[1].gradient, expected, points[1].noise_grey, [first_rows[i] for i, _ in long]
+    )
+    pairs = [
+        (i, left, right)
+        for (i, left), right in zip(long, in_right, strict=True)
+        if right is not None and right.length_px >= least_px
+    ]
+    heights_m, _ = heights_and_offsets_m([(left, right) for _, left, right in pairs], plane, rig)
+    matches = []
+    for (i, left, right), height_m in zip(pairs, heights_m.tolist(), strict=True):
+        if abs(height_m) > MAX_LINE_HEIGHT_M or not may_lie_on_road(left, right, rig, config):
+            continue
+        correlation = similarity(images, left, right)
+        if looks_alike(correlation):
+            votes = candidates[i].votes
+            matches.append((i, Match(Candidate(left, votes), Candidate(right, votes), correlation)))
+    return matches
 
 
-def _horizon(line: ImageLine, plane: DisparityPlane, rig: StereoRig) -> float:
+def _horizon(line: ImageLine, of_left: DisparityPlane, rig: StereoRig) -> float:
     """Return the row where a line of the left image meets the horizon: where its disparity is zero."""
-    intercept, slope = _disparity_along(line, plane, rig)
-    return float(np.clip(-intercept / slope, 0.0, rig.height - 2.0)) if slope > 0.0 else 0.0
+    intercept, slope = _disparity_along(line, of_left, rig)
+    return min(max(-intercept / slope, 0.0), rig.height - 2.0) if slope > 0.0 else 0.0
 
 
-def _disparity_along(line: ImageLine, plane: DisparityPlane, rig: StereoRig) -> tuple[float, float]:
-    """Return a and b of the disparity a + b v [px] of a road along a line of the left image."""
-    v = np.array([0.0, rig.height - 1.0])
-    d = plane.of_camera(PlaneCamera.LEFT, rig).disparities(pixel_rays(rig, line.column_at(v), v))
-    slope = float(d[1] - d[0]) / float(v[1])
-    return float(d[0]), slope
+def _disparity_along(line: ImageLine, of_left: DisparityPlane, rig: StereoRig) -> tuple[float, float]:
+    """Return a and b of the disparity a + b v [px] of a road along a line of the left image.
+
+    Args:
+        line: The line.
+        of_left: The road, of the left camera.
+        rig: Intrinsics.
+    """
+    ahead, aside, down = of_left.coefficients.tolist()
+    at_top = line.u_mid - line.slope * line.v_mid
+    intercept = ahead + aside * (rig.cx - at_top) / rig.fx + down * rig.cy / rig.fy
+    return intercept, -aside * line.slope / rig.fx - down / rig.fy
 
 
-def _in_right_camera(line: ImageLine, plane: DisparityPlane, rig: StereoRig) -> ImageLine:
+def _in_right_camera(line: ImageLine, of_left: DisparityPlane, rig: StereoRig) -> ImageLine:
     """Return the position that a plane predicts in the right image for a line of the left one."""
-    intercept, slope = _disparity_along(line, plane, rig)
+    intercept, slope = _disparity_along(line, of_left, rig)
     return replace(line, u_mid=line.u_mid - intercept - slope * line.v_mid, slope=line.slope - slope)
 
 
@@ -223,5 +235,6 @@ def is_clear(match: Match) -> bool:
 
 def _yaw(line: ImageLine, plane: DisparityPlane, rig: StereoRig) -> float:
     """Return the yaw of the camera against a line [rad], > 0: it points left of the line."""
-    leaves = float(line.column_at(np.array(_horizon(line, plane, rig))))
+    of_left = plane.of_camera(PlaneCamera.LEFT, rig)
+    leaves = float(line.column_at(np.array(_horizon(line, of_left, rig))))
     return float(np.arctan((leaves - rig.cx) / rig.fx))

@@ -38,7 +38,7 @@ def noisy(image, sigma, seed=0):
 
 
 def marked(image, **changes):
-    return find_stripe_points(image, replace(CONFIG, **changes))
+    return find_stripe_points(image, replace(CONFIG, **changes)).marked
 
 
 @pytest.mark.parametrize("width_px", [4, 5.5, 8, 13, 20, 33, 47, 60])
@@ -88,7 +88,7 @@ def test_points_are_aligned_arrays():
     points = marked(stripe(8))
     names = ("rows", "columns", "widths", "contrast", "counts", "slopes", "slope_std", "continuity")
     assert len({getattr(points, name).shape for name in names}) == 1
-    assert points.gradient.shape == (HEIGHT, WIDTH)
+    assert find_stripe_points(stripe(8), CONFIG).gradient.shape == (HEIGHT, WIDTH)
 
 
 def test_dark_stripe_on_bright_is_not_marked():

@@ -7,7 +7,8 @@ import pytest
 
 from stereo_selfcal.core.rejection import NotFitted
 from stereo_selfcal.core.road import surface
-from stereo_selfcal.core.road.surface import CellHeights, LanePoints, fit_surface
+from stereo_selfcal.core.road.lane_points import LanePoints
+from stereo_selfcal.core.road.surface import CellHeights, fit_plane, fit_surface
 from stereo_selfcal.core.road.unevenness import RoadUnevenness, unit_covariances
 
 UNEVEN = RoadUnevenness(roughness=1e-5, mismatch_px=0.05, camber=1.0)
@@ -157,8 +158,12 @@ def test_halves_of_a_road_that_bends_differ_by_its_bend(known):
 
 def test_first_passes_take_a_usual_road(monkeypatch):
     monkeypatch.setattr(surface, "estimate_unevenness", lambda *_: pytest.fail("not in the first passes"))
-    found = fit_surface(CELLS, DESIGN, LANE, final=False)
-    assert found.unevenness == RoadUnevenness.typical() and not found.halves
+    rough = replace(CELLS, heights=drawn(1)[0][0])
+    found = fit_plane(rough, DESIGN, LANE)
+    monkeypatch.setattr(surface, "estimate_unevenness", lambda *_: RoadUnevenness.typical())
+    whole = fitted(rough, DESIGN, LANE)
+    np.testing.assert_allclose(found.plane, whole.plane, rtol=1e-9)
+    np.testing.assert_array_equal(found.weights, whole.weights)
 
 
 def test_pavement_beside_the_lane_is_not_in_the_plane(known):
