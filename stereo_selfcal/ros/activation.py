@@ -204,7 +204,7 @@ class Activation:
                 saved = f"in effect, but not saved: {type(error).__name__}: {error}, see the node's log"
                 failed = True
             self._keeper.saved(saved, failed)
-            return "; ".join([saved, *self.told])
+            return "; ".join([*self.told, saved])
 
     def withdraw(self, problem: str) -> None:
         """Take the calibration back, as it is of other cameras; its file stays."""

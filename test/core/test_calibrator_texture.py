@@ -84,7 +84,7 @@ def test_lines_on_another_plane_than_the_asphalt_are_refused(monkeypatch, beyond
 
     monkeypatch.setattr(cross_checks, "align_texture", lower)
     few = NotFitted("cells whose height is known", 3, Bound.LEAST, 6)
-    monkeypatch.setattr(road_surface, "align_texture", lambda *_: few)
+    monkeypatch.setattr(road_surface, "align_texture", lambda *_, **__: few)
     assert Calibrator(scene.rig, LINES_ALONE).add(*images).accepted
     result = Calibrator(scene.rig).add(*images)
     assert result.reason is RejectReason.TEXTURE_DISAGREES

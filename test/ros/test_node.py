@@ -94,7 +94,8 @@ def test_default_file_is_saved_though_its_folder_is_missing(graph, script, tmp_p
     script.append(GOOD)
     answer = graph.calibrate()
     assert answer.success
-    assert answer.message == f"calibrated; saved to {tmp_path}/home/.ros/stereo_selfcal.yaml"
+    assert answer.message.startswith("calibrated; the yaw is not known (")
+    assert answer.message.endswith(f"; saved to {tmp_path}/home/.ros/stereo_selfcal.yaml")
     assert load_result(tmp_path / "home" / ".ros" / "stereo_selfcal.yaml").extrinsics == RESULT.extrinsics
 
 
@@ -110,7 +111,8 @@ def test_no_file_without_a_path(graph, script):
     set_output(graph, "")
     script.append(GOOD)
     answer = graph.calibrate()
-    assert (answer.success, answer.message) == (True, "calibrated; not saved, as output_path is empty")
+    assert answer.success
+    assert answer.message.endswith("; not saved, as output_path is empty")
 
 
 def test_severities_of_the_log_may_alternate(graph, script):

@@ -91,7 +91,7 @@ def test_asphalt_between_the_lines_says_that_one_is_a_kerb():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cross_checks, "_heights_over_lane", spy)
         # Where the surface was seen before, the lines of a kerb would not have been found on it.
-        patch.setattr(road_surface, "align_texture", lambda *_: NOT_FITTED)
+        patch.setattr(road_surface, "align_texture", lambda *_, **__: NOT_FITTED)
         Calibrator(scene.rig).add(*images)
     heights_m = [height.value_m for height in seen[0]]
     np.testing.assert_allclose(heights_m, [0.0, scene.kerbs[0].height_m], atol=0.02)
@@ -101,7 +101,7 @@ def test_asphalt_between_the_lines_says_that_one_is_a_kerb():
 def test_between_the_lines_there_has_to_be_texture(monkeypatch):
     """Without the texture between the lines, the estimate rests on the lines alone, and a note says so."""
     scene, images = textured()
-    monkeypatch.setattr(road_surface, "align_texture", lambda *_: NOT_FITTED)
+    monkeypatch.setattr(road_surface, "align_texture", lambda *_, **__: NOT_FITTED)
     assert "textured" in Calibrator(scene.rig).add(*images).stages
     align = cross_checks.align_texture
 
@@ -125,7 +125,7 @@ def test_asphalt_alone_is_believed_where_that_under_the_car_agrees(monkeypatch, 
 
     def beneath(*arguments, **settings):
         fit = align(*arguments, **settings)
-        if not settings:  # the whole road
+        if "limits_m" not in settings:  # the whole road
             return fit
         return replace(fit, extrinsics=replace(fit.extrinsics, height_m=fit.extrinsics.height_m + higher_m))
 
