@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from ..core.errors import ConfigError, printable, shortened
 from ..files.node_settings import ALIGNMENT_RESULTS, RESULT_PREFIX
@@ -56,6 +59,27 @@ def check_qos_overrides(prefix: str, given: Mapping[str, Any]) -> None:
             f"{prefix}durability is transient_local, which has no effect while reliability is best_effort: "
             "set it to reliable"
         )
+
+
+def overridable_publisher(node: Node, message_type: Any, topic: str, depth: int) -> Publisher:
+    """Return a publisher whose QoS policies may be given at the start of the node.
+
+    Args:
+        node: The node.
+        message_type: Type of the messages.
+        topic: Name of the topic.
+        depth: Number of messages that wait.
+
+    Raises:
+        ConfigError: As of :func:`check_qos_overrides`.
+    """
+    check_qos_overrides(f"{QOS_PREFIX}{node.resolve_topic_name(topic)}.publisher.", start_values(node))
+    return node.create_publisher(
+        message_type,
+        topic,
+        QoSProfile(depth=depth),  # one for each: rclpy writes the overrides of a topic into it
+        qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+    )
 
 
 def unused_start_values(node: Node) -> list[str]:

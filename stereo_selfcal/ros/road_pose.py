@@ -17,8 +17,6 @@ from dataclasses import replace
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
-from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from ..core.camera.pairing import stamp_to_s
 from ..core.config import CalibratorConfig
@@ -30,7 +28,7 @@ from .calibration_keeper import ActiveCalibration
 from .config import NodeConfig
 from .live import LiveFrame, NoFrame
 from .messages import pose_message
-from .overrides import QOS_PREFIX, check_qos_overrides, start_values
+from .overrides import overridable_publisher
 from .shutdown import silent_after_shutdown
 
 TOPIC = "~/road_pose"
@@ -80,13 +78,7 @@ class RoadPosePublisher:
         self._config = config
         self._infos = infos
         self._clock = clock
-        check_qos_overrides(f"{QOS_PREFIX}{node.resolve_topic_name(TOPIC)}.publisher.", start_values(node))
-        self._publisher = node.create_publisher(
-            PoseWithCovarianceStamped,
-            TOPIC,
-            QoSProfile(depth=_QUEUE),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
+        self._publisher = overridable_publisher(node, PoseWithCovarianceStamped, TOPIC, _QUEUE)
         self._known: tuple[CalibrationResult, CalibratorConfig, RoadTracker] | None = None
         self._looked_at: deque[CalibrationResult] = deque(maxlen=4)
         self._sent_s: deque[float] = deque(maxlen=_RATE_OVER)

@@ -15,8 +15,6 @@ from collections.abc import Callable
 import numpy as np
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Image as ImageMessage
 
 from ..core.camera.rig import StereoRig
@@ -33,7 +31,7 @@ from .config import NodeConfig
 from .diagnostics import age_text
 from .live import LiveFrame, NoFrame
 from .messages import image_message
-from .overrides import QOS_PREFIX, check_qos_overrides, start_values
+from .overrides import overridable_publisher
 from .record import FrameReport
 from .shutdown import silent_after_shutdown
 
@@ -77,7 +75,8 @@ class Views:
         self._frame = frame
         self._clock = clock
         self._debug_image, self._birds_eye = (
-            _publisher(node, topic) for topic in ("~/debug_image", "~/birds_eye")
+            overridable_publisher(node, ImageMessage, topic, _QUEUE)
+            for topic in ("~/debug_image", "~/birds_eye")
         )
         self._lock = threading.Lock()
         self._last: FrameReport | None = None
@@ -197,16 +196,6 @@ class Views:
                     self._node.get_logger().error(
                         f"a picture failed:\n{traceback.format_exc()}", throttle_duration_sec=60.0
                     )
-
-
-def _publisher(node: Node, topic: str) -> Publisher:
-    check_qos_overrides(f"{QOS_PREFIX}{node.resolve_topic_name(topic)}.publisher.", start_values(node))
-    return node.create_publisher(
-        ImageMessage,
-        topic,
-        QoSProfile(depth=_QUEUE),  # one for each: rclpy writes the overrides of a topic into it
-        qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-    )
 
 
 def _drawable(image: Image) -> bool:
