@@ -272,8 +272,19 @@ def estimate_travel(steps: Sequence[TravelStep], roll: tuple[float, float] = ANY
         The camera against the direction of travel, or why it is not known: the car has hardly moved.
     """
     driven = DrivenSteps.of(steps, roll[0])
-    if isinstance(driven, NotFitted):
-        return driven
+    return driven if isinstance(driven, NotFitted) else average_travel(driven, roll[1])
+
+
+def average_travel(driven: DrivenSteps, roll_std_rad: float) -> Travel | NotFitted:
+    """Average the direction of travel over steps.
+
+    Args:
+        driven: The steps.
+        roll_std_rad: Standard deviation of the roll that they were taken with [rad].
+
+    Returns:
+        The camera against the direction of travel, or why it is not known.
+    """
     over = MeanOverTime(driven.driven_s, RIDE_MEMORY_S)
     yaw = mean_over_time(
         driven.yaw_rad,
@@ -290,7 +301,7 @@ def estimate_travel(steps: Sequence[TravelStep], roll: tuple[float, float] = ANY
     if isinstance(pitch, NotFitted):
         return pitch
     # A camera that is turned by a roll that is not known sees one angle as part of the other one.
-    by_roll = roll[1] * np.array([math.sin(pitch.value), math.sin(yaw.value)])
+    by_roll = roll_std_rad * np.array([math.sin(pitch.value), math.sin(yaw.value)])
     variances = np.array([yaw.variance + _CROSS_FALL_STD_RAD**2, pitch.variance]) + by_roll**2
     return Travel(
         yaw.value,

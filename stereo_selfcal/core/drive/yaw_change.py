@@ -16,7 +16,7 @@ from ..geometry.travel import Travel
 from ..rejection import NotFitted, fitted
 from ..reservations import Reservation, ReservationKind
 from ..road.priors import RIDE_MEMORY_S
-from .travel import DrivenSteps, TravelStep, estimate_travel
+from .travel import DrivenSteps, TravelStep, average_travel, estimate_travel
 
 # Of a hundred times at which it may have happened, one in 10^5 drives without a change shows more.
 _CHANGED_SIGMAS = 5.0
@@ -51,16 +51,12 @@ class TravelOfDrive:
     reservations: tuple[Reservation, ...] = ()
 
 
-def find_yaw_change(steps: Sequence[TravelStep], roll_rad: float) -> YawChange | None:
+def find_yaw_change(driven: DrivenSteps) -> YawChange | None:
     """Return the clearest change of the yaw in a drive; None where it has not changed.
 
     Args:
-        steps: The steps, in the order of time.
-        roll_rad: Roll of the mount over the road [rad].
+        driven: Its steps, in the order of time.
     """
-    driven = DrivenSteps.of(steps, roll_rad)
-    if isinstance(driven, NotFitted):
-        return None
     block = np.floor((driven.middle_s - driven.middle_s[0]) / RIDE_MEMORY_S).astype(np.intp)
     starts = np.flatnonzero(np.diff(block, prepend=-1))
     if len(starts) < 2 * _LEAST_BLOCKS:
@@ -94,8 +90,11 @@ def travel_at_end(steps: Sequence[TravelStep], roll: tuple[float, float], n_fram
         roll: Roll of the mount over the road, and its standard deviation [rad].
         n_frames: Number of frames of the estimate that it belongs to.
     """
-    travel = fitted(estimate_travel(steps, roll))
-    change = None if travel is None else find_yaw_change(steps, roll[0])
+    driven = DrivenSteps.of(steps, roll[0])
+    if isinstance(driven, NotFitted):
+        return TravelOfDrive(None)
+    travel = fitted(average_travel(driven, roll[1]))
+    change = None if travel is None else find_yaw_change(driven)
     if travel is None or change is None:
         return TravelOfDrive(travel)
     detail = f"by {math.degrees(change.by_rad):+.2f} deg at {change.at_s:.1f} s"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from travel_making import YAW, step
 
+from stereo_selfcal.core.drive.travel import DrivenSteps
 from stereo_selfcal.core.drive.yaw_change import find_yaw_change, travel_at_end
 from stereo_selfcal.core.reservations import ReservationKind
 
@@ -20,15 +21,19 @@ def turned(rng, n_before, n_after, by_deg):
     return noisy(rng, [YAW] * n_before + [YAW + math.radians(by_deg)] * n_after)
 
 
+def change_of(steps):
+    return find_yaw_change(DrivenSteps.of(steps, 0.0))
+
+
 def test_a_steady_camera_has_not_changed():
-    found = [find_yaw_change(noisy(np.random.default_rng(i), [YAW] * 300), 0.0) for i in range(40)]
+    found = [change_of(noisy(np.random.default_rng(i), [YAW] * 300)) for i in range(40)]
     assert found == [None] * 40
 
 
 @pytest.mark.parametrize("by_deg", [-3.0, 1.5, 3.0])
 def test_after_a_turn_the_yaw_is_that_since_and_the_turn_is_told(by_deg):
     steps = turned(np.random.default_rng(1), 150, 150, by_deg)
-    change = find_yaw_change(steps, 0.0)
+    change = change_of(steps)
     assert change.at_s == pytest.approx(115.0, abs=1.5)
     assert math.degrees(change.by_rad) == pytest.approx(by_deg, rel=0.15)
     found = travel_at_end(steps, LEVEL, 10)
@@ -48,7 +53,7 @@ def test_a_lorry_that_passes_for_a_second_is_no_turn():
     rng = np.random.default_rng(3)
     yaws = [YAW] * 300
     yaws[200:212] = [YAW + 0.05] * 12
-    assert find_yaw_change(noisy(rng, yaws), 0.0) is None
+    assert change_of(noisy(rng, yaws)) is None
 
 
 def test_bends_are_no_turn_of_the_camera():
@@ -58,4 +63,4 @@ def test_bends_are_no_turn_of_the_camera():
         step(i, YAW - 2.0 * turn + math.radians(0.12) * rng.standard_normal(), turn=turn)
         for i, turn in enumerate(turns)
     ]
-    assert find_yaw_change(steps, 0.0) is None
+    assert change_of(steps) is None
