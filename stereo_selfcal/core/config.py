@@ -167,7 +167,7 @@ class KnownConfig:
     """
 
     cold_every_s: float = _setting(
-        0.5, "Time after which lines are looked for anew and not followed; 0: in every frame", "s", 0, 10
+        2.0, "Time after which a frame is looked at as if nothing were known; 0: every frame", "s", 0, 10
     )
 
 

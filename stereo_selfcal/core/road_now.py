@@ -31,7 +31,7 @@ from .rejection import Bound, Rejection, RejectReason
 from .results import CalibrationResult, rejected, result_of
 from .road.priors import HARD_RIDE_STD, RIDE_MEMORY_S
 from .search.attempt import Attempt
-from .search.known import MOST_SIGMAS
+from .search.known_lines import MOST_SIGMAS
 from .search.refusal import FIND_ROAD
 from .search.road_lines import RoadLines, first_road_row
 from .search.solve import solve

@@ -41,6 +41,7 @@ class DriveMemory:
         self._seen: list[SeenAlignment] = []
         self._previous: SeenLandmarks | None = None
         self._place = PlaceOfCar()
+        self._stood = False
         self._turn_rates = TurnRates()
         self._last: CalibrationResult | None = None
         self._lock = threading.Lock()
@@ -74,12 +75,18 @@ class DriveMemory:
         if kept.accepted:
             _check_accepted(kept)
         with self._lock:
-            previous, place = self._previous, self._place
+            previous, place, stood = self._previous, self._place, self._stood
         step = None if previous is None else fitted(step_between(previous, result, self._rig))
-        place = place.followed_by(result.landmarks, self._rig)
-        kept = replace(kept, stood=place.stands)
+        # A frame that was followed without landmarks says nothing of the place: the car stands as long as it
+        # is not seen to have left.
+        looked = result.landmarks is not None or not result.known_start
+        if looked:
+            place = place.followed_by(result.landmarks, self._rig)
+            stood = place.stands
+        kept = replace(kept, stood=stood)
         with self._lock:
-            self._place = place.accepted() if kept.accepted else place
+            self._stood = stood
+            self._place = place.accepted() if looked and kept.accepted else place
             if kept.accepted:
                 self._accepted.append(kept)
             if step is not None:

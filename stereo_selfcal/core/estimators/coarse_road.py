@@ -39,7 +39,7 @@ _LEAST_DISPARITY_PX = 2.0  # of the small images: beyond, a plane is not told fr
 _HORIZON = 0.4  # part of the image's height above which no road is looked for
 # Nearly all cars carry their cameras as high as this. So many disparities are matched first, and all of the
 # search range only where they show no clear road within them.
-_USUAL_HEIGHT_M = 1.0
+USUAL_HEIGHT_M = 1.0
 _N_TRIPLES, _N_POINTS = 300, 2500
 _PLANES_AT_ONCE = 16
 _NEAR_FACTOR = 2.0  # of the disparities of a plane, by which the fit surely does not change them
@@ -95,7 +95,7 @@ def find_coarse_road(
     """
     small = SmallImages.of(images)
     usual, every = (
-        _n_disparities(rig, least_m, small.scale) for least_m in (_USUAL_HEIGHT_M, search.height_min_m)
+        n_disparities(rig, least_m, small.scale) for least_m in (USUAL_HEIGHT_M, search.height_min_m)
     )
     if usual < every:
         disparities = small.match(usual)
@@ -139,7 +139,7 @@ def _find(
     return CoarseRoad(pose, spread @ spread.T, share, matched, scale)
 
 
-def _n_disparities(rig: StereoRig, height_m: float, scale: int) -> int:
+def n_disparities(rig: StereoRig, height_m: float, scale: int) -> int:
     """Return how many disparities of the small images a road this far below the rig has."""
     width, height = rig.width // scale, rig.height // scale
     # The nearest road is seen in the last row.

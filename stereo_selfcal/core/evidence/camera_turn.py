@@ -16,7 +16,8 @@ import cv2
 import numpy as np
 
 from ..camera.rig import StereoRig
-from ..estimators.dense_disparity import DenseDisparities
+from ..estimators.coarse_road import USUAL_HEIGHT_M, n_disparities
+from ..estimators.dense_disparity import DenseDisparities, SmallImages
 from ..estimators.landmarks import Landmarks, describe_points
 from ..estimators.matched_points import match_points
 from ..estimators.row_alignment import LEAST_SMOOTH_PX, RowAlignment, align_rows, turn_by_smooth_rows
@@ -165,6 +166,18 @@ def measure_turn(
     if vague is not None:
         return replace(CameraTurn.unknown(vague), landmarks=landmarks)
     return replace(with_prior(_mean(told)), landmarks=landmarks)
+
+
+def find_landmarks(images: tuple[Image, Image], rig: StereoRig) -> Landmarks:
+    """Return points that the next frames may see again, without what their rows tell.
+
+    Args:
+        images: Left and right image, (H, W) uint8.
+        rig: Intrinsics and baseline.
+    """
+    small = SmallImages.of(images)
+    disparities = small.match_blocks(n_disparities(rig, USUAL_HEIGHT_M, small.scale))
+    return describe_points(images[0], match_points(images, disparities))
 
 
 def _vague(turn: CameraTurn) -> NotFitted | None:
