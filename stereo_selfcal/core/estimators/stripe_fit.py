@@ -67,7 +67,7 @@ _PASSES = (
 
 # Where the stripes of the frame before are known, with their widths and the blur: the first pass allows for
 # the motion between two frames, and the second one fits the blur again.
-_PASSES_AGAIN = (_Pass(6, 1.0, 2, 2), _Pass(5, 0.0, 2, 2), _PASSES[-1])
+_PASSES_AGAIN = (_Pass(6, 1.0, 2, 2), _PASSES[-1])
 
 # First row, as a fraction of the way from the bottom of the image up to the vanishing point. Closer to the
 # vanishing point, stripes are thinner than a pixel, and roads bend or change their slope.

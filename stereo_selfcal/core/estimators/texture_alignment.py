@@ -139,10 +139,12 @@ def align_from(
     keep_paint: bool,
     vertical_px: float,
     unevenness: RoadUnevenness | None = None,
+    turned: Array | None = None,
 ) -> TextureFit | NotFitted:
     """Align from a plane that is exact to about a pixel: one pass for each thinning, and a final one.
 
-    The unevenness is that of the road where it is known. Other arguments are those of :func:`align_texture`.
+    The unevenness is that of the road where it is known. ``turned`` is the homography (3, 3) of a right
+    camera that has turned (:meth:`.CameraTurn.homography`). Other arguments as of :func:`align_texture`.
     """
     for i, thinning in enumerate(thinnings):
         last = i == len(thinnings) - 1
@@ -155,7 +157,7 @@ def align_from(
         blurred = blurs.of(blur_px, grid)
         for final in (False, True)[: 1 + last]:
             half = half_disparity(grid, plane, rig)
-            positions = sample_positions(blurred.first_row, grid, half, vertical_px)
+            positions = sample_positions(blurred.first_row, grid, half, vertical_px, turned)
             grey, slopes = warp(blurred.grey, positions), warp(blurred.slope, positions)
             cells = _measure(grey, slopes, usable, grid, blur_px)
             # Height of the road over the plane for a disparity that is larger by one pixel.

@@ -13,7 +13,7 @@ from ..geometry.plane import plane_from_pose
 from ..geometry.pose import Extrinsics
 from ..rejection import NotFitted
 from ..road.cell_grid import FAR_M, HALF_WIDTH_M
-from ..types import Image
+from ..types import Array, Image
 from .sampling import ImageBlurs
 from .texture_alignment import BLURS, align_from
 from .texture_fit import TextureFit
@@ -22,7 +22,11 @@ _THINNING = 2  # of the samples, along the rows and across them
 
 
 def follow_texture(
-    images: tuple[Image, Image], rig: StereoRig, start: Extrinsics, before: TextureFit
+    images: tuple[Image, Image],
+    rig: StereoRig,
+    start: Extrinsics,
+    before: TextureFit,
+    turned: Array | None = None,
 ) -> TextureFit | NotFitted:
     """Align the grey values of a road again.
 
@@ -31,8 +35,11 @@ def follow_texture(
         rig: Intrinsics and baseline.
         start: Pose to start from, good to a pixel or two of disparity.
         before: The alignment of the same road in a frame before.
+        turned: Homography (3, 3) of a right camera that has turned (:meth:`.CameraTurn.homography`).
     """
     blur_px, _ = BLURS[before.attempt]
     layout = (0.0, (-HALF_WIDTH_M, HALF_WIDTH_M), FAR_M)
     plane, blurs = plane_from_pose(start, rig), ImageBlurs(images)
-    return align_from(images, blurs, rig, plane, layout, blur_px, (_THINNING,), False, 0.0, before.unevenness)
+    return align_from(
+        images, blurs, rig, plane, layout, blur_px, (_THINNING,), False, 0.0, before.unevenness, turned
+    )

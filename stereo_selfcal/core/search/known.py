@@ -129,8 +129,6 @@ class KnownCamera:
             stamp_s: Time stamp of the frame [s].
             apart_s: Stamp of the right image minus that of the left one [s].
         """
-        if self._config.alignment.correct != CORRECT_NOTHING:
-            images, _ = turned_back(images, self._rig, self._turn, self._yaw_corrected_rad, self._first_row)
         expected = self._expected(stamp_s)
         if self._texture is not None:
             attempt = self._by_surface(images, expected, self._texture, apart_s)
@@ -176,7 +174,7 @@ class KnownCamera:
         self, images: tuple[Image, Image], expected: Extrinsics, before: TextureFit, apart_s: float
     ) -> Attempt | None:
         """Align the road surface again."""
-        texture = follow_texture(images, self._rig, expected, before)
+        texture = follow_texture(images, self._rig, expected, before, self._homography)
         if isinstance(texture, NotFitted):
             return None
         if not _shows_the_same(texture, before):
@@ -198,6 +196,8 @@ class KnownCamera:
         self, images: tuple[Image, Image], expected: Extrinsics, apart_s: float
     ) -> tuple[Attempt | None, StripeFit | None]:
         """Fit the stripes again."""
+        if self._homography is not None:
+            images, _ = turned_back(images, self._rig, self._turn, self._yaw_corrected_rad, self._first_row)
         before, pattern = self._last.stripes, self._last.pattern
         assert before is not None and pattern is not None  # as there is no surface
         found = follow_stripes(images, self._rig, expected, before, pattern)
@@ -261,6 +261,14 @@ class KnownCamera:
     @cached_property
     def _turn(self) -> CameraTurn:
         return CameraTurn.known(self._alignment, self._rig)
+
+    @cached_property
+    def _homography(self) -> Array | None:
+        """Homography (3, 3) of the right camera by its turn; None where nothing is corrected."""
+        nothing = not self._turn.seen and self._yaw_corrected_rad == 0.0
+        if nothing or self._config.alignment.correct == CORRECT_NOTHING:
+            return None
+        return self._turn.homography(self._rig, self._yaw_corrected_rad)
 
     @cached_property
     def _yaw_told(self) -> YawTold:
