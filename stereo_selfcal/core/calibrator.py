@@ -16,7 +16,7 @@ from .camera.rig import StereoRig
 from .config import CORRECT_ALL, CalibratorConfig
 from .drive.drive import Drive
 from .drive.memory import DriveMemory
-from .drive.travel import TravelStep
+from .drive.travel import MotionSince, TravelStep
 from .drive.turn_rates import TurnRate
 from .errors import shortened
 from .evidence.frame_evidence import FrameObservations
@@ -113,7 +113,8 @@ class Calibrator:
         if result is None:
             result = self.calibrate_frame(left, right, stamp_s, stamp_difference_s)
             cold = choose(result.attempts)
-            known = KnownCamera.after(cold, result.alignment, stamp_s, self.rig, self.config)
+            ahead = 0.0 if result.landmarks is None else result.landmarks.ahead
+            known = KnownCamera.after(cold, result.alignment, stamp_s, self.rig, self.config, ahead)
         with self._lock:
             self._parts.note(known)
         return result
@@ -136,11 +137,12 @@ class Calibrator:
             landmarks=known.landmarks(images, stamp_s),
         )
 
-    def remember(self, result: CalibrationResult) -> CalibrationResult:
+    def remember(self, result: CalibrationResult, moved: MotionSince | None = None) -> CalibrationResult:
         """Add the result of a frame of this rig to the estimate, in whichever process it was calibrated.
 
         Args:
             result: Result of :meth:`calibrate_frame`, of this calibrator or of one with the same settings.
+            moved: The motion to it where it is known already; None to estimate it.
 
         Returns:
             What is kept of it: with whether the car stood, and without what only pictures need.
@@ -148,7 +150,7 @@ class Calibrator:
         Raises:
             ValueError: It is accepted, and its pose, stamp or covariance cannot be right.
         """
-        return self._memory.remember(result)
+        return self._memory.remember(result, moved)
 
     def note_turn_rate(self, rate: TurnRate) -> None:
         """Add what odometry or a gyroscope says of the turn of the car."""

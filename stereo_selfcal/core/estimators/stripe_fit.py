@@ -130,7 +130,7 @@ class StripeFit:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Start:
+class _FitStart:
     """Where a fit starts.
 
     Attributes:
@@ -181,7 +181,7 @@ def refine(
     road = start_road(images, pattern, rig, start, curvature_per_m or 0.0)
     if isinstance(road, NotFitted):
         return road
-    start_fit = _Start(
+    start_fit = _FitStart(
         road,
         pattern.height_stds_m,
         n_blocks,
@@ -207,7 +207,7 @@ def refine_again(
     Returns:
         The fit, or the reason why there is none, as of :func:`refine`.
     """
-    start = _Start(
+    start = _FitStart(
         road,
         before.height_stds_m,
         before.rows_of_blocks,
@@ -220,7 +220,7 @@ def refine_again(
 
 
 def _fit(
-    images: tuple[Image, Image], rig: StereoRig, start: _Start, passes: tuple[_Pass, ...]
+    images: tuple[Image, Image], rig: StereoRig, start: _FitStart, passes: tuple[_Pass, ...]
 ) -> StripeFit | NotFitted:
     """Fit a road by Gauss-Newton passes, the last of which is the final fit."""
     road, blur, vignetting = start.road, start.blur_px, start.vignetting

@@ -181,16 +181,17 @@ def measure_turn(
     return replace(with_prior(_mean(told)), landmarks=landmarks)
 
 
-def find_landmarks(images: tuple[Image, Image], rig: StereoRig) -> Landmarks:
+def find_landmarks(images: tuple[Image, Image], rig: StereoRig, ahead: float = 0.0) -> Landmarks:
     """Return points that the next frames may see again, without what their rows tell.
 
     Args:
         images: Left and right image, (H, W) uint8.
         rig: Intrinsics and baseline.
+        ahead: How much farther ahead the right camera sat in the frame before, over the baseline.
     """
     small = SmallImages.of(images)
     disparities = small.match_blocks(n_disparities(rig, USUAL_HEIGHT_M, small.scale))
-    return describe_points(images[0], match_points(images, disparities))
+    return describe_points(images[0], match_points(images, disparities), ahead)
 
 
 def _vague(turn: CameraTurn) -> NotFitted | None:

@@ -76,6 +76,7 @@ class KnownCamera:
         cold: The attempt whose result is that of the cold frame.
         estimate: Its estimate.
         stamp_s: Its time stamp [s].
+        ahead: How much farther ahead the right camera sat in it, over the baseline.
     """
 
     def __init__(
@@ -86,13 +87,14 @@ class KnownCamera:
         cold: Attempt,
         estimate: Estimate,
         stamp_s: float,
+        ahead: float,
     ) -> None:
         self._rig, self._config, self._alignment = rig, config, alignment
         self._cold, self._estimate, self._stamp_s = cold, estimate, stamp_s
         self._texture = cold.hypothesis.texture
         stripes, pattern = (None, None) if self._texture is not None else (cold.stripes, cold.pattern)
         self._last = _Seen(stamp_s, estimate.pose, stripes, pattern)
-        self._landmarks_s = stamp_s
+        self._landmarks_s, self._ahead = stamp_s, ahead
 
     @classmethod
     def after(
@@ -102,6 +104,7 @@ class KnownCamera:
         stamp_s: float,
         rig: StereoRig,
         config: CalibratorConfig,
+        ahead: float = 0.0,
     ) -> KnownCamera | None:
         """Return what a cold frame tells; None where it was refused, or shows nothing that can be followed.
 
@@ -113,13 +116,14 @@ class KnownCamera:
             stamp_s: Its time stamp [s].
             rig: The rig all frames come from.
             config: Settings.
+            ahead: How much farther ahead the right camera sits in it, over the baseline.
         """
         if cold is None or alignment is None or not cold.accepted or cold.estimate is None:
             return None
         lines = cold.stripes is not None and cold.pattern is not None and cold.poses.textured is None
         if cold.hypothesis.texture is None and not lines:
             return None
-        return cls(rig, config, alignment, cold, cold.estimate, stamp_s)
+        return cls(rig, config, alignment, cold, cold.estimate, stamp_s, ahead)
 
     def follow(self, images: tuple[Image, Image], stamp_s: float, apart_s: float) -> Attempt | None:
         """Return the attempt at the next frame; None where it does not confirm the known camera.
@@ -154,7 +158,7 @@ class KnownCamera:
         if stamp_s - self._landmarks_s < LANDMARKS_EVERY_S - _ROUNDING_S:
             return None
         self._landmarks_s = stamp_s
-        return find_landmarks(images, self._rig)
+        return find_landmarks(images, self._rig, self._ahead)
 
     def _expected(self, stamp_s: float) -> Extrinsics:
         """Return the pose that is most probable: the last one, which fades into that of the cold frame."""
