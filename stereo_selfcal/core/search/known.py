@@ -46,6 +46,7 @@ from .road_lines import first_road_row
 # well as steps of 0.1 s do.
 LANDMARKS_EVERY_S = 0.5
 _ROUNDING_S = 1e-3  # of stamps
+TURN_BEFORE = "turn_before"  # the term by the turn that was taken over
 _LEAST_OF_COLD = 0.5  # of the road that the cold frame has seen: most of it is seen again
 
 
@@ -184,7 +185,8 @@ class KnownCamera:
         if not _shows_the_same(texture, before):
             return None
         pose, rig = texture.extrinsics, self._rig
-        terms = (*texture.terms, *rig_terms(response_of_surface(rig, pose, self._rig_std)))
+        of_rig = rig_terms(response_of_surface(rig, pose, self._rig_std))
+        terms = (*texture.terms, *(self._of_cold_rows(term) for term in of_rig))
         estimate = self._estimate_of(pose, terms, None, apart_s)
         evidence = Evidence(
             self._config,
@@ -297,6 +299,11 @@ class KnownCamera:
         turn = replace(self._turn, corrected=self._turn.seen)
         return turn.rig_std(self._yaw_left.rms_rad)
 
+    def _of_cold_rows(self, term: UncertaintyTerm) -> UncertaintyTerm:
+        """Return a term of the rig; what measured rows leave of the turn has a name of its own."""
+        measured = term.name == "row_offset" and self._turn.seen
+        return replace(term, name=TURN_BEFORE) if measured else term
+
     @cached_property
     def _first_row(self) -> int:
         """Row above which no road is."""
@@ -314,7 +321,7 @@ class KnownCamera:
         terms = []
         for term in self._estimate.terms:
             if term.name == "noise":
-                terms.append(UncertaintyTerm("row_offset", _positive(term.covariance - stripes.covariance)))
+                terms.append(UncertaintyTerm(TURN_BEFORE, _positive(term.covariance - stripes.covariance)))
             elif term.name != "synchronisation":
                 terms.append(term)
         return tuple(terms)

@@ -90,7 +90,7 @@ def test_a_followed_frame_does_not_measure_the_alignment_again():
 def test_what_rows_of_the_cold_frame_leave_is_one_error_of_all_that_follow():
     cold, result = cold_of(TEXTURED), follower_of(TEXTURED).calibrate_next(*frame_of(TEXTURED), 10.1)
     names = [term.name for term in result.uncertainty]
-    assert ("row_offset" in names) is bool(np.all(cold.alignment.known()[:2]))
+    assert ("turn_before" in names) is bool(np.all(cold.alignment.known()[:2]))
     assert "vergence" in names and "rectification" in names
 
 
