@@ -44,7 +44,7 @@ from .road_lines import first_road_row
 
 # Landmarks are looked for so often. In recorded drives, steps of this length tell the direction of travel as
 # well as steps of 0.1 s do.
-LANDMARKS_EVERY_S = 0.5
+LANDMARKS_EVERY_S = 0.3
 _ROUNDING_S = 1e-3  # of stamps
 TURN_BEFORE = "turn_before"  # the term by the turn that was taken over
 _LEAST_OF_COLD = 0.5  # of the road that the cold frame has seen: most of it is seen again
