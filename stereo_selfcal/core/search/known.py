@@ -30,7 +30,7 @@ from ..evidence.gates import evaluate_gates
 from ..evidence.profile import measure_profile
 from ..evidence.rig_unknowns import RigStd, response_of_surface, rig_terms
 from ..evidence.road_surface import SurfaceCells
-from ..evidence.synchronisation import synchronisation_covariance
+from ..evidence.synchronisation import Lateness, measure_lateness, synchronisation_covariance
 from ..geometry.alignment import Alignment
 from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm, merge_terms
@@ -187,13 +187,16 @@ class KnownCamera:
         pose, rig = texture.extrinsics, self._rig
         of_rig = rig_terms(response_of_surface(rig, pose, self._rig_std))
         terms = (*texture.terms, *(self._of_cold_rows(term) for term in of_rig))
-        estimate = self._estimate_of(pose, terms, None, apart_s)
+        late = measure_lateness(images, rig, pose, None, self._homography)
+        estimate = self._estimate_of(pose, terms, None, late, apart_s)
         evidence = Evidence(
             self._config,
             texture=texture,
             std=np.sqrt(np.diag(estimate.covariance)),
             yaw=self._yaw_left,
             wrong_yaw_rad=wrong_yaw_rad(rig, pose),
+            lateness=late,
+            most_way_m=math.inf if late is None else late.limit_m(pose, rig),
         )
         hypothesis = Hypothesis(FoundBy.KNOWN, None, texture=texture)
         return self._attempt(hypothesis, evidence, estimate, StagePoses(textured=pose))
@@ -212,18 +215,21 @@ class KnownCamera:
         fit, pattern = found
         if not self._same_stripes(fit):
             return None, None
-        estimate = self._estimate_of(
-            fit.extrinsics, (*self._terms_of_lines, UncertaintyTerm("noise", fit.covariance)), fit, apart_s
-        )
+        pose = fit.extrinsics
+        late = measure_lateness(images, self._rig, pose, fit.lane_yaw_rad)
+        terms = (*self._terms_of_lines, UncertaintyTerm("noise", fit.covariance))
+        estimate = self._estimate_of(pose, terms, fit, late, apart_s)
         evidence = Evidence(
             self._config,
             refined=fit,
-            wide_profile=measure_profile(fit.residuals, self._rig, fit.extrinsics, wide=True),
+            wide_profile=measure_profile(fit.residuals, self._rig, pose, wide=True),
             clipped=clipped_share(images),
+            lateness=late,
+            most_way_m=math.inf if late is None else late.limit_m(pose, self._rig),
             std=np.sqrt(np.diag(estimate.covariance)),
         )
         hypothesis = Hypothesis(FoundBy.KNOWN, pattern)
-        attempt = self._attempt(hypothesis, evidence, estimate, StagePoses(refined=fit.extrinsics))
+        attempt = self._attempt(hypothesis, evidence, estimate, StagePoses(refined=pose))
         return attempt, fit
 
     def _same_stripes(self, fit: StripeFit) -> bool:
@@ -239,11 +245,12 @@ class KnownCamera:
         pose: Extrinsics,
         terms: tuple[UncertaintyTerm, ...],
         fit: StripeFit | None,
+        late: Lateness | None,
         apart_s: float,
     ) -> Estimate:
         """Return an estimate with the terms of it that the motion of the car makes."""
-        late = synchronisation_covariance(self._cold.lateness, apart_s, pose, self._rig)
-        all_terms = merge_terms((*terms, UncertaintyTerm("synchronisation", late)))
+        across = synchronisation_covariance(late, apart_s, pose, self._rig)
+        all_terms = merge_terms((*terms, UncertaintyTerm("synchronisation", across)))
         yaw_rad = None if fit is None else fit.lane_yaw_rad
         return Estimate(pose, all_terms, yaw_rad, self._estimate.reservations)
 
@@ -262,6 +269,7 @@ class KnownCamera:
             estimate=estimate,
             surface=SurfaceCells.of(evidence.texture),
             stripes=evidence.refined,
+            lateness=evidence.lateness,
         )
 
     @cached_property
