@@ -213,7 +213,7 @@ NOT_ON_THE_WAY = {
     ),
     "geometry/pose, geometry/plane, geometry/rays, geometry/homography": "frames, signs and projections",
     "geometry/vehicle": "the camera in the vehicle's frame",
-    "search/known, estimators/texture_following, estimators/stripe_following": (
+    "search/known, search/parts_of_time, estimators/texture_following, estimators/stripe_following": (
         "frames that are followed from an accepted cold one"
     ),
     "road_now, search/road_lines, search/known_lines": "the road at this moment, by the known camera",

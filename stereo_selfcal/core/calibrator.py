@@ -30,7 +30,8 @@ from .results import CalibrationResult, caught, rejected, result_of
 from .road.priors import STRIPES_PARALLEL_PART, TURNED_STD_RAD
 from .search.attempt import Attempt, coarse_pose
 from .search.diagnosis import diagnose, lateness_of_refused, not_synchronised
-from .search.known import KnownCamera, PartsOfTime
+from .search.known import KnownCamera
+from .search.parts_of_time import PartsOfTime
 from .search.solve import solve
 from .search.strategy import FrameSearch, choose, turn_under_pose
 from .types import Image

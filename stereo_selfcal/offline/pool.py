@@ -24,7 +24,7 @@ from ..core.config import CalibratorConfig
 from ..core.drive.travel import MotionSince
 from ..core.errors import SelfcalError
 from ..core.results import CalibrationResult
-from ..core.search.known import part_of
+from ..core.search.parts_of_time import part_of
 from ..search_path import SAFE_PATH
 from .frame import FrameCalibrator, FrameHead
 

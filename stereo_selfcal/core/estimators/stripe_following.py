@@ -7,7 +7,7 @@ lie the yaw and their distances. This is good to a pixel or two, and the fit of 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,7 +21,23 @@ from ..lanes.stripe_points import edge_response, noise_grey
 from ..rejection import Bound, NotFitted
 from ..road.stripe_model import predict_edges
 from ..types import Array, Image
+from .line_covariance import Bends, bends_of_lines
 from .stripe_fit import StripeFit, refine_again
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FollowedStripes:
+    """Stripes that were found again.
+
+    Attributes:
+        fit: The fit of their grey values.
+        pattern: Their lines under it.
+        bends: Curvatures of the boundaries, as the left image shows them.
+    """
+
+    fit: StripeFit
+    pattern: LanePattern
+    bends: Bends
 
 
 def follow_stripes(
@@ -30,7 +46,7 @@ def follow_stripes(
     start: Extrinsics,
     before: StripeFit,
     pattern: LanePattern,
-) -> tuple[StripeFit, LanePattern] | NotFitted:
+) -> FollowedStripes | NotFitted:
     """Find and fit the stripes of a frame before in the next one.
 
     Args:
@@ -41,7 +57,7 @@ def follow_stripes(
         pattern: Its lines.
 
     Returns:
-        The fit, and its lines; or why there is none.
+        The stripes, or why there are none.
     """
     expected = _lines_under(before.road_under(start), pattern, rig)
     found = _found_again(images[0], expected, rig)
@@ -58,7 +74,8 @@ def follow_stripes(
     fit = refine_again(images, rig, before, moved.road_under(start))
     if isinstance(fit, NotFitted):
         return fit
-    return fit, _lines_under(fit.road_under(fit.extrinsics), pattern, rig)
+    bends = bends_of_lines(found.left, float(found.vanishing_point[1]), rig, start.height_m)
+    return FollowedStripes(fit, _lines_under(fit.road_under(fit.extrinsics), pattern, rig), bends)
 
 
 def _lines_under(road: Array, pattern: LanePattern, rig: StereoRig) -> LanePattern:

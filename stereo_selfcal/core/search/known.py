@@ -18,6 +18,7 @@ import numpy as np
 from ..camera.rig import StereoRig
 from ..config import CORRECT_ALL, CORRECT_NOTHING, CalibratorConfig
 from ..estimators.landmarks import Landmarks
+from ..estimators.line_covariance import Bends
 from ..estimators.stripe_fit import StripeFit
 from ..estimators.stripe_following import follow_stripes
 from ..estimators.texture_fit import MIN_SIGMAS, TextureFit
@@ -27,6 +28,7 @@ from ..evidence.camera_yaw import YawTold, wrong_yaw_rad, yaw_posterior
 from ..evidence.estimate import Estimate, StagePoses
 from ..evidence.frame_evidence import Evidence, FoundBy, Hypothesis, clipped_share
 from ..evidence.gates import evaluate_gates
+from ..evidence.measurements import read_lane_radius, read_vertical_radius
 from ..evidence.profile import measure_profile
 from ..evidence.rig_unknowns import RigStd, response_of_surface, rig_terms
 from ..evidence.road_surface import SurfaceCells
@@ -95,7 +97,8 @@ class KnownCamera:
         self._texture = cold.hypothesis.texture
         stripes, pattern = (None, None) if self._texture is not None else (cold.stripes, cold.pattern)
         self._last = _Seen(stamp_s, estimate.pose, stripes, pattern)
-        self._landmarks_s, self._ahead = stamp_s, ahead
+        self._landmarks_s = self._before_s = stamp_s
+        self._ahead = ahead
 
     @classmethod
     def after(
@@ -146,6 +149,7 @@ class KnownCamera:
             or not self._is_confirmed_by(attempt.estimate, stamp_s)
         ):
             return None
+        self._before_s = self._last.stamp_s
         self._last = _Seen(stamp_s, attempt.estimate.pose, stripes, attempt.pattern)
         return attempt
 
@@ -156,7 +160,9 @@ class KnownCamera:
             images: Left and right image, (H, W) uint8.
             stamp_s: Time stamp of the frame [s].
         """
-        if stamp_s - self._landmarks_s < LANDMARKS_EVERY_S - _ROUNDING_S:
+        # The next frame would come too late.
+        next_s = stamp_s + max(stamp_s - self._before_s, 0.0)
+        if next_s - self._landmarks_s <= LANDMARKS_EVERY_S + _ROUNDING_S:
             return None
         self._landmarks_s = stamp_s
         return find_landmarks(images, self._rig, self._ahead)
@@ -212,8 +218,8 @@ class KnownCamera:
         found = follow_stripes(images, self._rig, expected, before, pattern)
         if isinstance(found, NotFitted):
             return None, None
-        fit, pattern = found
-        if not self._same_stripes(fit):
+        fit = found.fit
+        if not (self._same_stripes(fit) and self._is_straight(found.bends)):
             return None, None
         pose = fit.extrinsics
         late = measure_lateness(images, self._rig, pose, fit.lane_yaw_rad)
@@ -228,7 +234,7 @@ class KnownCamera:
             most_way_m=math.inf if late is None else late.limit_m(pose, self._rig),
             std=np.sqrt(np.diag(estimate.covariance)),
         )
-        hypothesis = Hypothesis(FoundBy.KNOWN, pattern)
+        hypothesis = Hypothesis(FoundBy.KNOWN, found.pattern)
         attempt = self._attempt(hypothesis, evidence, estimate, StagePoses(refined=pose))
         return attempt, fit
 
@@ -239,6 +245,12 @@ class KnownCamera:
         apart_m = np.diff(fit.positions_m[:2]) - np.diff(cold.positions_m[:2])
         wider_m = fit.widths_m[:2] - cold.widths_m[:2]
         return float(np.abs([*apart_m, *wider_m]).max()) <= HALF_DOUBLE_LINE_M
+
+    def _is_straight(self, bends: Bends) -> bool:
+        """Whether lane and road are as straight as those of a cold frame have to be."""
+        evidence = Evidence(self._config, bends=bends)
+        readings = read_lane_radius(evidence), read_vertical_radius(evidence)
+        return all(reading is None or reading.passed for reading in readings)
 
     def _estimate_of(
         self,
@@ -352,48 +364,3 @@ def _positive(matrix: Array) -> Array:
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2.0)
     positive: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T
     return positive
-
-
-class PartsOfTime:
-    """Which frames of a recording are followed, and which are looked at cold.
-
-    Time is divided into parts of equal length, counted from 0. The first frame of each part is looked at
-    cold: so the result of a frame depends on those of its part alone, wherever a recording is cut in two. The
-    frames after an accepted cold one are followed from it; one that is not confirmed is cold.
-    """
-
-    def __init__(self, cold_every_s: float) -> None:
-        self._cold_every_s = cold_every_s
-        self._known: KnownCamera | None = None
-        self._part: int | None = None
-        self._stamp_s = -math.inf
-
-    def of_next(self, stamp_s: float) -> KnownCamera | None:
-        """Return what the next frame is followed from; None to look at it cold.
-
-        Args:
-            stamp_s: Its time stamp [s].
-        """
-        part = part_of(stamp_s, self._cold_every_s)
-        goes_on = part is not None and part == self._part and stamp_s > self._stamp_s
-        self._part, self._stamp_s = part, stamp_s
-        known, self._known = self._known, None
-        return known if goes_on else None
-
-    def note(self, known: KnownCamera | None) -> None:
-        """Take what a frame tells of the next one.
-
-        Args:
-            known: It; None where the next frame is to be looked at cold.
-        """
-        self._known = known
-
-
-def part_of(stamp_s: float, cold_every_s: float) -> int | None:
-    """Return the part of the time in which a frame lies; None where every frame is a part of its own.
-
-    Args:
-        stamp_s: Time stamp of the frame [s].
-        cold_every_s: Length of the parts [s]; 0 for none.
-    """
-    return None if cold_every_s <= 0.0 else math.floor(stamp_s / cold_every_s)

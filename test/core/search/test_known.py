@@ -9,7 +9,8 @@ import pytest
 
 from stereo_selfcal import Calibrator, CalibratorConfig, Extrinsics
 from stereo_selfcal.core.evidence.frame_evidence import FoundBy
-from stereo_selfcal.core.search.known import LANDMARKS_EVERY_S, KnownCamera, PartsOfTime
+from stereo_selfcal.core.search.known import LANDMARKS_EVERY_S, KnownCamera
+from stereo_selfcal.core.search.parts_of_time import PartsOfTime
 from stereo_selfcal.core.search.strategy import choose
 from stereo_selfcal.offline.bag import BagSource
 from stereo_selfcal.synth.renderer import render
