@@ -48,6 +48,9 @@ from .road_lines import first_road_row
 # well as steps of 0.1 s do.
 LANDMARKS_EVERY_S = 0.3
 _ROUNDING_S = 1e-3  # of stamps
+# Grey values about the stripes scatter by no more than so many times as much as in the cold frame: with more,
+# there is something else beside them.
+_MOST_NOISE = 2.0
 TURN_BEFORE = "turn_before"  # the term by the turn that was taken over
 _LEAST_OF_COLD = 0.5  # of the road that the cold frame has seen: most of it is seen again
 
@@ -128,6 +131,11 @@ class KnownCamera:
         if cold.hypothesis.texture is None and not lines:
             return None
         return cls(rig, config, alignment, cold, cold.estimate, stamp_s, ahead)
+
+    @property
+    def stamp_s(self) -> float:
+        """Time stamp of the cold frame [s]."""
+        return self._stamp_s
 
     def follow(self, images: tuple[Image, Image], stamp_s: float, apart_s: float) -> Attempt | None:
         """Return the attempt at the next frame; None where it does not confirm the known camera.
@@ -239,12 +247,13 @@ class KnownCamera:
         return attempt, fit
 
     def _same_stripes(self, fit: StripeFit) -> bool:
-        """Whether stripes are as wide and as far apart as those of the cold frame."""
+        """Whether stripes are as wide, as far apart and as clear as those of the cold frame."""
         cold = self._cold.stripes
         assert cold is not None
         apart_m = np.diff(fit.positions_m[:2]) - np.diff(cold.positions_m[:2])
         wider_m = fit.widths_m[:2] - cold.widths_m[:2]
-        return float(np.abs([*apart_m, *wider_m]).max()) <= HALF_DOUBLE_LINE_M
+        same = float(np.abs([*apart_m, *wider_m]).max()) <= HALF_DOUBLE_LINE_M
+        return same and fit.noise_grey <= _MOST_NOISE * cold.noise_grey
 
     def _is_straight(self, bends: Bends) -> bool:
         """Whether lane and road are as straight as those of a cold frame have to be."""
