@@ -38,8 +38,10 @@ _HALF_WIDTH_M, _FAR_M = 2.5, 30.0
 _LEAST_DISPARITY_PX = 2.0  # of the small images: beyond, a plane is not told from what stands on it
 _HORIZON = 0.4  # part of the image's height above which no road is looked for
 # Nearly all cars carry their cameras as high as this. So many disparities are matched first, and all of the
-# search range only where they show no clear road within them.
+# search range only where they show no road within them, or where most of it may hide nearer things: what is
+# nearer has no disparity among these.
 _USUAL_HEIGHT_M = 1.0
+_MOSTLY = 0.5  # of the road in view
 _N_TRIPLES, _N_POINTS = 300, 2500
 _PLANES_AT_ONCE = 16
 _NEAR_FACTOR = 2.0  # of the disparities of a plane, by which the fit surely does not change them
@@ -78,6 +80,11 @@ class CoarseRoad:
         """Whether enough of the road agrees with the plane for it to contradict other estimates."""
         return self.share >= LEAST_SHARE
 
+    @property
+    def mostly_matched(self) -> bool:
+        """Whether most of the road in view has a disparity: nothing that is too near is in front of it."""
+        return self.matched_share >= _MOSTLY
+
 
 def find_coarse_road(
     images: tuple[Image, Image], rig: StereoRig, search: SearchConfig, seed: int
@@ -100,7 +107,7 @@ def find_coarse_road(
     if usual < every:
         disparities = small.match(usual)
         found = _find(disparities, rig, search, seed)
-        if not isinstance(found, NotFitted) and found.clear and _reaches(found, rig, usual):
+        if not isinstance(found, NotFitted) and found.mostly_matched and _reaches(found, rig, usual):
             return found, disparities
     disparities = small.match(every)
     return _find(disparities, rig, search, seed), disparities
