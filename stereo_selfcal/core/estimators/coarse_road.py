@@ -42,8 +42,10 @@ _HORIZON = 0.4  # part of the image's height above which no road is looked for
 # nearer has no disparity among these.
 _USUAL_HEIGHT_M = 1.0
 _MOSTLY = 0.5  # of the road in view
-_N_TRIPLES, _N_POINTS = 300, 2500
-_PLANES_AT_ONCE = 16
+# All planes are tried with a few points, and the best ones of them with more.
+_N_TRIPLES, _N_POINTS = 300, 500
+_N_BEST, _N_POINTS_OF_BEST = 40, 2500
+_PLANES_AT_ONCE = 64
 _NEAR_FACTOR = 2.0  # of the disparities of a plane, by which the fit surely does not change them
 # Errors of semi-global matching [px of the small images]: it is good to half a pixel on slanted surfaces, and
 # a smooth error of a fifth of a pixel remains in a plane (pixel locking: Shimizu and Okutomi, 2005).
@@ -185,12 +187,21 @@ def _most_agreed(
     planes = planes[np.all((lower < poses) & (poses < upper), axis=1)]
     if not len(planes):
         return NotFitted("planes of a road within the search range", 0, Bound.LEAST, 1)
-    some = rng.permutation(len(rays))[:_N_POINTS]
+    some = rng.permutation(len(rays))[:_N_POINTS_OF_BEST]
+    rays, measured = rays[some], measured[some]
+    votes = _votes(planes, rays[:_N_POINTS], measured[:_N_POINTS], rig, scale)
+    planes = planes[np.argsort(-votes, kind="stable")[:_N_BEST]]
+    best: Array = planes[int(np.argmax(_votes(planes, rays, measured, rig, scale)))]
+    return best
+
+
+def _votes(planes: Array, rays: Array, measured: Array, rig: StereoRig, scale: int) -> Floats:
+    """Return how many of some points (N,) agree with each plane (P, 3), less those surely below it."""
     # In single precision, which is good to a thousandth of a pixel, and a few planes at a time, whose numbers
-    # fit the processor's cache: there are 750 000.
-    points = rays[some].T.astype(np.float32)
+    # fit the processor's cache.
+    points = rays.T.astype(np.float32)
     tangents = _tangents(points[1], rig)
-    disparities, reach = measured[some].astype(np.float32), np.float32(2.0 * _AGREES_PX * scale)
+    disparities, reach = measured.astype(np.float32), np.float32(2.0 * _AGREES_PX * scale)
     votes = np.empty(len(planes), np.float32)
     for first in range(0, len(planes), _PLANES_AT_ONCE):
         which = slice(first, first + _PLANES_AT_ONCE)
@@ -204,8 +215,7 @@ def _most_agreed(
         agrees -= below
         agrees *= ahead
         votes[which] = agrees.sum(axis=1)
-    best: Array = planes[int(np.argmax(votes))]
-    return best
+    return votes
 
 
 def _tangents(aside: Array, rig: StereoRig) -> Array:
