@@ -22,6 +22,7 @@ from ..numerics.statistics import SIGMA_OVER_MAD
 from ..types import Array, Image, Mask
 
 Response = npt.NDArray[np.float32]
+Limits = tuple[Array, Array]
 
 # Half widths of the edge filters [px]. Filter k finds stripes of 2k ... 4k + 1 pixels, so together they find
 # stripes of 2 ... 65 px: a 15 cm line from 0.7 m under a 500 px camera to 40 m ahead.
@@ -95,28 +96,35 @@ class StripePoints:
         gradient: (H, W) gradient by the paper's kernel, in which the lines are measured.
     """
 
-    def __init__(self, noise_grey: float, gradient: Response, mark: Callable[[], MarkedPoints]) -> None:
+    def __init__(
+        self,
+        noise_grey: float,
+        gradient: Response,
+        mark: Callable[[Limits | None], MarkedPoints],
+        limits: Limits | None = None,
+    ) -> None:
         """Create from noise and gradient.
 
         Args:
             noise_grey: Standard deviation of the image noise [grey levels].
             gradient: (H, W) gradient by the paper's kernel.
-            mark: Marks the points.
+            mark: Marks the points, within limits if there are any.
+            limits: First and last column of each row in which points are marked; None to mark all.
         """
         self.noise_grey, self.gradient = noise_grey, gradient
-        self._mark = mark
+        self._mark, self._limits = mark, limits
 
     @functools.cached_property
     def marked(self) -> MarkedPoints:
         """The stripe points."""
-        return self._mark()
+        return self._mark(self._limits)
 
     @classmethod
     def none(cls) -> StripePoints:
         """Return those of an image in which none are looked for."""
         empty = np.empty(0)
         marked = MarkedPoints(empty, empty, empty, empty, empty, empty, empty, empty)
-        return cls(0.0, np.empty((0, 0), np.float32), lambda: marked)
+        return cls(0.0, np.empty((0, 0), np.float32), lambda _: marked)
 
     @property
     def rows(self) -> Array:
@@ -135,7 +143,17 @@ class StripePoints:
             which: (N,) whether to take each point.
         """
         chosen = self.marked.chosen(which)
-        return StripePoints(self.noise_grey, self.gradient, lambda: chosen)
+        return StripePoints(self.noise_grey, self.gradient, lambda _: chosen)
+
+    def within(self, limits: Limits) -> StripePoints:
+        """Return the points of a part of the image at least, with the same image.
+
+        Args:
+            limits: First and last column (H,) of each row [px].
+        """
+        if "marked" in self.__dict__:
+            return self
+        return StripePoints(self.noise_grey, self.gradient, self._mark, limits)
 
 
 def noise_grey(image: Image) -> float:
@@ -197,14 +215,26 @@ def find_stripe_points(image: Image, config: ExtractionConfig, first_row: int = 
     if first_row:
         gradient = np.zeros(image.shape, np.float32)
         gradient[first_row:] = below
-    return StripePoints(noise, gradient, lambda: _mark_points(image, below, noise, config, first_row))
+    return StripePoints(
+        noise, gradient, lambda limits: _mark_points(image, below, noise, config, first_row, limits)
+    )
 
 
 def _mark_points(
-    image: Image, gradient: Response, noise: float, config: ExtractionConfig, first_row: int
+    image: Image,
+    gradient: Response,
+    noise: float,
+    config: ExtractionConfig,
+    first_row: int,
+    limits: Limits | None,
 ) -> MarkedPoints:
     """Mark the points of an image from a row on, whose gradient is given from there on."""
     image = image[first_row:]
+    mask = None
+    if limits is not None:
+        every = np.arange(image.shape[1])
+        first, last = (each[first_row:, None] for each in limits)
+        mask = (every >= first) & (every <= last)
     found = [
         _points_of_response(
             gradient if length == 1 else edge_response(image[::row_step], length),
@@ -212,6 +242,7 @@ def _mark_points(
             row_step,
             noise,
             config,
+            None if mask is None else mask[::row_step],
         )
         for length, row_step in zip(_FILTER_LENGTHS_PX, _ROW_STEPS, strict=True)
     ]
@@ -261,7 +292,12 @@ def _continuity(rows: npt.NDArray[np.intp], columns: Array, slopes: Array, shape
 
 
 def _points_of_response(
-    response: Response, length: int, row_step: int, noise: float, config: ExtractionConfig
+    response: Response,
+    length: int,
+    row_step: int,
+    noise: float,
+    config: ExtractionConfig,
+    mask: Mask | None,
 ) -> tuple[npt.NDArray[np.intp], Array, Array, Array, Array]:
     """Return rows, columns, widths, contrasts and row counts of the stripes 2 ... 4 filter lengths wide."""
     # Mean of length pixels minus mean of length pixels.
@@ -273,6 +309,8 @@ def _points_of_response(
     # Local maximum over the length of the filter. The next steps use only these pixels, a few in a hundred.
     greatest = cv2.dilate(response, np.ones((1, 2 * length + 1), np.uint8))
     peak = (response >= greatest) & (response > np.float32(threshold))
+    if mask is not None:
+        peak &= mask
     peak[:, : length + 1] = False
     peak[:, -widest - 1 :] = False
     flat, at = response.ravel(), np.flatnonzero(peak)
