@@ -19,7 +19,9 @@ from .dense_disparity import DenseDisparities, in_images
 # Twice as many points and a larger window repeat the turn of a camera no better, and take twice the time.
 _MOST_POINTS = 400
 _WINDOW_PX, _BLOCK_PX = 11, 5
-_QUALITY = 1e-4  # least strength of a corner over that of the strongest one: paint is the strongest
+# Least strengths of a corner over that of the strongest one: paint is the strongest. Most images show enough
+# of the stronger ones, which are then the same that are chosen among all.
+_QUALITIES = (1e-2, 1e-4)
 # Least squared contrast along the direction of least contrast, over that along the other one. In recorded
 # frames, one point of 70 has less. On rendered paint without texture, every second one has.
 _LEAST_CORNER = 0.05
@@ -84,7 +86,12 @@ def _corners(image: Image, disparities: DenseDisparities) -> Floats:
     known = (disparities.values > 0.0).astype(np.uint8)
     mask = cv2.resize(known, (smaller.shape[1], smaller.shape[0]), interpolation=cv2.INTER_NEAREST)
     distance = max(2.0, _DISTANCE * smaller.shape[1])
-    found = cv2.goodFeaturesToTrack(smaller, _MOST_POINTS, _QUALITY, distance, mask=mask, blockSize=_BLOCK_PX)
+    for quality in _QUALITIES:
+        found = cv2.goodFeaturesToTrack(
+            smaller, _MOST_POINTS, quality, distance, mask=mask, blockSize=_BLOCK_PX
+        )
+        if found is not None and len(found) == _MOST_POINTS:
+            break
     if found is None:  # what OpenCV returns for an image without corners
         return np.zeros((0, 2), np.float32)
     return in_images(found.reshape(-1, 2), scale).astype(np.float32)
