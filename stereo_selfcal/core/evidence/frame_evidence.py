@@ -21,7 +21,7 @@ from ..lanes.hypotheses import Points
 from ..lanes.lane_pair import LanePattern
 from ..lanes.line_geometry import BelowPlane, HeightOverLane
 from ..lanes.matching import Matches
-from ..lanes.stripe_points import find_stripe_points
+from ..lanes.stripe_points import find_stripe_points, row_thinning
 from ..rejection import Bound, NotFitted, fitted
 from ..road.priors import ROWS_TELL_YAW_PART
 from ..types import Array, Image
@@ -96,9 +96,11 @@ class FrameObservations:
             pose = None if coarse is None else coarse.extrinsics
             turn = turn or measure_turn(images, rig, disparities, pose)
             if config.alignment.correct != CORRECT_NOTHING:
-                # Nothing above the farthest things of a clear road is looked at.
-                seen = coarse is not None and coarse.clear
-                first_row = first_far_row(rig, coarse.extrinsics) if coarse is not None and seen else 0
+                first_row = 0
+                if coarse is not None and coarse.clear and row_thinning(rig.height) > 1:
+                    # Above the farthest things of a clear road, a turn matters to nothing. In large images,
+                    # it takes time.
+                    first_row = first_far_row(rig, coarse.extrinsics)
                 images, turn = turned_back(images, rig, turn, yaw_rad, first_row)
             surface = find_road_surface(images, rig, found) if config.texture.check else None
         turn = turn or _ROWS_NOT_COMPARED

@@ -27,8 +27,10 @@ Limits = tuple[Array, Array]
 # Half widths of the edge filters [px]. Filter k finds stripes of 2k ... 4k + 1 pixels, so together they find
 # stripes of 2 ... 65 px: a 15 cm line from 0.7 m under a 500 px camera to 40 m ahead.
 _FILTER_LENGTHS_PX = (1, 2, 4, 8, 16)
-# Stripes of four pixels and more are near and long, so every second row is enough.
+# Stripes of four pixels and more are near and long, so every second row is enough. In images of more rows
+# than these, by so many times fewer rows are enough for all: a line has as many points.
 _ROW_STEPS = (1, 2, 2, 2, 2)
+_ROWS_PX = 600
 
 # The weaker edge of a stripe has at least this share of the contrast of the stronger one: the road surface on
 # both sides of paint is darker by about the same. A single step (a shadow, a kerb, a verge) is no stripe.
@@ -38,7 +40,7 @@ _MIN_EDGE_RATIO = 0.5
 # worn paint in deep shadow is brighter by about 10 grey levels; the texture of a road surface varies by 3.
 MIN_CONTRAST_GREY = 8.0
 
-# Rows above and below in which a stripe should continue, along its own direction.
+# Rows above and below in which a stripe should continue, along its own direction; times the thinning of rows.
 _CONTINUITY_ROWS = (-4, -2, 2, 4)  # even, as the wide filters mark every second row
 _CONTINUITY_REACH_PX = 1  # on either side: a direction off by 0.25 over four rows
 
@@ -53,7 +55,8 @@ _CONVOLVED_UP_TO_PX = 2
 # response to planes, and an L2 norm of 6.
 _NOISE_MASK = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)
 _NOISE_MASK_NORM = 6.0
-_NOISE_ROW_STEP = 10  # every tenth strip of three rows gives two digits
+_NOISE_ROW_STEP = 10  # every tenth strip of three rows gives two digits,
+_MOST_NOISE_STRIPS = 40  # and so do these
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,7 +161,8 @@ class StripePoints:
 
 def noise_grey(image: Image) -> float:
     """Return the standard deviation of the pixel noise [grey levels] (Immerkaer 1996, median)."""
-    strips = np.concatenate([image[i : i + 3] for i in range(0, image.shape[0] - 2, 3 * _NOISE_ROW_STEP)])
+    step = 3 * max(_NOISE_ROW_STEP, image.shape[0] // (3 * _MOST_NOISE_STRIPS))
+    strips = np.concatenate([image[i : i + 3] for i in range(0, image.shape[0] - 2, step)])
     response = cv2.filter2D(strips, cv2.CV_32F, _NOISE_MASK)[1::3, 1:-1]
     middle = strips[1::3, 1:-1]
     # Clipped pixels (a white sky) have no noise and would lower the estimate.
@@ -200,6 +204,11 @@ def edge_response(image: Image, length_px: int) -> Response:
     return response
 
 
+def row_thinning(height: int) -> int:
+    """Return how many times fewer rows are looked at in an image of a height [px] than in a small one."""
+    return max(1, round(height / _ROWS_PX))
+
+
 def find_stripe_points(image: Image, config: ExtractionConfig, first_row: int = 0) -> StripePoints:
     """Mark the left edges of all painted stripes, row by row.
 
@@ -229,6 +238,7 @@ def _mark_points(
     limits: Limits | None,
 ) -> MarkedPoints:
     """Mark the points of an image from a row on, whose gradient is given from there on."""
+    thinning = row_thinning(image.shape[0])
     image = image[first_row:]
     mask = None
     if limits is not None:
@@ -237,18 +247,18 @@ def _mark_points(
         mask = (every >= first) & (every <= last)
     found = [
         _points_of_response(
-            gradient if length == 1 else edge_response(image[::row_step], length),
+            gradient[::row_step] if length == 1 else edge_response(image[::row_step], length),
             length,
             row_step,
             noise,
             config,
             None if mask is None else mask[::row_step],
         )
-        for length, row_step in zip(_FILTER_LENGTHS_PX, _ROW_STEPS, strict=True)
+        for length, row_step in zip(_FILTER_LENGTHS_PX, np.multiply(_ROW_STEPS, thinning), strict=True)
     ]
     rows, columns, widths, contrast, counts = (np.concatenate(parts) for parts in zip(*found, strict=True))
     slopes, slope_std = _edge_directions(image, rows, columns, noise)
-    continuity = _continuity(rows, columns, slopes, image.shape)
+    continuity = _continuity(rows, columns, slopes, image.shape, thinning)
     return MarkedPoints(
         rows.astype(np.float64) + first_row,
         columns,
@@ -278,13 +288,15 @@ def _edge_directions(
     return slopes, 0.4 * noise / steepness * np.sqrt(1.0 + slopes**2)
 
 
-def _continuity(rows: npt.NDArray[np.intp], columns: Array, slopes: Array, shape: tuple[int, ...]) -> Array:
+def _continuity(
+    rows: npt.NDArray[np.intp], columns: Array, slopes: Array, shape: tuple[int, ...], thinning: int
+) -> Array:
     """Return the share of neighbouring rows with a point where the edge direction of each point leads."""
     points = np.zeros(shape, dtype=np.uint8)
     points[rows, np.rint(columns).astype(np.intp)] = 1
     marked = cv2.dilate(points, np.ones((1, 2 * _CONTINUITY_REACH_PX + 1), np.uint8))
     found = np.zeros(len(rows))
-    for step in _CONTINUITY_ROWS:
+    for step in np.multiply(_CONTINUITY_ROWS, thinning):
         v = np.clip(rows + step, 0, shape[0] - 1)
         u = np.clip(np.rint(columns + step * slopes).astype(np.intp), 0, shape[1] - 1)
         found += marked[v, u]

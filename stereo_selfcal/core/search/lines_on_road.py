@@ -36,7 +36,7 @@ from ..lanes.matching import (
     sample_pattern,
     similarity,
 )
-from ..lanes.stripe_points import StripePoints
+from ..lanes.stripe_points import StripePoints, row_thinning
 from ..road.priors import LANE_WIDTH_M
 from ..tolerances import MAX_LINE_HEIGHT_M
 from ..types import Array, Image
@@ -96,11 +96,12 @@ def _limits(plane: DisparityPlane, rig: StereoRig) -> tuple[Array, Array] | None
     growth = reach * aside / rig.fx
     if abs(growth) >= 1.0:
         return None
-    rows = np.arange(rig.height) + _NEIGHBOURS_ROWS
+    thinning = row_thinning(rig.height)
+    rows = np.arange(rig.height) + _NEIGHBOURS_ROWS * thinning
     width = np.maximum(reach * (ahead + down * (rig.cy - rows) / rig.fy), 0.0)
     return (
-        rig.cx - width / (1.0 - growth) - _NEIGHBOURS_COLUMNS,
-        rig.cx + width / (1.0 + growth) + _NEIGHBOURS_COLUMNS,
+        rig.cx - width / (1.0 - growth) - _NEIGHBOURS_COLUMNS * thinning,
+        rig.cx + width / (1.0 + growth) + _NEIGHBOURS_COLUMNS * thinning,
     )
 
 
