@@ -10,7 +10,7 @@ the middle of the stripe, as perspective moves the middle.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 
 import cv2
@@ -22,14 +22,14 @@ from ..numerics.statistics import SIGMA_OVER_MAD
 from ..types import Array, Image, Mask
 
 Response = npt.NDArray[np.float32]
+Sums = npt.NDArray[np.int16]
 Limits = tuple[Array, Array]
 
 # Half widths of the edge filters [px]. Filter k finds stripes of 2k ... 4k + 1 pixels, so together they find
 # stripes of 2 ... 65 px: a 15 cm line from 0.7 m under a 500 px camera to 40 m ahead.
-_FILTER_LENGTHS_PX = (1, 2, 4, 8, 16)
-# Stripes of four pixels and more are near and long, so every second row is enough. In images of more rows
-# than these, by so many times fewer rows are enough for all: a line has as many points.
-_ROW_STEPS = (1, 2, 2, 2, 2)
+# Stripes of four pixels and more are near and long, so every second row is enough for them. In images of more
+# rows than so many, by so many times fewer rows are enough for all: a line has as many points.
+_LENGTHS_BY_ROW_STEP = (((1,), 1), ((2, 4, 8, 16), 2))
 _ROWS_PX = 600
 
 # The weaker edge of a stripe has at least this share of the contrast of the stronger one: the road surface on
@@ -47,9 +47,6 @@ _CONTINUITY_REACH_PX = 1  # on either side: a direction off by 0.25 over four ro
 # Least noise [grey levels]: rounding to 8 bits alone gives 1 / sqrt(12) = 0.29, cameras without JPEG about
 # 0.5.
 _MIN_NOISE_GREY = 0.5
-
-# Up to here a convolution is faster than running sums (0.14 against 0.28 ms on 640 x 480).
-_CONVOLVED_UP_TO_PX = 2
 
 # J. Immerkaer, "Fast noise variance estimation", CVIU 64 (1996): this mask has no
 # response to planes, and an L2 norm of 6.
@@ -181,27 +178,32 @@ def edge_response(image: Image, length_px: int) -> Response:
     Returns:
         (H, W) float32; columns closer than ``length_px`` to the border are 0.
     """
-    width = image.shape[1]
-    if width <= 2 * length_px:
-        return np.zeros(image.shape, dtype=np.float32)
-    if length_px <= _CONVOLVED_UP_TO_PX:
-        half = np.full((1, length_px), 1.0 / length_px, dtype=np.float32)
-        kernel = np.concatenate([-half, np.zeros((1, 1), dtype=np.float32), half], axis=1)
-        response = np.asarray(cv2.filter2D(image, cv2.CV_32F, kernel), dtype=np.float32)
-    else:
-        response = np.empty(image.shape, dtype=np.float32)
-        # means[u] covers u ... u + length - 1: a running sum, whose time does not grow with its length.
-        means = cv2.boxFilter(
-            image, cv2.CV_32F, (length_px, 1), anchor=(0, 0), borderType=cv2.BORDER_REPLICATE
-        )
-        cv2.subtract(
-            means[:, length_px + 1 : width - length_px + 1],
-            means[:, : width - 2 * length_px],
-            dst=response[:, length_px : width - length_px],
-        )
-    response[:, :length_px] = 0.0
-    response[:, -length_px:] = 0.0
+    *_, (_, sums) = _edge_sums(image, length_px)
+    response = sums.astype(np.float32)
+    response /= np.float32(length_px)
     return response
+
+
+def _edge_sums(image: Image, longest_px: int) -> Iterator[tuple[int, Sums]]:
+    """Yield lengths of 1, 2, 4, ... px, and the sums of so many pixels right of each pixel minus those left.
+
+    The sums (H, W) are zero in columns closer than the length to the border.
+    """
+    width, length = image.shape[1], 1
+    # of_length[u] is the sum of u ... u + length - 1: each is that of two of half the length.
+    of_length = image.astype(np.int16)
+    while True:
+        sums = np.zeros(image.shape, np.int16)
+        if width > 2 * length:
+            np.subtract(
+                of_length[:, length + 1 :],
+                of_length[:, : width - 2 * length],
+                out=sums[:, length : width - length],
+            )
+        yield length, sums
+        if length >= longest_px:
+            return
+        of_length, length = of_length[:, :-length] + of_length[:, length:], 2 * length
 
 
 def row_thinning(height: int) -> int:
@@ -219,43 +221,29 @@ def find_stripe_points(image: Image, config: ExtractionConfig, first_row: int = 
         first_row: Row from which on stripes are looked for; the gradient is zero above it.
     """
     noise = noise_grey(image)
-    below = edge_response(image[first_row:], 1)
-    gradient = below
-    if first_row:
-        gradient = np.zeros(image.shape, np.float32)
-        gradient[first_row:] = below
-    return StripePoints(
-        noise, gradient, lambda limits: _mark_points(image, below, noise, config, first_row, limits)
-    )
+    gradient = np.zeros(image.shape, np.float32)
+    gradient[first_row:] = edge_response(image[first_row:], 1)
+    return StripePoints(noise, gradient, lambda limits: _mark_points(image, noise, config, first_row, limits))
 
 
 def _mark_points(
-    image: Image,
-    gradient: Response,
-    noise: float,
-    config: ExtractionConfig,
-    first_row: int,
-    limits: Limits | None,
+    image: Image, noise: float, config: ExtractionConfig, first_row: int, limits: Limits | None
 ) -> MarkedPoints:
-    """Mark the points of an image from a row on, whose gradient is given from there on."""
+    """Mark the points of an image from a row on."""
     thinning = row_thinning(image.shape[0])
     image = image[first_row:]
     mask = None
     if limits is not None:
-        every = np.arange(image.shape[1])
+        across = np.arange(image.shape[1])
         first, last = (each[first_row:, None] for each in limits)
-        mask = (every >= first) & (every <= last)
-    found = [
-        _points_of_response(
-            gradient[::row_step] if length == 1 else edge_response(image[::row_step], length),
-            length,
-            row_step,
-            noise,
-            config,
-            None if mask is None else mask[::row_step],
-        )
-        for length, row_step in zip(_FILTER_LENGTHS_PX, np.multiply(_ROW_STEPS, thinning), strict=True)
-    ]
+        mask = (across >= first) & (across <= last)
+    found = []
+    for lengths, row_step in _LENGTHS_BY_ROW_STEP:
+        every = thinning * row_step
+        for length, sums in _edge_sums(image[::every], lengths[-1]):
+            if length in lengths:
+                within = None if mask is None else mask[::every]
+                found.append(_points_of_sums(sums, length, every, noise, config, within))
     rows, columns, widths, contrast, counts = (np.concatenate(parts) for parts in zip(*found, strict=True))
     slopes, slope_std = _edge_directions(image, rows, columns, noise)
     continuity = _continuity(rows, columns, slopes, image.shape, thinning)
@@ -303,8 +291,8 @@ def _continuity(
     return found / len(_CONTINUITY_ROWS)
 
 
-def _points_of_response(
-    response: Response,
+def _points_of_sums(
+    sums: Sums,
     length: int,
     row_step: int,
     noise: float,
@@ -315,28 +303,29 @@ def _points_of_response(
     # Mean of length pixels minus mean of length pixels.
     threshold = max(MIN_CONTRAST_GREY, config.min_contrast_sigma * noise * np.sqrt(2.0 / length))
     narrowest, widest = 2 * length, 4 * length + 1
-    if response.shape[1] <= length + widest + 2:
+    if sums.shape[1] <= length + widest + 2:
         empty = np.empty(0)
         return empty.astype(np.intp), empty, empty, empty, empty
     # Local maximum over the length of the filter. The next steps use only these pixels, a few in a hundred.
-    greatest = cv2.dilate(response, np.ones((1, 2 * length + 1), np.uint8))
-    peak = (response >= greatest) & (response > np.float32(threshold))
+    greatest = cv2.dilate(sums, np.ones((1, 2 * length + 1), np.uint8))
+    peak = (sums >= greatest) & (sums > np.int16(min(threshold * length, np.iinfo(np.int16).max)))
     if mask is not None:
         peak &= mask
     peak[:, : length + 1] = False
     peak[:, -widest - 1 :] = False
-    flat, at = response.ravel(), np.flatnonzero(peak)
-    here = flat.take(at)
+    flat, at = sums.ravel(), np.flatnonzero(peak)
+    one = np.float32(length)
+    here = flat.take(at) / one
     # The strongest negative peak, narrowest ... widest pixels to the right.
-    least = cv2.erode(response, np.ones((1, widest - narrowest + 1), np.uint8), anchor=(0, 0))
-    opposite = np.maximum(-least.ravel().take(at + narrowest), np.float32(0.0))
+    least = cv2.erode(sums, np.ones((1, widest - narrowest + 1), np.uint8), anchor=(0, 0))
+    opposite = np.maximum(-least.ravel().take(at + narrowest) / one, np.float32(0.0))
     weaker, stronger = np.minimum(here, opposite), np.maximum(here, opposite)
     stripe = (weaker > threshold) & (weaker > _MIN_EDGE_RATIO * stronger)
     at, here, weaker = at[stripe], here[stripe], weaker[stripe]
-    rows, columns = np.divmod(at, response.shape[1])
+    rows, columns = np.divmod(at, sums.shape[1])
     rising = flat.take(at[:, None] + np.arange(narrowest, widest + 1))
     widths = narrowest + np.argmin(rising, axis=1) if len(at) else np.empty(0)
-    before, after = flat.take(at - 1), flat.take(at + 1)
+    before, after = flat.take(at - 1) / one, flat.take(at + 1) / one
     # Parabola through three values: exact for a step edge averaged over a box-shaped pixel.
     curvature = np.minimum(before - 2.0 * here + after, -1e-6)
     shift_px = np.clip(0.5 * (before - after) / curvature, -0.5, 0.5)
