@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
+from ..evidence.camera_turn import CameraTurn
 from ..evidence.camera_yaw import YawTold
 from ..evidence.estimate import Estimate, StagePoses
 from ..evidence.frame_evidence import FoundBy, FrameObservations, Hypothesis
@@ -45,6 +46,8 @@ class Attempt:
         lateness: The way of the car between both images, once it was measured; None where it is not told.
         yaw_told: The yaw of the right camera, by rows and lines; empty where the hypothesis was refused.
         lane_line: The line of the left image that tells the yaw of an estimate without a pair of lines.
+        rows: Pitch and roll of the right camera by the rows of both images, compared under the pose of an
+            accepted attempt; None where they were not, or were corrected.
     """
 
     hypothesis: Hypothesis
@@ -60,6 +63,7 @@ class Attempt:
     yaw_told: tuple[YawTold, ...] = ()
     lane_line: ImageLine | None = None
     lateness: Lateness | None = None
+    rows: CameraTurn | None = None
 
     @property
     def accepted(self) -> bool:
@@ -93,7 +97,8 @@ class Attempt:
 
     def slim(self) -> Attempt:
         """Return the attempt without points and lines, which take as much memory as an image."""
-        return replace(self, hypothesis=self.hypothesis.slim(), genetic=None, surface=None, lane_line=None)
+        hypothesis = self.hypothesis.slim()
+        return replace(self, hypothesis=hypothesis, genetic=None, surface=None, lane_line=None, rows=None)
 
 
 def coarse_pose(frame: FrameObservations) -> StagePoses:
