@@ -23,7 +23,7 @@ from .table import NothingToMeasureError, Table
 # The function that yields the tables of each section. A module is imported when its section is measured: the
 # others may need what is not installed.
 SECTIONS = {
-    "ratio": "speed.ratio_table",
+    "speed": "ratios.speed_table",
     "seeds": "paper.seed_table",
     "noise": "paper.noise_table",
     "limit": "limit.limit_table",
@@ -31,8 +31,8 @@ SECTIONS = {
     "bias": "bias.bias_table",
     "peers": "peer_table.peer_table",
     "search": "search.search_table",
-    "sizes": "speed.size_table",
-    "cost": "speed.cost_tables",
+    "sizes": "costs.size_table",
+    "cost": "costs.cost_tables",
     "false_alarms": "false_alarms.false_alarm_table",
     "structured_noise": "structured_noise.structured_noise_table",
     "roads": "roads.road_tables",

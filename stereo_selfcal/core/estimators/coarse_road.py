@@ -38,10 +38,14 @@ _HALF_WIDTH_M, _FAR_M = 2.5, 30.0
 _LEAST_DISPARITY_PX = 2.0  # of the small images: beyond, a plane is not told from what stands on it
 _HORIZON = 0.4  # part of the image's height above which no road is looked for
 # Nearly all cars carry their cameras as high as this. So many disparities are matched first, and all of the
-# search range only where they show no clear road within them.
+# search range only where they show no road within them, or where most of it may hide nearer things: what is
+# nearer has no disparity among these.
 USUAL_HEIGHT_M = 1.0
-_N_TRIPLES, _N_POINTS = 300, 2500
-_PLANES_AT_ONCE = 16
+_MOSTLY = 0.5  # of the road in view
+# All planes are tried with a few points, and the best ones of them with more.
+_N_TRIPLES, _N_POINTS = 300, 500
+_N_BEST, _N_POINTS_OF_BEST = 40, 2500
+_PLANES_AT_ONCE = 64
 _NEAR_FACTOR = 2.0  # of the disparities of a plane, by which the fit surely does not change them
 # Errors of semi-global matching [px of the small images]: it is good to half a pixel on slanted surfaces, and
 # a smooth error of a fifth of a pixel remains in a plane (pixel locking: Shimizu and Okutomi, 2005).
@@ -78,6 +82,11 @@ class CoarseRoad:
         """Whether enough of the road agrees with the plane for it to contradict other estimates."""
         return self.share >= LEAST_SHARE
 
+    @property
+    def mostly_matched(self) -> bool:
+        """Whether most of the road in view has a disparity: nothing that is too near is in front of it."""
+        return self.matched_share >= _MOSTLY
+
 
 def find_coarse_road(
     images: tuple[Image, Image], rig: StereoRig, search: SearchConfig, seed: int
@@ -100,7 +109,7 @@ def find_coarse_road(
     if usual < every:
         disparities = small.match(usual)
         found = _find(disparities, rig, search, seed)
-        if not isinstance(found, NotFitted) and found.clear and _reaches(found, rig, usual):
+        if not isinstance(found, NotFitted) and found.mostly_matched and _reaches(found, rig, usual):
             return found, disparities
     disparities = small.match(every)
     return _find(disparities, rig, search, seed), disparities
@@ -178,12 +187,21 @@ def _most_agreed(
     planes = planes[np.all((lower < poses) & (poses < upper), axis=1)]
     if not len(planes):
         return NotFitted("planes of a road within the search range", 0, Bound.LEAST, 1)
-    some = rng.permutation(len(rays))[:_N_POINTS]
+    some = rng.permutation(len(rays))[:_N_POINTS_OF_BEST]
+    rays, measured = rays[some], measured[some]
+    votes = _votes(planes, rays[:_N_POINTS], measured[:_N_POINTS], rig, scale)
+    planes = planes[np.argsort(-votes, kind="stable")[:_N_BEST]]
+    best: Array = planes[int(np.argmax(_votes(planes, rays, measured, rig, scale)))]
+    return best
+
+
+def _votes(planes: Array, rays: Array, measured: Array, rig: StereoRig, scale: int) -> Floats:
+    """Return how many of some points (N,) agree with each plane (P, 3), less those surely below it."""
     # In single precision, which is good to a thousandth of a pixel, and a few planes at a time, whose numbers
-    # fit the processor's cache: there are 750 000.
-    points = rays[some].T.astype(np.float32)
+    # fit the processor's cache.
+    points = rays.T.astype(np.float32)
     tangents = _tangents(points[1], rig)
-    disparities, reach = measured[some].astype(np.float32), np.float32(2.0 * _AGREES_PX * scale)
+    disparities, reach = measured.astype(np.float32), np.float32(2.0 * _AGREES_PX * scale)
     votes = np.empty(len(planes), np.float32)
     for first in range(0, len(planes), _PLANES_AT_ONCE):
         which = slice(first, first + _PLANES_AT_ONCE)
@@ -197,8 +215,7 @@ def _most_agreed(
         agrees -= below
         agrees *= ahead
         votes[which] = agrees.sum(axis=1)
-    best: Array = planes[int(np.argmax(votes))]
-    return best
+    return votes
 
 
 def _tangents(aside: Array, rig: StereoRig) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -12,6 +13,7 @@ from ..types import Array, Floats, Image
 
 # Width of the small images [px]. A third of KITTI's images, in which a trial found 68 of 85 roads.
 _WIDTH_PX = 400
+_MOST_PIXELS = 120_000  # of a small image, however high it is
 # Settings of SGBM as OpenCV's documentation recommends them for one channel: 8 and 32 times the block's area.
 _BLOCK = 5
 _P1, _P2 = 8 * _BLOCK**2, 32 * _BLOCK**2
@@ -36,7 +38,7 @@ class SmallImages:
     def of(cls, images: tuple[Image, Image]) -> SmallImages:
         """Make a left and a right image, (H, W) uint8, small."""
         height, width = images[0].shape
-        scale = max(1, round(width / _WIDTH_PX))
+        scale = max(1, round(width / _WIDTH_PX), math.ceil(math.sqrt(width * height / _MOST_PIXELS)))
         size = width // scale, height // scale
         left, right = (
             np.asarray(

@@ -16,7 +16,7 @@ from ..geometry.pose import Extrinsics
 from ..geometry.rays import pixel_rays
 from ..rejection import Bound, NotFitted
 from ..types import Array, Image, Indices
-from .lane_sweep import LaneSweep, lane_samples, ratios_under
+from .lane_sweep import LaneSamples, LaneSweep, lane_samples, ratios_under
 
 _BIN_M, _SMOOTH_BINS = 0.02, 3  # across the lane; what is smoothed counts as one
 _LEAST_BINS = 30
@@ -37,6 +37,7 @@ def profile_lane(
     pose: Extrinsics,
     lane_yaw_rad: float,
     limits_m: tuple[float, float],
+    samples: LaneSamples | None = None,
 ) -> LaneSweep | NotFitted:
     """Compare the mean across the lane in both images under planes through the vanishing point of two lines.
 
@@ -46,12 +47,13 @@ def profile_lane(
         pose: Pose over the plane of the lines.
         lane_yaw_rad: Heading of the camera against them [rad].
         limits_m: Right and left limit of the part of that plane that is looked at [m], left positive.
+        samples: The pixels of that part, where they are known.
 
     Returns:
         How well both agree under the planes; or why that is not known.
     """
     plane = plane_from_pose(pose, rig, PlaneCamera.LEFT)
-    rows, columns, disparity, _, aside = lane_samples(rig, plane, lane_yaw_rad, limits_m)
+    rows, columns, disparity, _, aside = samples or lane_samples(rig, plane, lane_yaw_rad, limits_m)
     n_bins = int((limits_m[1] - limits_m[0]) / _BIN_M)
     reach = (1.0 - _RATIOS[0]) * rig.baseline_m
     skipped = int(np.ceil(reach / _BIN_M)) + _SMOOTH_BINS

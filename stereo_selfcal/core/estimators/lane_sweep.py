@@ -35,6 +35,7 @@ _MOST_SAMPLES, _LEAST_SAMPLES = 50_000, 2_000
 # of an edge and not of a surface, and are left out.
 _MOST_SIGMAS, _EDGE_SIGMAS = 3.0, 5.0
 _ROWS_OF_BAND = 8
+_ROWS_PX = 600  # in images of more rows, by so many times fewer are enough
 # Disparities that are tried, over those of the lines: from a surface as far below the lines as they are below
 # the camera, and half as much again, to one above the lines by a fifth of their distance. The step [px] is
 # that of the pixels.
@@ -45,6 +46,9 @@ _BORDER_PX = 4  # beyond it, the band sees the border of the image
 _LEAST_SPREAD_GREY = 1e-3
 _ALIKE = 0.5  # of the best correlation
 _AT_LEAST = 1e-9  # of what is divided by
+
+# Rows, columns, disparities [px], strips and positions aside [m] of pixels of the left image, (N,) each.
+LaneSamples = tuple[Indices, Indices, Array, Indices, Array]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,6 +115,7 @@ def sweep_lane(
     pose: Extrinsics,
     lane_yaw_rad: float,
     limits_m: tuple[float, float],
+    samples: LaneSamples | None = None,
 ) -> LaneSweep | NotFitted:
     """Correlate both images under planes through the vanishing point of two lines.
 
@@ -120,12 +125,13 @@ def sweep_lane(
         pose: Pose over the plane of the lines.
         lane_yaw_rad: Heading of the camera against them [rad].
         limits_m: Right and left limit of the part of that plane that is looked at [m], left positive.
+        samples: The pixels of that part, where they are known.
 
     Returns:
         The correlations; or why there are none.
     """
     plane = plane_from_pose(pose, rig, PlaneCamera.LEFT)
-    rows, columns, disparity, strip, _ = lane_samples(rig, plane, lane_yaw_rad, limits_m)
+    rows, columns, disparity, strip, _ = samples or lane_samples(rig, plane, lane_yaw_rad, limits_m)
     fewest = int(np.bincount(strip, minlength=_N_STRIPS).min())
     if fewest < _LEAST_SAMPLES / _N_STRIPS:
         return NotFitted("pixels of a strip of the lane", fewest, Bound.LEAST, _LEAST_SAMPLES // _N_STRIPS)
@@ -181,7 +187,7 @@ def _planes_along(ahead: Array, heights_m: Array, rolls_rad: Array, rig: StereoR
 
 def lane_samples(
     rig: StereoRig, plane: DisparityPlane, lane_yaw_rad: float, limits_m: tuple[float, float]
-) -> tuple[Indices, Indices, Array, Indices, Array]:
+) -> LaneSamples:
     """Return rows, columns, disparities [px], strips and positions aside [m] of pixels of the left image.
 
     Args:
@@ -202,7 +208,9 @@ def lane_samples(
     near = np.flatnonzero(ends.max(axis=1) > least)
     first, last = (int(near[0]), int(near[-1]) + 1) if len(near) else (0, 0)
     first, last = max(first, _BORDER_PX), min(last, rig.height - _BORDER_PX)
-    u, v = np.arange(rig.width), np.arange(first, max(first, last))
+    # In large images, every few rows hold more samples than are taken.
+    row_step = max(1, round(rig.height / _ROWS_PX))
+    u, v = np.arange(rig.width), np.arange(first, max(first, last), row_step)
     by_column, by_row = pixel_rays(rig, u, rig.cy), pixel_rays(rig, rig.cx, v)
     disparity = plane.disparities(by_row)[:, None] + plane.coefficients[1] * by_column[:, 1]
     ahead = rig.fx * rig.baseline_m / np.maximum(disparity, _LEAST_DISPARITY_PX)
@@ -215,7 +223,7 @@ def lane_samples(
     thinning = max(1, -(-len(rows) // _MOST_SAMPLES))
     rows, columns = rows[::thinning], columns[::thinning]
     aside, disparity = aside[rows, columns], disparity[rows, columns]
-    rows += first
+    rows = rows * row_step + first
     share = (aside - right_m) / (left_m - right_m)
     strip = np.clip((share * _N_STRIPS).astype(np.intp), 0, _N_STRIPS - 1)
     order = np.argsort(strip, kind="stable")

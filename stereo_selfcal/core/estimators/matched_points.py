@@ -19,12 +19,16 @@ from .dense_disparity import DenseDisparities, in_images
 # Twice as many points and a larger window repeat the turn of a camera no better, and take twice the time.
 _MOST_POINTS = 400
 _WINDOW_PX, _BLOCK_PX = 11, 5
-_QUALITY = 1e-4  # least strength of a corner over that of the strongest one: paint is the strongest
+# Least strengths of a corner over that of the strongest one: paint is the strongest. Most images show enough
+# of the stronger ones, which are then the same that are chosen among all.
+_QUALITIES = (1e-2, 1e-4)
 # Least squared contrast along the direction of least contrast, over that along the other one. In recorded
 # frames, one point of 70 has less. On rendered paint without texture, every second one has.
 _LEAST_CORNER = 0.05
-# Corners are looked for in images of at most this width [px], and followed in those of full size.
-_WIDTH_PX = 1300
+# Corners are looked for in images of at most this width, and of at most so many pixels where these are made
+# smaller at all. They are followed in images of at most twice the other width.
+_WIDTH_PX, _MOST_PIXELS = 1300, 800_000
+_FOLLOWED_WIDTH_PX = 1200
 _DISTANCE = 1 / 150  # between two corners, over the width of the image
 _LEVELS = 1  # halvings of the image: dense disparities are good to a pixel or two
 _ITERATIONS, _STEP_PX = 10, 0.01
@@ -62,29 +66,52 @@ def match_points(images: tuple[Image, Image], disparities: DenseDisparities) -> 
     Returns:
         The points; none where the images show no texture.
     """
-    left, right = images
-    points = _corners(left, disparities)
-    if not len(points):
-        return MatchedPoints(points, points)
+    corners = _corners(images[0], disparities)
+    if not len(corners):
+        return MatchedPoints(corners, corners)
+    scale = max(1, images[0].shape[1] // _FOLLOWED_WIDTH_PX)
+    left, right = (_smaller(image, scale) for image in images)
+    points = _in_smaller(corners, scale)
     start = points.copy()
-    start[:, 0] -= disparities.at(points)
+    start[:, 0] -= disparities.at(corners) / np.float32(scale)
     found, seen = _follow(left, right, points, start)
     back, seen_back = _follow(right, left, found, points.copy())
     good = seen & seen_back & (np.linalg.norm(back - points, axis=1) < _WAY_BACK_PX)
     good &= ~_on_edge(left, points)
-    return MatchedPoints(points[good], found[good])
+    return MatchedPoints(corners[good], in_images(found[good], scale).astype(np.float32))
+
+
+def _smaller(image: Image, scale: int) -> Image:
+    """Return an image that is smaller by a factor."""
+    if scale == 1:
+        return image
+    size = image.shape[1] // scale, image.shape[0] // scale
+    used = image[: size[1] * scale, : size[0] * scale]
+    return np.asarray(cv2.resize(used, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _in_smaller(points: Floats, scale: int) -> Floats:
+    """Return columns and rows in an image that is smaller by a factor."""
+    half = np.float32(0.5)
+    smaller: Floats = (points + half) / np.float32(scale) - half if scale > 1 else points
+    return smaller
 
 
 def _corners(image: Image, disparities: DenseDisparities) -> Floats:
     """Return the strongest corners (N, 2) of an image [px], where it has disparities."""
     scale = max(1, math.ceil(image.shape[1] / _WIDTH_PX))
-    size = image.shape[1] // scale, image.shape[0] // scale
-    used = image[: size[1] * scale, : size[0] * scale]
-    smaller = image if scale == 1 else cv2.resize(used, size, interpolation=cv2.INTER_AREA)
+    if scale > 1:
+        scale = max(scale, math.ceil(math.sqrt(image.size / _MOST_PIXELS)))
+    smaller = _smaller(image, scale)
     known = (disparities.values > 0.0).astype(np.uint8)
     mask = cv2.resize(known, (smaller.shape[1], smaller.shape[0]), interpolation=cv2.INTER_NEAREST)
     distance = max(2.0, _DISTANCE * smaller.shape[1])
-    found = cv2.goodFeaturesToTrack(smaller, _MOST_POINTS, _QUALITY, distance, mask=mask, blockSize=_BLOCK_PX)
+    for quality in _QUALITIES:
+        found = cv2.goodFeaturesToTrack(
+            smaller, _MOST_POINTS, quality, distance, mask=mask, blockSize=_BLOCK_PX
+        )
+        if found is not None and len(found) == _MOST_POINTS:
+            break
     if found is None:  # what OpenCV returns for an image without corners
         return np.zeros((0, 2), np.float32)
     return in_images(found.reshape(-1, 2), scale).astype(np.float32)

@@ -73,6 +73,8 @@ _PASSES_AGAIN = (_Pass(6, 1.0, 2, 2), _PASSES[-1])
 # vanishing point, stripes are thinner than a pixel, and roads bend or change their slope.
 _FIRST_ROW = 0.97
 
+# Rows of blocks that all passes but the last one take at most, evenly: they need not be as accurate.
+_MOST_ROWS_OF_BLOCKS = 60
 _LEAST_ROWS_OF_BLOCKS = MIN_BLOCKS // 4  # two stripes in two images give four blocks to a row of blocks
 
 _MAX_VIGNETTING = 0.6  # share of the light lost in the farthest corner: more than with any lens on a car
@@ -229,8 +231,9 @@ def _fit(
     variance, n_blocks = start.variance, start.rows_of_blocks
     all_rows = np.arange(rig.height - n_blocks * BLOCK_ROWS, rig.height).reshape(n_blocks, BLOCK_ROWS)
     solution: Step | NotFitted | None = None
+    thinning = -(-n_blocks // _MOST_ROWS_OF_BLOCKS)
     for one in passes:
-        rows = all_rows[:, :: one.row_step]
+        rows = all_rows[:: 1 if one is passes[-1] else thinning, :: one.row_step]
         columns, slopes, jac_columns_road = _predict(road, rows, varied, rig, start.bent)
         window = (one.half_width, one.added_blur)
         darkening = _vignetting_profile(columns, rig)

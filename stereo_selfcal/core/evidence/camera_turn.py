@@ -263,18 +263,20 @@ def turned_back(
         rig: Intrinsics.
         turn: Pitch and roll of the right camera.
         yaw_rad: Its yaw, as far as it is to be corrected [rad].
-        first_row: Row from which on the image is needed; it is black above.
+        first_row: Row from which on the image is needed; above, it is as it was.
     """
     if not turn.seen and yaw_rad == 0.0:
         return images, turn
     turned_from_straight = turn.homography(rig, yaw_rad)
     from_first_row = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, first_row], [0.0, 0.0, 1.0]])
     left, right = images
-    straight = np.zeros_like(right)
-    straight[first_row:] = cv2.warpPerspective(
+    straight = np.empty_like(right)
+    straight[:first_row] = right[:first_row]
+    cv2.warpPerspective(
         right,
         turned_from_straight @ from_first_row,
         (right.shape[1], right.shape[0] - first_row),
+        straight[first_row:],
         flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP,
         borderMode=cv2.BORDER_REPLICATE,
     )

@@ -14,11 +14,11 @@ import numpy as np
 
 from ..camera.rig import StereoRig
 from ..estimators.lane_profile import profile_lane
-from ..estimators.lane_sweep import LaneSweep, sweep_lane
+from ..estimators.lane_sweep import LaneSweep, lane_samples, sweep_lane
 from ..estimators.sampling import ImageBlurs
 from ..estimators.texture_alignment import align_texture
 from ..estimators.texture_fit import TextureFit
-from ..geometry.plane import plane_from_pose
+from ..geometry.plane import PlaneCamera, plane_from_pose
 from ..geometry.pose import Extrinsics
 from ..geometry.uncertainty import UncertaintyTerm
 from ..lanes.extra_lines import inner_line_height
@@ -309,8 +309,10 @@ def _sweep_between(
     """Return under which planes the faintest texture and the tracks between the lines agree."""
     yaw, left_m, right_m = lane_in_road(pattern.boundaries, rig, estimate.pose)
     within_m = (float(right_m) + _INSET_M, float(left_m) - _INSET_M)
+    plane = plane_from_pose(estimate.pose, rig, PlaneCamera.LEFT)
+    samples = lane_samples(rig, plane, float(yaw), within_m)
     sweeps = (
-        fitted(of_lane(frame.images, rig, estimate.pose, float(yaw), within_m))
+        fitted(of_lane(frame.images, rig, estimate.pose, float(yaw), within_m, samples))
         for of_lane in (sweep_lane, profile_lane)
     )
     return tuple(sweep for sweep in sweeps if sweep is not None)

@@ -82,6 +82,16 @@ def infinitely_far(far: FarDisparity) -> float:
     return _INFINITE_PART * equally_far
 
 
+def first_far_row(rig: StereoRig, extrinsics: Extrinsics) -> int:
+    """Return the first row in which far things are looked for.
+
+    Args:
+        rig: Intrinsics.
+        extrinsics: Pose over the road.
+    """
+    return int(min(max(0.0, float(horizon_row(rig, extrinsics, rig.cx)) - _ABOVE * rig.width), rig.height))
+
+
 def far_disparity(
     images: tuple[Image, Image], rig: StereoRig, extrinsics: Extrinsics
 ) -> FarDisparity | NotFitted:
@@ -97,7 +107,7 @@ def far_disparity(
     """
     scale = max(1, round(rig.width / _WIDTH_PX))
     middle = float(horizon_row(rig, extrinsics, rig.cx))
-    first = int(max(0.0, middle - _ABOVE * rig.width))
+    first = first_far_row(rig, extrinsics)
     rows = int(min(rig.height - 1.0, middle + _BELOW * rig.width)) - first
     least_rows = (2 * _HALF_ROWS + _CELL_ROWS) * scale
     if rows < least_rows:

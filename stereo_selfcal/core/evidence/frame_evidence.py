@@ -21,13 +21,13 @@ from ..lanes.hypotheses import Points
 from ..lanes.lane_pair import LanePattern
 from ..lanes.line_geometry import BelowPlane, HeightOverLane
 from ..lanes.matching import Matches
-from ..lanes.stripe_points import find_stripe_points
+from ..lanes.stripe_points import find_stripe_points, row_thinning
 from ..rejection import Bound, NotFitted, fitted
 from ..road.priors import ROWS_TELL_YAW_PART
 from ..types import Array, Image
 from .camera_turn import CameraTurn, measure_turn, turned_back
 from .camera_yaw import YawTold, yaw_posterior
-from .far_disparity import FarDisparity, far_disparity
+from .far_disparity import FarDisparity, far_disparity, first_far_row
 from .profile import Profile
 from .rig_unknowns import CALIBRATED, RigStd
 from .road_surface import RoadSurface, find_road_surface
@@ -96,7 +96,12 @@ class FrameObservations:
             pose = None if coarse is None else coarse.extrinsics
             turn = turn or measure_turn(images, rig, disparities, pose)
             if config.alignment.correct != CORRECT_NOTHING:
-                images, turn = turned_back(images, rig, turn, yaw_rad)
+                first_row = 0
+                if coarse is not None and coarse.clear and row_thinning(rig.height) > 1:
+                    # Above the farthest things of a clear road, a turn matters to nothing. In large images,
+                    # it takes time.
+                    first_row = first_far_row(rig, coarse.extrinsics)
+                images, turn = turned_back(images, rig, turn, yaw_rad, first_row)
             surface = find_road_surface(images, rig, found) if config.texture.check else None
         turn = turn or _ROWS_NOT_COMPARED
         first_row = _first_row(surface, rig)

@@ -10,7 +10,7 @@ the middle of the stripe, as perspective moves the middle.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 
 import cv2
@@ -22,12 +22,15 @@ from ..numerics.statistics import SIGMA_OVER_MAD
 from ..types import Array, Image, Mask
 
 Response = npt.NDArray[np.float32]
+Sums = npt.NDArray[np.int16]
+Limits = tuple[Array, Array]
 
 # Half widths of the edge filters [px]. Filter k finds stripes of 2k ... 4k + 1 pixels, so together they find
 # stripes of 2 ... 65 px: a 15 cm line from 0.7 m under a 500 px camera to 40 m ahead.
-_FILTER_LENGTHS_PX = (1, 2, 4, 8, 16)
-# Stripes of four pixels and more are near and long, so every second row is enough.
-_ROW_STEPS = (1, 2, 2, 2, 2)
+# Stripes of four pixels and more are near and long, so every second row is enough for them. In images of more
+# rows than so many, by so many times fewer rows are enough for all: a line has as many points.
+_LENGTHS_BY_ROW_STEP = (((1,), 1), ((2, 4, 8, 16), 2))
+_ROWS_PX = 600
 
 # The weaker edge of a stripe has at least this share of the contrast of the stronger one: the road surface on
 # both sides of paint is darker by about the same. A single step (a shadow, a kerb, a verge) is no stripe.
@@ -37,7 +40,7 @@ _MIN_EDGE_RATIO = 0.5
 # worn paint in deep shadow is brighter by about 10 grey levels; the texture of a road surface varies by 3.
 MIN_CONTRAST_GREY = 8.0
 
-# Rows above and below in which a stripe should continue, along its own direction.
+# Rows above and below in which a stripe should continue, along its own direction; times the thinning of rows.
 _CONTINUITY_ROWS = (-4, -2, 2, 4)  # even, as the wide filters mark every second row
 _CONTINUITY_REACH_PX = 1  # on either side: a direction off by 0.25 over four rows
 
@@ -45,14 +48,12 @@ _CONTINUITY_REACH_PX = 1  # on either side: a direction off by 0.25 over four ro
 # 0.5.
 _MIN_NOISE_GREY = 0.5
 
-# Up to here a convolution is faster than running sums (0.14 against 0.28 ms on 640 x 480).
-_CONVOLVED_UP_TO_PX = 2
-
 # J. Immerkaer, "Fast noise variance estimation", CVIU 64 (1996): this mask has no
 # response to planes, and an L2 norm of 6.
 _NOISE_MASK = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)
 _NOISE_MASK_NORM = 6.0
-_NOISE_ROW_STEP = 10  # every tenth strip of three rows gives two digits
+_NOISE_ROW_STEP = 10  # every tenth strip of three rows gives two digits,
+_MOST_NOISE_STRIPS = 40  # and so do these
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,28 +96,35 @@ class StripePoints:
         gradient: (H, W) gradient by the paper's kernel, in which the lines are measured.
     """
 
-    def __init__(self, noise_grey: float, gradient: Response, mark: Callable[[], MarkedPoints]) -> None:
+    def __init__(
+        self,
+        noise_grey: float,
+        gradient: Response,
+        mark: Callable[[Limits | None], MarkedPoints],
+        limits: Limits | None = None,
+    ) -> None:
         """Create from noise and gradient.
 
         Args:
             noise_grey: Standard deviation of the image noise [grey levels].
             gradient: (H, W) gradient by the paper's kernel.
-            mark: Marks the points.
+            mark: Marks the points, within limits if there are any.
+            limits: First and last column of each row in which points are marked; None to mark all.
         """
         self.noise_grey, self.gradient = noise_grey, gradient
-        self._mark = mark
+        self._mark, self._limits = mark, limits
 
     @functools.cached_property
     def marked(self) -> MarkedPoints:
         """The stripe points."""
-        return self._mark()
+        return self._mark(self._limits)
 
     @classmethod
     def none(cls) -> StripePoints:
         """Return those of an image in which none are looked for."""
         empty = np.empty(0)
         marked = MarkedPoints(empty, empty, empty, empty, empty, empty, empty, empty)
-        return cls(0.0, np.empty((0, 0), np.float32), lambda: marked)
+        return cls(0.0, np.empty((0, 0), np.float32), lambda _: marked)
 
     @property
     def rows(self) -> Array:
@@ -135,12 +143,23 @@ class StripePoints:
             which: (N,) whether to take each point.
         """
         chosen = self.marked.chosen(which)
-        return StripePoints(self.noise_grey, self.gradient, lambda: chosen)
+        return StripePoints(self.noise_grey, self.gradient, lambda _: chosen)
+
+    def within(self, limits: Limits) -> StripePoints:
+        """Return the points of a part of the image at least, with the same image.
+
+        Args:
+            limits: First and last column (H,) of each row [px].
+        """
+        if "marked" in self.__dict__:
+            return self
+        return StripePoints(self.noise_grey, self.gradient, self._mark, limits)
 
 
 def noise_grey(image: Image) -> float:
     """Return the standard deviation of the pixel noise [grey levels] (Immerkaer 1996, median)."""
-    strips = np.concatenate([image[i : i + 3] for i in range(0, image.shape[0] - 2, 3 * _NOISE_ROW_STEP)])
+    step = 3 * max(_NOISE_ROW_STEP, image.shape[0] // (3 * _MOST_NOISE_STRIPS))
+    strips = np.concatenate([image[i : i + 3] for i in range(0, image.shape[0] - 2, step)])
     response = cv2.filter2D(strips, cv2.CV_32F, _NOISE_MASK)[1::3, 1:-1]
     middle = strips[1::3, 1:-1]
     # Clipped pixels (a white sky) have no noise and would lower the estimate.
@@ -159,27 +178,37 @@ def edge_response(image: Image, length_px: int) -> Response:
     Returns:
         (H, W) float32; columns closer than ``length_px`` to the border are 0.
     """
-    width = image.shape[1]
-    if width <= 2 * length_px:
-        return np.zeros(image.shape, dtype=np.float32)
-    if length_px <= _CONVOLVED_UP_TO_PX:
-        half = np.full((1, length_px), 1.0 / length_px, dtype=np.float32)
-        kernel = np.concatenate([-half, np.zeros((1, 1), dtype=np.float32), half], axis=1)
-        response = np.asarray(cv2.filter2D(image, cv2.CV_32F, kernel), dtype=np.float32)
-    else:
-        response = np.empty(image.shape, dtype=np.float32)
-        # means[u] covers u ... u + length - 1: a running sum, whose time does not grow with its length.
-        means = cv2.boxFilter(
-            image, cv2.CV_32F, (length_px, 1), anchor=(0, 0), borderType=cv2.BORDER_REPLICATE
-        )
-        cv2.subtract(
-            means[:, length_px + 1 : width - length_px + 1],
-            means[:, : width - 2 * length_px],
-            dst=response[:, length_px : width - length_px],
-        )
-    response[:, :length_px] = 0.0
-    response[:, -length_px:] = 0.0
+    *_, (_, sums) = _edge_sums(image, length_px)
+    response = sums.astype(np.float32)
+    response /= np.float32(length_px)
     return response
+
+
+def _edge_sums(image: Image, longest_px: int) -> Iterator[tuple[int, Sums]]:
+    """Yield lengths of 1, 2, 4, ... px, and the sums of so many pixels right of each pixel minus those left.
+
+    The sums (H, W) are zero in columns closer than the length to the border.
+    """
+    width, length = image.shape[1], 1
+    # of_length[u] is the sum of u ... u + length - 1: each is that of two of half the length.
+    of_length = image.astype(np.int16)
+    while True:
+        sums = np.zeros(image.shape, np.int16)
+        if width > 2 * length:
+            np.subtract(
+                of_length[:, length + 1 :],
+                of_length[:, : width - 2 * length],
+                out=sums[:, length : width - length],
+            )
+        yield length, sums
+        if length >= longest_px:
+            return
+        of_length, length = of_length[:, :-length] + of_length[:, length:], 2 * length
+
+
+def row_thinning(height: int) -> int:
+    """Return how many times fewer rows are looked at in an image of a height [px] than in a small one."""
+    return max(1, round(height / _ROWS_PX))
 
 
 def find_stripe_points(image: Image, config: ExtractionConfig, first_row: int = 0) -> StripePoints:
@@ -192,32 +221,32 @@ def find_stripe_points(image: Image, config: ExtractionConfig, first_row: int = 
         first_row: Row from which on stripes are looked for; the gradient is zero above it.
     """
     noise = noise_grey(image)
-    below = edge_response(image[first_row:], 1)
-    gradient = below
-    if first_row:
-        gradient = np.zeros(image.shape, np.float32)
-        gradient[first_row:] = below
-    return StripePoints(noise, gradient, lambda: _mark_points(image, below, noise, config, first_row))
+    gradient = np.zeros(image.shape, np.float32)
+    gradient[first_row:] = edge_response(image[first_row:], 1)
+    return StripePoints(noise, gradient, lambda limits: _mark_points(image, noise, config, first_row, limits))
 
 
 def _mark_points(
-    image: Image, gradient: Response, noise: float, config: ExtractionConfig, first_row: int
+    image: Image, noise: float, config: ExtractionConfig, first_row: int, limits: Limits | None
 ) -> MarkedPoints:
-    """Mark the points of an image from a row on, whose gradient is given from there on."""
+    """Mark the points of an image from a row on."""
+    thinning = row_thinning(image.shape[0])
     image = image[first_row:]
-    found = [
-        _points_of_response(
-            gradient if length == 1 else edge_response(image[::row_step], length),
-            length,
-            row_step,
-            noise,
-            config,
-        )
-        for length, row_step in zip(_FILTER_LENGTHS_PX, _ROW_STEPS, strict=True)
-    ]
+    mask = None
+    if limits is not None:
+        across = np.arange(image.shape[1])
+        first, last = (each[first_row:, None] for each in limits)
+        mask = (across >= first) & (across <= last)
+    found = []
+    for lengths, row_step in _LENGTHS_BY_ROW_STEP:
+        every = thinning * row_step
+        for length, sums in _edge_sums(image[::every], lengths[-1]):
+            if length in lengths:
+                within = None if mask is None else mask[::every]
+                found.append(_points_of_sums(sums, length, every, noise, config, within))
     rows, columns, widths, contrast, counts = (np.concatenate(parts) for parts in zip(*found, strict=True))
     slopes, slope_std = _edge_directions(image, rows, columns, noise)
-    continuity = _continuity(rows, columns, slopes, image.shape)
+    continuity = _continuity(rows, columns, slopes, image.shape, thinning)
     return MarkedPoints(
         rows.astype(np.float64) + first_row,
         columns,
@@ -247,46 +276,56 @@ def _edge_directions(
     return slopes, 0.4 * noise / steepness * np.sqrt(1.0 + slopes**2)
 
 
-def _continuity(rows: npt.NDArray[np.intp], columns: Array, slopes: Array, shape: tuple[int, ...]) -> Array:
+def _continuity(
+    rows: npt.NDArray[np.intp], columns: Array, slopes: Array, shape: tuple[int, ...], thinning: int
+) -> Array:
     """Return the share of neighbouring rows with a point where the edge direction of each point leads."""
     points = np.zeros(shape, dtype=np.uint8)
     points[rows, np.rint(columns).astype(np.intp)] = 1
     marked = cv2.dilate(points, np.ones((1, 2 * _CONTINUITY_REACH_PX + 1), np.uint8))
     found = np.zeros(len(rows))
-    for step in _CONTINUITY_ROWS:
+    for step in np.multiply(_CONTINUITY_ROWS, thinning):
         v = np.clip(rows + step, 0, shape[0] - 1)
         u = np.clip(np.rint(columns + step * slopes).astype(np.intp), 0, shape[1] - 1)
         found += marked[v, u]
     return found / len(_CONTINUITY_ROWS)
 
 
-def _points_of_response(
-    response: Response, length: int, row_step: int, noise: float, config: ExtractionConfig
+def _points_of_sums(
+    sums: Sums,
+    length: int,
+    row_step: int,
+    noise: float,
+    config: ExtractionConfig,
+    mask: Mask | None,
 ) -> tuple[npt.NDArray[np.intp], Array, Array, Array, Array]:
     """Return rows, columns, widths, contrasts and row counts of the stripes 2 ... 4 filter lengths wide."""
     # Mean of length pixels minus mean of length pixels.
     threshold = max(MIN_CONTRAST_GREY, config.min_contrast_sigma * noise * np.sqrt(2.0 / length))
     narrowest, widest = 2 * length, 4 * length + 1
-    if response.shape[1] <= length + widest + 2:
+    if sums.shape[1] <= length + widest + 2:
         empty = np.empty(0)
         return empty.astype(np.intp), empty, empty, empty, empty
     # Local maximum over the length of the filter. The next steps use only these pixels, a few in a hundred.
-    greatest = cv2.dilate(response, np.ones((1, 2 * length + 1), np.uint8))
-    peak = (response >= greatest) & (response > np.float32(threshold))
+    greatest = cv2.dilate(sums, np.ones((1, 2 * length + 1), np.uint8))
+    peak = (sums >= greatest) & (sums > np.int16(min(threshold * length, np.iinfo(np.int16).max)))
+    if mask is not None:
+        peak &= mask
     peak[:, : length + 1] = False
     peak[:, -widest - 1 :] = False
-    flat, at = response.ravel(), np.flatnonzero(peak)
-    here = flat.take(at)
+    flat, at = sums.ravel(), np.flatnonzero(peak)
+    one = np.float32(length)
+    here = flat.take(at) / one
     # The strongest negative peak, narrowest ... widest pixels to the right.
-    least = cv2.erode(response, np.ones((1, widest - narrowest + 1), np.uint8), anchor=(0, 0))
-    opposite = np.maximum(-least.ravel().take(at + narrowest), np.float32(0.0))
+    least = cv2.erode(sums, np.ones((1, widest - narrowest + 1), np.uint8), anchor=(0, 0))
+    opposite = np.maximum(-least.ravel().take(at + narrowest) / one, np.float32(0.0))
     weaker, stronger = np.minimum(here, opposite), np.maximum(here, opposite)
     stripe = (weaker > threshold) & (weaker > _MIN_EDGE_RATIO * stronger)
     at, here, weaker = at[stripe], here[stripe], weaker[stripe]
-    rows, columns = np.divmod(at, response.shape[1])
+    rows, columns = np.divmod(at, sums.shape[1])
     rising = flat.take(at[:, None] + np.arange(narrowest, widest + 1))
     widths = narrowest + np.argmin(rising, axis=1) if len(at) else np.empty(0)
-    before, after = flat.take(at - 1), flat.take(at + 1)
+    before, after = flat.take(at - 1) / one, flat.take(at + 1) / one
     # Parabola through three values: exact for a step edge averaged over a box-shaped pixel.
     curvature = np.minimum(before - 2.0 * here + after, -1e-6)
     shift_px = np.clip(0.5 * (before - after) / curvature, -0.5, 0.5)

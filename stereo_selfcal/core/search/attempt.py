@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 
 from ..estimators.stripe_fit import StripeFit
+from ..evidence.camera_turn import CameraTurn
 from ..evidence.camera_yaw import YawTold
 from ..evidence.estimate import Estimate, StagePoses
 from ..evidence.frame_evidence import FoundBy, FrameObservations, Hypothesis
@@ -47,6 +48,8 @@ class Attempt:
         yaw_told: The yaw of the right camera, by rows and lines; empty where the hypothesis was refused.
         lane_line: The line of the left image that tells the yaw of an estimate without a pair of lines.
         stripes: The fit of the stripes' grey values; None where there is none.
+        rows: Pitch and roll of the right camera by the rows of both images, compared under the pose of an
+            accepted attempt; None where they were not, or were corrected.
     """
 
     hypothesis: Hypothesis
@@ -63,6 +66,7 @@ class Attempt:
     lane_line: ImageLine | None = None
     lateness: Lateness | None = None
     stripes: StripeFit | None = None
+    rows: CameraTurn | None = None
 
     @property
     def accepted(self) -> bool:
@@ -97,7 +101,15 @@ class Attempt:
     def slim(self) -> Attempt:
         """Return the attempt without points and lines, which take as much memory as an image."""
         hypothesis = self.hypothesis.slim()
-        return replace(self, hypothesis=hypothesis, genetic=None, surface=None, lane_line=None, stripes=None)
+        return replace(
+            self,
+            hypothesis=hypothesis,
+            genetic=None,
+            surface=None,
+            lane_line=None,
+            rows=None,
+            stripes=None,
+        )
 
 
 def coarse_pose(frame: FrameObservations) -> StagePoses:

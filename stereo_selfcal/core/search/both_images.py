@@ -73,9 +73,13 @@ def same_picture(images: tuple[Image, Image], rig: StereoRig, config: Calibrator
     if not equal and rig.baseline_m / greatest_m * rig.height / 4 < _LEAST_SHIFT_PX:
         return None
     slopes = [np.array_split(_slopes(image), _BANDS) for image in images]
-    found = [_agreement(left, right) for left, right in zip(*slopes, strict=True)]
-    visible = [each for each in found if each is not None]
-    if len(visible) < (1 if equal else _LEAST_BANDS) or min(visible) < _SAME:
+    visible = []
+    for left, right in zip(*slopes, strict=True):
+        agreement = _agreement(left, right)
+        if agreement is not None and agreement < _SAME:
+            return None
+        visible += [] if agreement is None else [agreement]
+    if len(visible) < (1 if equal else _LEAST_BANDS):
         return None
     return Rejection(
         RejectReason.LINES_NOT_MATCHED,

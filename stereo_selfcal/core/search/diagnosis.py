@@ -9,9 +9,11 @@ turned by 180 degrees, they are upside down. Only frames that were refused are d
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from ..camera.rig import StereoRig
 from ..config import CalibratorConfig
@@ -194,20 +196,31 @@ def _lines_of_cameras(found: LaneHypotheses, pattern: LanePattern | None) -> lis
 
 
 def _look(image: Image, lines: list[ImageLine]) -> _Look:
-    smooth = np.asarray(cv2.blur(image, (1, 3)), np.int16)  # along the columns: less noise, the same edges
+    smooth = cv2.blur(image, (1, 3))  # along the columns: less noise, the same edges
     near, far = (
-        float(np.percentile(np.abs(smooth[:, reach:] - smooth[:, :-reach]), _EDGE_PERCENTILE))
+        _percentile(cv2.absdiff(smooth[:, reach:], smooth[:, :-reach]), _EDGE_PERCENTILE)
         for reach in (_NEAR_PX, _FAR_PX)
     )
+    mean, std = (float(each[0, 0]) for each in cv2.meanStdDev(image))
     on_paint = np.concatenate([_paint_of(image, line) for line in lines]) if lines else np.zeros(1)
     return _Look(
-        mean=float(image.mean()),
-        contrast=float(image.std()),
+        mean=mean,
+        contrast=std,
         white=float(np.mean(image[image.shape[0] // 2 :] >= _WHITE_GREY)),
         paint=float(np.mean(on_paint >= _WHITE_GREY)),
         edges=far,
         steepness=near / max(far, _LEAST_EDGE_GREY),
     )
+
+
+def _percentile(image: npt.NDArray[Any], percent: float) -> float:
+    """Return a percentile of the grey values of an image (uint8), interpolated linearly."""
+    # By counting: sorting half a million values takes ten times as long.
+    below = np.cumsum(cv2.calcHist([image], [0], None, [256], [0.0, 256.0]), dtype=np.float64)
+    position = (image.size - 1) * percent / 100.0
+    first = int(position)
+    lower, upper = (int(np.searchsorted(below, each, side="right")) for each in (first, first + 1))
+    return lower + (upper - lower) * (position - first)
 
 
 def _paint_of(image: Image, line: ImageLine) -> Array:

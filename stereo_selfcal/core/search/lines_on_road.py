@@ -36,14 +36,16 @@ from ..lanes.matching import (
     sample_pattern,
     similarity,
 )
-from ..lanes.stripe_points import StripePoints
+from ..lanes.stripe_points import StripePoints, row_thinning
 from ..road.priors import LANE_WIDTH_M
 from ..tolerances import MAX_LINE_HEIGHT_M
-from ..types import Image
+from ..types import Array, Image
 
 # How far to either side lines are looked for: those of a lane, whose camera may be half a lane beside its
 # middle, and those of the next lane.
 _HALF_WIDTH_M = 1.5 * LANE_WIDTH_M
+# Points so far from the road tell whether a stripe on it continues: four rows, at 80 deg.
+_NEIGHBOURS_ROWS, _NEIGHBOURS_COLUMNS = 4, 25
 # Parallel lines meet on the horizon of their road, unless its slope changes: here by up to 1 %.
 MAX_GAP_RAD = 0.01
 # The heading of a car in its lane is within a few degrees of the lane; edges across the road are not.
@@ -73,12 +75,34 @@ def candidates_on_road(
         detector: Finds the lines among these points; None for the Hough transform.
     """
     plane = plane_from_pose(road_pose, rig, PlaneCamera.LEFT)
+    limits = _limits(plane, rig)
+    points = points if limits is None else points.within(limits)
     rays = pixel_rays(rig, points.columns, points.rows)
     disparity = plane.disparities(rays)
     # At a disparity d, a metre is d / baseline pixels wide.
     half_px = disparity * (_HALF_WIDTH_M / rig.baseline_m)
     on_road = (disparity > LEAST_DISPARITY_PX) & (np.abs(rays[:, 1]) * rig.fx < half_px)
     return (detector or detect_by_hough)(points.chosen(on_road), image)
+
+
+def _limits(plane: DisparityPlane, rig: StereoRig) -> tuple[Array, Array] | None:
+    """Return the columns (H,) of each row between which the road lies, and the neighbourhood of its points.
+
+    They are None for a road so steep to a side that no column limits it.
+    """
+    ahead, aside, down = plane.coefficients.tolist()
+    # A point is on the road where |cx - u| < disparity * reach; the disparity grows with cx - u and the row.
+    reach = _HALF_WIDTH_M / rig.baseline_m
+    growth = reach * aside / rig.fx
+    if abs(growth) >= 1.0:
+        return None
+    thinning = row_thinning(rig.height)
+    rows = np.arange(rig.height) + _NEIGHBOURS_ROWS * thinning
+    width = np.maximum(reach * (ahead + down * (rig.cy - rows) / rig.fy), 0.0)
+    return (
+        rig.cx - width / (1.0 - growth) - _NEIGHBOURS_COLUMNS * thinning,
+        rig.cx + width / (1.0 + growth) + _NEIGHBOURS_COLUMNS * thinning,
+    )
 
 
 def lines_on_road(

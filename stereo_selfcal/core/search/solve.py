@@ -173,6 +173,7 @@ def _solve_lines(
         yaw_told=frame.yaw_told,
         lateness=late,
         stripes=refined,
+        rows=checked.evidence.rows,
     )
 
 
@@ -257,7 +258,7 @@ def _solve_surface(
     readings, refusal = evaluate_gates(evidence, already=readings)
     if refusal:
         return replace(_refused(hypothesis, refusal, readings, poses), lateness=late)
-    return replace(accepted, readings=readings)
+    return replace(accepted, readings=readings, rows=evidence.rows)
 
 
 def _with_lateness(

@@ -236,5 +236,5 @@ def turn_under_pose(
     if pose is None:
         return None
     yaw = None if chosen.estimate is None else chosen.estimate.lane_yaw_rad
-    turn = remaining_turn(frame, rig, pose, yaw)
+    turn = chosen.rows or remaining_turn(frame, rig, pose, yaw)
     return None if turn is None else replace(with_prior(turn), landmarks=frame.turn.landmarks)

@@ -188,3 +188,27 @@ def disparity_at(rig, scale):
     rows, columns = scale * (np.indices(size) + 0.5) - 0.5
     found = plane_from_pose(POSE, rig, PlaneCamera.LEFT).disparities(pixel_rays(rig, columns, rows)) / scale
     return np.where(found > 0.0, found, -1.0)
+
+
+@pytest.mark.parametrize(("matched_part", "times"), [(1.0, 1), (0.3, 2)])
+def test_more_disparities_are_matched_where_most_of_the_road_has_none(monkeypatch, matched_part, times):
+    """A road that is seen and not clear has no nearer things in front of it."""
+    dense = disparities_of(POSE)
+    rng = np.random.default_rng(0)
+    dense[rng.random(SMALL) < 0.6] += 5.0  # of other things: the road is not clear
+    dense[rng.random(SMALL) > matched_part] = -1.0
+    asked = []
+
+    def match(small, number):
+        asked.append(number)
+        return DenseDisparities(dense, small.scale, number)
+
+    monkeypatch.setattr(SmallImages, "match", match)
+    found, _ = find_coarse_road((BLANK, BLANK), PAPER_RIG, SEARCH, 0)
+    assert isinstance(found, CoarseRoad) and not found.clear
+    assert len(asked) == times and asked == sorted(asked)
+
+
+def test_high_images_are_made_smaller_still():
+    small = SmallImages.of((np.zeros((2048, 2448), np.uint8),) * 2)
+    assert small.images[0].size <= 120_000 and small.scale == 7

@@ -2,10 +2,12 @@
 
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 from independent_camera import project
 
+from stereo_selfcal.core.estimators import matched_points
 from stereo_selfcal.core.estimators.dense_disparity import DenseDisparities, SmallImages
 from stereo_selfcal.core.estimators.matched_points import MatchedPoints, match_points
 from stereo_selfcal.synth.renderer import render
@@ -89,3 +91,26 @@ def through_homography(before, after, points):
     matrix = np.append(np.linalg.solve(np.array(rows), after.ravel()), 1.0).reshape(3, 3)
     moved = matrix @ np.column_stack([points, np.ones(len(points))]).T
     return (moved[:2] / moved[2]).T
+
+
+def test_stronger_corners_are_those_of_all(monkeypatch):
+    """Sorting fewer of them chooses the same ones."""
+    images = texture(), texture((-7.3, 0.4))
+    both = match_points(images, all_at(8.0))
+    monkeypatch.setattr(matched_points, "_QUALITIES", matched_points._QUALITIES[1:])
+    of_all = match_points(images, all_at(8.0))
+    np.testing.assert_array_equal(both.left, of_all.left)
+    np.testing.assert_array_equal(both.right, of_all.right)
+
+
+def test_points_of_wide_images_are_followed_in_smaller_ones(monkeypatch):
+    """They are found where they are in the images, to a part of a pixel of the smaller ones."""
+    monkeypatch.setattr(matched_points, "_FOLLOWED_WIDTH_PX", SIZE[1] // 2)
+    shift_px = -8.0, 0.0
+    points = match_points((smooth(), smooth(shift_px)), all_at(8.0))
+    assert len(points) > 20
+    np.testing.assert_allclose(np.median(points.right - points.left, axis=0), shift_px, atol=0.02)
+
+
+def smooth(shift_px=(0.0, 0.0)):
+    return cv2.GaussianBlur(texture(shift_px), (0, 0), 2.0)

@@ -202,3 +202,29 @@ def test_artificial_patterns_are_refused(size):
 
 def test_extraction_settings_are_used():
     assert CalibratorConfig().extraction == CONFIG
+
+
+def test_points_within_limits_are_those_of_the_whole_image_there():
+    """Where the neighbourhood of a point is within, too, nothing of it differs."""
+    image = noisy(stripe(8), 5.0)
+    limits = np.full(HEIGHT, 100.0), np.full(HEIGHT, 250.0)
+    points = find_stripe_points(image, CONFIG)
+    part, whole = points.within(limits).marked, points.marked
+    inside = (whole.columns >= 101) & (whole.columns <= 249)
+    assert 0 < len(part.rows) < len(whole.rows)
+    kept = part.chosen((part.columns >= 101) & (part.columns <= 249))
+    for name in ("rows", "columns", "widths", "contrast", "slopes"):
+        np.testing.assert_array_equal(getattr(kept, name), getattr(whole.chosen(inside), name))
+    assert points.within(limits) is points  # all of them are marked by now
+
+
+@pytest.mark.parametrize(("height", "step"), [(480, 1), (800, 1), (1080, 2), (2048, 3)])
+def test_large_images_are_looked_at_in_fewer_rows(height, step):
+    """A line has as many points, each of which counts for its rows."""
+    image = np.full((height, 300), DARK, np.uint8)
+    image[:, 150:153] = BRIGHT
+    points = marked(image)
+    on_edge = np.abs(points.columns - 149.5) < 1.0
+    assert set(np.diff(np.unique(points.rows[on_edge]))) == {step}
+    assert points.counts[on_edge].min() == step
+    assert points.continuity[on_edge].mean() > 0.95

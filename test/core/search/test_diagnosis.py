@@ -227,3 +227,10 @@ def test_lines_are_looked_for_upside_down_only_where_the_images_may_be(monkeypat
     left, right = render(one_line, np.random.default_rng(1))
     assert not result_of(left, right).accepted and not looked
     assert not result_of(turned(right), turned(left)).accepted and looked
+
+
+@pytest.mark.parametrize("percent", [0.0, 50.0, 99.8, 100.0])
+@pytest.mark.parametrize(("size", "most"), [(1, 255), (2, 255), (50, 3), (20_000, 255)])
+def test_percentiles_of_grey_values_are_those_of_sorted_ones(size, most, percent):
+    values = np.random.default_rng(size).integers(0, most + 1, (1, size), np.uint8)
+    assert diagnosis._percentile(values, percent) == pytest.approx(np.percentile(values, percent))

@@ -1,14 +1,12 @@
-"""Time and memory of one thread: parts, image sizes, population, frames; OpenCV's block matching beside."""
+"""Time and memory of one thread: parts, image sizes, population, frames."""
 
 from __future__ import annotations
 
-import time
 import tracemalloc
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 
-import cv2
 import numpy as np
 
 from stereo_selfcal import Calibrator, CalibratorConfig, StereoRig
@@ -16,13 +14,14 @@ from stereo_selfcal.core.estimators.fitness import PatternFitness
 from stereo_selfcal.core.geometry.homography import SIDES
 from stereo_selfcal.core.numerics.genetic import maximise_each
 from stereo_selfcal.synth.renderer import Frame, render
-from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene, random_scene
+from stereo_selfcal.synth.scenes import PAPER_RIG, random_scene
 
 from .frames import FIRST_POSE_SEED
 from .optimisers import search_box
 from .options import Options
 from .parts import PARTS, clocked_parts
 from .plots import save_size_plot
+from .ratios import elapsed_ms
 from .table import Table
 
 SIZES = ((640, 480), (1024, 768), (1280, 960), (1600, 1200), (2048, 1536), (2448, 2048))
@@ -30,40 +29,9 @@ N_QUICK_SIZES = 2
 POPULATIONS = (50, 100, 200, 400, 800)
 FRAME_COUNTS = (1, 10, 100)
 NOISE = 0.01
-N_DISPARITIES, BLOCK_PX = 64, 5
 MEBIBYTE = 2**20
 
 REST, WHOLE = "all the rest", "calibrate()"
-
-
-def ratio_table(options: Options) -> Iterator[Table]:
-    """One whole calibration against one block matching of the same pair, by turns."""
-    named = named_scene("straight_road")
-    _, left, right = named.frame(0)
-    calibrator = Calibrator(named.scene.rig)
-    lines_alone = Calibrator(named.scene.rig, CalibratorConfig.from_mapping({"texture.check": 0}))
-    matcher = cv2.StereoSGBM_create(minDisparity=0, numDisparities=N_DISPARITIES, blockSize=BLOCK_PX)
-    whole, alone, theirs = [], [], []
-    for _ in range(options.repeats):
-        whole.append(_ms(lambda: calibrator.add(left, right)))
-        alone.append(_ms(lambda: lines_alone.add(left, right)))
-        theirs.append(_ms(lambda: matcher.compute(left, right)))
-    table = Table(
-        "ratio",
-        f"calibrate() against one cv2.StereoSGBM, 640 x 480, {options.repeats} times by turns",
-        ["what", "best ms", "median ms", "ratio of the best"],
-        f"One thread each, the same pair; {N_DISPARITIES} disparities, block {BLOCK_PX}. Asked: a ratio "
-        "of at most 2.5 with the asphalt, of 1 with the lines alone.",
-    )
-    for what, times in (
-        ("calibrate(): all stages and gates", whole),
-        ("calibrate(): lines alone (texture.check: 0)", alone),
-        ("cv2.StereoSGBM.compute()", theirs),
-    ):
-        table.add(
-            what, f"{min(times):.1f}", f"{float(np.median(times)):.1f}", f"{min(times) / min(theirs):.2f}"
-        )
-    yield table
 
 
 def size_table(options: Options) -> Iterator[Table]:
@@ -116,7 +84,7 @@ def cost_tables(options: Options) -> Iterator[Table]:
     )
     for count in FRAME_COUNTS:
         fresh = Calibrator(calibrator.rig)
-        adding = [_ms(partial(fresh.add, left, right)) for _ in range(count)]
+        adding = [elapsed_ms(partial(fresh.add, left, right)) for _ in range(count)]
         fused = _median_ms(lambda: fresh.estimate, options.repeats)  # noqa: B023 - called at once
         table.add(str(count), f"{np.median(adding):.1f}", f"{fused:.2f}")
     yield table
@@ -149,20 +117,13 @@ def _search(fitness: PatternFitness, config: CalibratorConfig) -> tuple[int, int
 def _part_times_ms(call: Callable[[], object]) -> dict[str, float]:
     """Return the time of one calibration and of its parts, by clocks around the parts."""
     with clocked_parts() as spent:
-        whole_ms = _ms(call)
+        whole_ms = elapsed_ms(call)
     times = {name: seconds * 1e3 for name, seconds in spent.items()}
     return {**times, REST: whole_ms - sum(times.values()), WHOLE: whole_ms}
 
 
 def _median_ms(call: Callable[[], object], repeats: int) -> float:
-    return float(np.median([_ms(call) for _ in range(repeats)]))
-
-
-def _ms(call: Callable[[], object]) -> float:
-    # CPU time: other programs of this machine must not count.
-    start = time.thread_time()
-    call()
-    return (time.thread_time() - start) * 1e3
+    return float(np.median([elapsed_ms(call) for _ in range(repeats)]))
 
 
 def _peak_mib(call: Callable[[], object]) -> float:
