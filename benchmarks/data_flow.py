@@ -127,7 +127,7 @@ ROWS = (
         ("4 Hypotheses",),
         (
             Box("core/calibrator", ("one loop over the", "hypotheses of a frame")),
-            Box("search/strategy", ("which hypotheses,", "in which order"), ("known",)),
+            Box("search/strategy", ("which hypotheses,", "in which order")),
         ),
     ),
     Row(
@@ -149,7 +149,7 @@ ROWS = (
             Box(
                 "estimators/stripe_fit",
                 ("fit of the grey values", "at all stripe edges"),
-                ("row_blocks", "edge_response", "gauss_newton"),
+                ("stripe_start", "row_blocks", "edge_response", "gauss_newton"),
             ),
             Box("evidence/profile", ("heights of the road", "along the stripes")),
             Box(
@@ -213,7 +213,10 @@ NOT_ON_THE_WAY = {
     ),
     "geometry/pose, geometry/plane, geometry/rays, geometry/homography": "frames, signs and projections",
     "geometry/vehicle": "the camera in the vehicle's frame",
-    "road_now, search/road_lines": "the road at this moment, by the known camera",
+    "search/known, search/parts_of_time, estimators/texture_following, estimators/stripe_following": (
+        "frames that are followed from an accepted cold one"
+    ),
+    "road_now, search/road_lines, search/known_lines": "the road at this moment, by the known camera",
     "search/refusal, search/diagnosis, search/both_images": "why a frame is refused",
     "evidence/far_disparity, evidence/camera_yaw, evidence/rig_unknowns, "
     "evidence/rig_measurements": "what is unknown of the rig, and what shows it",

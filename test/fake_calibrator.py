@@ -35,7 +35,7 @@ class FakeCalibrator:
     def note_turn_rate(self, rate):
         self.turn_rates.append(rate)
 
-    def remember(self, result):
+    def remember(self, result, moved=None):
         self.remembered.append(result)
         return result
 

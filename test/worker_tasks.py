@@ -36,9 +36,9 @@ def meet(stretch):
     end_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < end_s:
         if len({path.suffix for path in name.parent.iterdir()}) > 1:
-            return [os.getpid()]
+            return [(os.getpid(), None)]
         time.sleep(0.01)
-    return [None]
+    return [(None, None)]
 
 
 def start_slowly(*_):

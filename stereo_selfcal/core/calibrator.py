@@ -16,7 +16,7 @@ from .camera.rig import StereoRig
 from .config import CORRECT_ALL, CalibratorConfig
 from .drive.drive import Drive
 from .drive.memory import DriveMemory
-from .drive.travel import TravelStep
+from .drive.travel import MotionSince, TravelStep
 from .drive.turn_rates import TurnRate
 from .errors import shortened
 from .evidence.frame_evidence import FrameObservations
@@ -30,7 +30,8 @@ from .results import CalibrationResult, caught, rejected, result_of
 from .road.priors import STRIPES_PARALLEL_PART, TURNED_STD_RAD
 from .search.attempt import Attempt, coarse_pose
 from .search.diagnosis import diagnose, lateness_of_refused, not_synchronised
-from .search.known import KnownCamera, KnownStarts
+from .search.known import KnownCamera
+from .search.parts_of_time import PartsOfTime
 from .search.solve import solve
 from .search.strategy import FrameSearch, choose, turn_under_pose
 from .types import Image
@@ -43,7 +44,6 @@ class _FrameLook:
     frame: FrameObservations
     search: FrameSearch
     attempts: list[Attempt]
-    known_start: bool = False
 
 
 class Calibrator:
@@ -58,13 +58,13 @@ class Calibrator:
         self.rig = rig
         self.config = config or CalibratorConfig()
         self._memory = DriveMemory(rig)
-        self._starts = KnownStarts(self.config.known.cold_every_s)
-        self._lock = threading.Lock()  # of the starts; frames are calibrated without it
+        self._parts = PartsOfTime(self.config.known.cold_every_s)
+        self._lock = threading.Lock()  # of the parts; frames are calibrated without it
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy is made from: everything but the lock."""
         with self._lock:
-            state = self.__dict__ | {"_starts": copy(self._starts)}
+            state = self.__dict__ | {"_parts": copy(self._parts)}
         del state["_lock"]
         return state
 
@@ -107,17 +107,43 @@ class Calibrator:
         passes.
         """
         with self._lock:
-            known = self._starts.of_next(stamp_s)
-        result = self.calibrate_frame(left, right, stamp_s, stamp_difference_s, known)
+            known = self._parts.of_next(stamp_s)
+        result = None
+        if known is not None:
+            result = self._follow(known, left, right, stamp_s, stamp_difference_s)
+        if result is None:
+            result = self.calibrate_frame(left, right, stamp_s, stamp_difference_s)
+            cold = choose(result.attempts)
+            ahead = 0.0 if result.landmarks is None else result.landmarks.ahead
+            known = KnownCamera.after(cold, result.alignment, stamp_s, self.rig, self.config, ahead)
         with self._lock:
-            self._starts.note(KnownCamera.after(choose(result.attempts), stamp_s))
+            self._parts.note(known)
         return result
 
-    def remember(self, result: CalibrationResult) -> CalibrationResult:
+    def _follow(
+        self, known: KnownCamera, left: Image, right: Image, stamp_s: float, stamp_difference_s: float
+    ) -> CalibrationResult | None:
+        """Return the result of a frame by the known camera; None where it is to be looked at cold."""
+        if frame_checks.check_images(left, right, self.rig):
+            return None
+        images = np.asarray(left), np.asarray(right)
+        attempt = known.follow(images, stamp_s, stamp_difference_s)
+        if attempt is None:
+            return None
+        result = result_of(attempt, (attempt,), stamp_s)
+        return replace(
+            result,
+            known_start=True,
+            stamp_difference_s=stamp_difference_s,
+            landmarks=known.landmarks(images, stamp_s),
+        )
+
+    def remember(self, result: CalibrationResult, moved: MotionSince | None = None) -> CalibrationResult:
         """Add the result of a frame of this rig to the estimate, in whichever process it was calibrated.
 
         Args:
             result: Result of :meth:`calibrate_frame`, of this calibrator or of one with the same settings.
+            moved: The motion to it where it is known already; None to estimate it.
 
         Returns:
             What is kept of it: with whether the car stood, and without what only pictures need.
@@ -125,7 +151,7 @@ class Calibrator:
         Raises:
             ValueError: It is accepted, and its pose, stamp or covariance cannot be right.
         """
-        return self._memory.remember(result)
+        return self._memory.remember(result, moved)
 
     def note_turn_rate(self, rate: TurnRate) -> None:
         """Add what odometry or a gyroscope says of the turn of the car."""
@@ -156,7 +182,6 @@ class Calibrator:
         right: Image,
         stamp_s: float = 0.0,
         stamp_difference_s: float = 0.0,
-        known: KnownCamera | None = None,
     ) -> CalibrationResult:
         """Calibrate one frame without adding it to the estimate, and let every exception pass.
 
@@ -168,14 +193,12 @@ class Calibrator:
             right: The same of the right camera.
             stamp_s: Time stamp of the frame [s].
             stamp_difference_s: Stamp of the right image minus that of the left one [s].
-            known: What is known of the camera before; None to look at the frame alone. Where the frame does
-                not confirm it, it is looked at alone as well, and that is the result.
         """
         refusal = frame_checks.check_images(left, right, self.rig)
         if refusal:
             return rejected(refusal, stamp_s)
         images = np.asarray(left), np.asarray(right)  # of plain arrays, whatever was derived from them
-        look = self._look(images, stamp_s, stamp_difference_s, known)
+        look = self._look(images, stamp_difference_s)
         frame, search, attempts = look.frame, look.search, look.attempts
         chosen = choose(attempts)
         result = result_of(chosen, attempts, stamp_s)
@@ -191,19 +214,12 @@ class Calibrator:
             alignment=_alignment(frame, chosen, self.rig),
             landmarks=frame.turn.landmarks,
             stamp_difference_s=stamp_difference_s,
-            known_start=look.known_start,
         )
         if chosen is None:
             result = _with_what_was_seen(result, lines.matches, frame)
         return replace(result, unused_lines=unused_lines(lines, result.pattern, result.lane_line))
 
-    def _look(
-        self,
-        images: tuple[Image, Image],
-        stamp_s: float,
-        stamp_difference_s: float,
-        known: KnownCamera | None,
-    ) -> _FrameLook:
+    def _look(self, images: tuple[Image, Image], stamp_difference_s: float) -> _FrameLook:
         """Look at a frame; once more where only the pose over the road shows how the camera has turned."""
         observed = partial(
             FrameObservations.from_images,
@@ -212,29 +228,20 @@ class Calibrator:
             self.config,
             stamp_difference_s=stamp_difference_s,
         )
-        look = self._search(observed(), known, stamp_s)
+        look = self._search(observed())
         turn = turn_under_pose(look.attempts, look.frame, self.rig, self.config)
         if turn is not None and turn.is_usual:
             look = replace(look, frame=replace(look.frame, turn=turn))
         elif turn is not None:
-            look = self._search(observed(turn), known, stamp_s)
+            look = self._search(observed(turn))
         if self.config.alignment.correct == CORRECT_ALL:
             yaw = _as_told(look.frame, choose(look.attempts)).yaw_left(self.rig)
-            look = self._search(observed(look.frame.turn, yaw.yaw_rad), known, stamp_s)
+            look = self._search(observed(look.frame.turn, yaw.yaw_rad))
         return look
 
-    def _search(self, frame: FrameObservations, known: KnownCamera | None, stamp_s: float) -> _FrameLook:
-        """Solve the hypotheses about a frame, one after the other, until one is accepted.
-
-        The lines of the known camera come first. Where they are not confirmed, all else is as without them.
-        """
+    def _search(self, frame: FrameObservations) -> _FrameLook:
+        """Solve the hypotheses about a frame, one after the other, until one is accepted."""
         search = FrameSearch(frame, self.rig, self.config)
-        followed = None if known is None else search.followed(known)
-        if known is not None and followed is not None:
-            attempt = solve(followed, frame, self.rig, self.config)
-            if known.is_confirmed_by(attempt, stamp_s):
-                return _FrameLook(frame, search, [attempt], known_start=True)
-            search = FrameSearch(frame, self.rig, self.config)
         attempts: list[Attempt] = []
         for hypothesis in search.hypotheses(attempts):
             attempts.append(solve(hypothesis, frame, self.rig, self.config))

@@ -31,7 +31,8 @@ from .rejection import Bound, Rejection, RejectReason
 from .results import CalibrationResult, rejected, result_of
 from .road.priors import HARD_RIDE_STD, RIDE_MEMORY_S
 from .search.attempt import Attempt
-from .search.known import MOST_SIGMAS
+from .search.known import KnownCamera
+from .search.known_lines import MOST_SIGMAS
 from .search.refusal import FIND_ROAD
 from .search.road_lines import RoadLines, first_road_row
 from .search.solve import solve
@@ -129,6 +130,8 @@ class RoadTracker:
             yaw_posterior(self._yaw_told, None, rig, calibrated=True).yaw_rad if correct_yaw else 0.0
         )
         self._followed: deque[RoadPose] = deque(maxlen=_REMEMBERED)
+        self._alignment = alignment
+        self._known: KnownCamera | None = None
         self._lines: RoadLines | None = None
         self._attempt, self._attempt_s = 0, -math.inf
         self._by_lines = False
@@ -190,7 +193,7 @@ class RoadTracker:
 
     def _forget(self) -> None:
         self._followed.clear()
-        self._lines, self._by_lines, self._cold_s = None, False, None
+        self._known, self._lines, self._by_lines, self._cold_s = None, None, False, None
 
     def _cold(
         self, images: tuple[Image, Image], stamp_s: float, apart_s: float, *, guard: bool
@@ -201,12 +204,19 @@ class RoadTracker:
         chosen = choose(result.attempts)
         # A guard that refuses what was followed takes the lines away; a frame that shows none does not.
         if result.accepted or guard:
+            rig, config = self._rig, self._config
+            self._known = KnownCamera.after(chosen, self._alignment, stamp_s, rig, config)
             self._lines = RoadLines.of(chosen, stamp_s, self._rig)
         self._by_lines = self._lines is not None and chosen is not None and chosen.hypothesis.texture is None
         return result
 
     def _from_known(self, images: tuple[Image, Image], stamp_s: float, apart_s: float) -> CalibrationResult:
-        """Look at a frame from the known camera on."""
+        """Look at a frame from the last cold one on; where that does not confirm it, from the mount on."""
+        known = self._known
+        if known is not None and stamp_s - known.stamp_s <= COLD_EVERY_S:
+            attempt = known.follow(images, stamp_s, apart_s)
+            if attempt is not None:
+                return replace(result_of(attempt, (attempt,), stamp_s), known_start=True)
         turn = self._turn
         if self._config.alignment.correct != CORRECT_NOTHING:
             images, turn = turned_back(images, self._rig, turn, self._yaw_rad, self._first_row)

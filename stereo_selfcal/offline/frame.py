@@ -8,6 +8,7 @@ from ..bags import StereoFrame
 from ..core.calibrator import Calibrator
 from ..core.camera.frozen import refuse_frozen
 from ..core.camera.rectifier import StereoRectifier
+from ..core.drive.travel import MotionSince, SeenLandmarks
 from ..core.drive.turn_topics import TurnMessage
 from ..core.rejection import Bound, Rejection, RejectReason
 from ..core.results import CalibrationResult, caught, refused_for, rejected
@@ -24,6 +25,7 @@ class FrameHead:
         cameras: The cameras of the frame, None where there is one rig for all or they are not usable.
         frozen: Side of the image that is only the last one again, "" where both are new.
         turns: Messages of odometry and gyroscopes that were recorded since the frame before.
+        moved: The motion since the frame before with landmarks, where it was estimated with the frame.
     """
 
     stamp_s: float
@@ -32,6 +34,7 @@ class FrameHead:
     cameras: StereoRectifier | None = None
     frozen: str = ""
     turns: tuple[TurnMessage, ...] = ()
+    moved: MotionSince | None = None
 
     @classmethod
     def of(cls, frame: StereoFrame) -> FrameHead:
@@ -51,6 +54,7 @@ class FrameCalibrator:
 
     def __init__(self, calibrator: Calibrator) -> None:
         self._of_recording = self._current = calibrator
+        self._seen: SeenLandmarks | None = None
 
     def calibrate(self, frame: StereoFrame) -> CalibrationResult:
         """Calibrate the next frame; refuse one without images or without cameras.
@@ -69,11 +73,22 @@ class FrameCalibrator:
         attempts = tuple(attempt.slim() for attempt in result.attempts)
         return replace(result.slim(), attempts=attempts, landmarks=result.landmarks)
 
+    def motion_to(self, result: CalibrationResult) -> MotionSince | None:
+        """Return the motion to a frame from the one before with landmarks; None where either has none.
+
+        Args:
+            result: Result of the frame, each of which is asked for in turn.
+        """
+        if result.landmarks is None:
+            return None
+        before, self._seen = self._seen, SeenLandmarks(result.stamp_s, result.landmarks)
+        return None if before is None else MotionSince.between(before, result.landmarks, self._current.rig)
+
     def _of(self, frame: StereoFrame) -> Calibrator:
         """Return the calibrator of the rig of a frame; a new one where it is not that of the frame before."""
         rig = self._of_recording.rig if frame.cameras is None else frame.cameras.rig
         if rig != self._current.rig:
-            self._current = Calibrator(rig, self._of_recording.config)
+            self._current, self._seen = Calibrator(rig, self._of_recording.config), None
         return self._current
 
 

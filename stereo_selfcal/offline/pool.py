@@ -11,6 +11,7 @@ from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from dataclasses import replace
 from multiprocessing import resource_tracker
 
 import cv2
@@ -20,9 +21,10 @@ from ..blas import one_thread
 from ..core.calibrator import Calibrator
 from ..core.camera.rig import StereoRig
 from ..core.config import CalibratorConfig
+from ..core.drive.travel import MotionSince
 from ..core.errors import SelfcalError
 from ..core.results import CalibrationResult
-from ..core.search.known import part_of
+from ..core.search.parts_of_time import part_of
 from ..search_path import SAFE_PATH
 from .frame import FrameCalibrator, FrameHead
 
@@ -119,7 +121,8 @@ def stretches_of(frames: Iterable[StereoFrame], config: CalibratorConfig) -> Ite
         raise failure
 
 
-_Waiting = deque[tuple[list[FrameHead], Future[list[CalibrationResult]]]]
+_Calibrated = tuple[CalibrationResult, MotionSince | None]
+_Waiting = deque[tuple[list[FrameHead], Future[list[_Calibrated]]]]
 
 
 def _by_workers(
@@ -155,7 +158,8 @@ def _next(waiting: _Waiting) -> Iterator[tuple[FrameHead, CalibrationResult]]:
     heads, future = waiting.popleft()
     with _death_reported(heads[0]):
         results = future.result()
-    yield from zip(heads, results, strict=True)
+    for head, (result, moved) in zip(heads, results, strict=True):
+        yield replace(head, moved=moved), result
 
 
 @contextmanager
@@ -229,8 +233,9 @@ def _get_ready() -> None:
     """Do nothing; submitting this starts a process."""
 
 
-def _calibrate(stretch: list[StereoFrame]) -> list[CalibrationResult]:
+def _calibrate(stretch: list[StereoFrame]) -> list[_Calibrated]:
     if _calibrator is None:
         raise RuntimeError("this worker was not started by its initializer")
     calibrator = FrameCalibrator(Calibrator(_calibrator.rig, _calibrator.config))
-    return [calibrator.calibrate_slim(frame) for frame in stretch]
+    # The motion between the frames of a stretch is estimated here, as it takes as long as a frame.
+    return [(result, calibrator.motion_to(result)) for result in map(calibrator.calibrate_slim, stretch)]

@@ -165,7 +165,7 @@ def assemble_replay(
                     since = len(rows)
                     watch = GoalWatch(until) if until else None
             _note_turns(head, turns, calibrator)
-            kept = replace(result, stood=calibrator.remember(result).stood)
+            kept = replace(result, stood=calibrator.remember(result, head.moved).stood)
             faults.note(result.fault, head.stamp_s)
             if result.reason is RejectReason.IMAGE_FROZEN:
                 frozen.setdefault(head.frozen, []).append(head.stamp_s)

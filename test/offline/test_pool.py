@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -25,6 +26,8 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 
 # For tests of processes and not of numbers: lines alone, in a quarter of the time.
 QUICK = CalibratorConfig.from_mapping({"texture": {"check": 0}})
+# Recordings of few frames that have several parts.
+SHORT_PARTS = CalibratorConfig.from_mapping({"known.cold_every_s": 0.5})
 
 
 @cache
@@ -68,13 +71,14 @@ def text(replay):
 
 
 @pytest.mark.slow
-def test_the_outcome_is_the_same_with_any_number_of_jobs(soon):
-    alone, seen = calibrate_recording(Road(12)), []
-    together = calibrate_recording(Road(12), on_row=seen.append, jobs=2)
+@pytest.mark.parametrize("jobs", [2, 3])
+def test_the_outcome_is_the_same_with_any_number_of_jobs(soon, jobs):
+    alone, seen = calibrate_recording(Road(24), SHORT_PARTS), []
+    together = calibrate_recording(Road(24), SHORT_PARTS, on_row=seen.append, jobs=jobs)
     assert seen == list(together.rows)
     assert text(together) == text(alone)
-    assert [row.name for row in together.rows] == [f"{index}.png" for index in range(12)]
-    assert [row.accepted for row in together.rows] == [True, True, False] * 4
+    assert [row.name for row in together.rows] == [f"{index}.png" for index in range(24)]
+    assert [row.accepted for row in together.rows] == [True, True, False] * 8
     # Of each half second, the first frame is cold, and the one after a black one.
     assert [row.known_start for row in together.rows] == [row.known_start for row in alone.rows]
     assert [row.known_start for row in alone.rows][:6] == [False, True, False, False, True, False]
@@ -84,7 +88,7 @@ def test_the_outcome_is_the_same_with_any_number_of_jobs(soon):
 def test_workers_have_frames_at_the_same_time_and_this_process_has_none(soon, monkeypatch, tmp_path):
     monkeypatch.setattr(pool, "_calibrate", worker_tasks.meet)
     black = np.zeros((PAPER_RIG.height, PAPER_RIG.width), np.uint8)
-    frames = (StereoFrame(float(i), black, black, i, str(tmp_path / f"{i}.png")) for i in range(4))
+    frames = (StereoFrame(2.0 * i, black, black, i, str(tmp_path / f"{i}.png")) for i in range(4))
     _, *by_workers = pool.calibrate_in_order(frames, Calibrator(PAPER_RIG), 2)
     heads, processes = zip(*by_workers, strict=True)
     assert [head.recorded_ns for head in heads] == list(range(1, 4))
@@ -152,8 +156,9 @@ def test_few_frames_are_in_memory(soon):
     road = Road(40)
     behind = []
     rows = iter(range(40))
-    calibrate_recording(road, QUICK, on_row=lambda row: behind.append(road.given - next(rows)), jobs=2)
-    stretch = QUICK.known.cold_every_s * 10.0
+    config = replace(QUICK, known=SHORT_PARTS.known)
+    calibrate_recording(road, config, on_row=lambda row: behind.append(road.given - next(rows)), jobs=2)
+    stretch = config.known.cold_every_s * 10.0
     assert max(behind) <= max(pool._AHEAD * 2, 4 * stretch) + 2 < 40
 
 

@@ -25,6 +25,8 @@ from .motion import CarMotion, weights_of_mean, without_outliers
 _OF_PIXELS = frozenset({"noise"})
 # Terms that are new with every piece of road, and the same in all frames of one stop.
 _OF_TEXTURE = frozenset({"misfit", "mismatch"})
+# Terms that are the same in all frames that were followed from one cold frame.
+_OF_COLD = frozenset({"turn_before"})
 # Terms whose cause is the same in all frames of a drive. The right images are late by one time.
 _OF_CAMERAS = RIG_TERMS | {"synchronisation"}
 # All others are by the shape of the road. Its cross-section and the lines on it stay the same for minutes.
@@ -337,6 +339,8 @@ def _terms_of_mean(
             new = ~series.stood if name in _OF_TEXTURE else np.ones(len(frames), dtype=bool)
             of_mean = (1.0 - _SAME_LOOK_PART) * _by_groups(covariances, weights, new)
             of_mean += _SAME_LOOK_PART * _by_groups(covariances, weights, new & cold)
+        elif name in _OF_COLD:
+            of_mean = _by_groups(covariances, weights, cold)
         else:
             # One error in all frames, as large as in a mean frame.
             part = np.sqrt(weights)

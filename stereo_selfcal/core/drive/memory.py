@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import replace
 from typing import Any
@@ -10,18 +11,20 @@ from typing import Any
 import numpy as np
 
 from ..camera.rig import StereoRig
+from ..estimators.landmarks import Landmarks
 from ..geometry.uncertainty import total_covariance
 from ..lanes.frame_checks import no_frames
 from ..numerics.linear import is_covariance
-from ..rejection import fitted
+from ..rejection import NotFitted, fitted
 from ..results import CalibrationResult, rejected
 from .drive import Drive, estimate_drive
 from .fusion import fuse_frames
+from .motion_between_frames import FrameMotion, estimate_motion
 from .rig_alignment import SeenAlignment, drive_of_rig
 from .rig_doubt import with_doubt_of_rig
 from .right_delay import seen_ahead
 from .standing import PlaceOfCar
-from .travel import SeenLandmarks, TravelStep, step_between
+from .travel import MotionSince, SeenLandmarks, TravelStep, step_between
 from .turn_rates import TurnRate, TurnRates
 
 _ROUNDING = 1e-6  # of a sum of terms, over what it is compared with
@@ -41,6 +44,7 @@ class DriveMemory:
         self._seen: list[SeenAlignment] = []
         self._previous: SeenLandmarks | None = None
         self._place = PlaceOfCar()
+        self._stood = False
         self._turn_rates = TurnRates()
         self._last: CalibrationResult | None = None
         self._lock = threading.Lock()
@@ -57,11 +61,13 @@ class DriveMemory:
         self.__dict__.update(state)
         self._lock = threading.Lock()
 
-    def remember(self, result: CalibrationResult) -> CalibrationResult:
+    def remember(self, result: CalibrationResult, moved: MotionSince | None = None) -> CalibrationResult:
         """Add the result of a frame, accepted or not.
 
         Args:
             result: The result.
+            moved: The motion from the landmarks before to those of the result, where it is known already;
+                None to estimate it.
 
         Returns:
             What is kept of it: with whether the car stood, and without what only pictures need.
@@ -74,12 +80,23 @@ class DriveMemory:
         if kept.accepted:
             _check_accepted(kept)
         with self._lock:
-            previous, place = self._previous, self._place
-        step = None if previous is None else fitted(step_between(previous, result, self._rig))
-        place = place.followed_by(result.landmarks, self._rig)
-        kept = replace(kept, stood=place.stands)
+            previous, place, stood = self._previous, self._place, self._stood
+        motion = None
+        if previous is not None and result.landmarks is not None:
+            if moved is None or moved.stamp_s != previous.stamp_s:
+                moved = MotionSince.between(previous, result.landmarks, self._rig)
+            motion = None if moved is None else moved.motion
+        step = None if previous is None else fitted(step_between(previous, result, self._rig, motion))
+        # A frame that was followed without landmarks says nothing of the place: the car stands as long as it
+        # is not seen to have left.
+        looked = result.landmarks is not None or not result.known_start
+        if looked:
+            place = place.followed_by(result.landmarks, self._rig, _known_motion(previous, motion))
+            stood = place.stands
+        kept = replace(kept, stood=stood)
         with self._lock:
-            self._place = place.accepted() if kept.accepted else place
+            self._stood = stood
+            self._place = place.accepted() if looked and kept.accepted else place
             if kept.accepted:
                 self._accepted.append(kept)
             if step is not None:
@@ -118,6 +135,19 @@ class DriveMemory:
         if accepted:
             fused = with_doubt_of_rig(fused, self._rig)
         return estimate_drive(accepted, self._rig, fused, steps)
+
+
+def _known_motion(
+    previous: SeenLandmarks | None, motion: FrameMotion | NotFitted | None
+) -> Callable[[Landmarks, Landmarks, StereoRig], FrameMotion | NotFitted]:
+    """Return what estimates motions; that from the landmarks before is known already."""
+
+    def estimate(before: Landmarks, after: Landmarks, rig: StereoRig) -> FrameMotion | NotFitted:
+        if motion is not None and previous is not None and before is previous.landmarks:
+            return motion
+        return estimate_motion(before, after, rig)
+
+    return estimate
 
 
 def _check_accepted(result: CalibrationResult) -> None:

@@ -152,7 +152,7 @@ _LABELS = {
 # share counts as road.
 _CAUSES = {
     **dict.fromkeys(("noise", "misfit", "mismatch", "scatter"), _Cause.FEW_FRAMES),
-    **dict.fromkeys(("stage_disagreement", "combination_disagreement"), _Cause.FEW_FRAMES),
+    **dict.fromkeys(("stage_disagreement", "combination_disagreement", "turn_before"), _Cause.FEW_FRAMES),
     "motion": _Cause.MOTION,
     "standing": _Cause.STANDING,
     "lean": _Cause.ROAD,

@@ -84,6 +84,32 @@ class SeenLandmarks:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class MotionSince:
+    """The motion between the landmarks of two frames, in whichever process it was estimated.
+
+    Attributes:
+        stamp_s: Time stamp of the first frame [s].
+        motion: The motion; or why there is none.
+    """
+
+    stamp_s: float
+    motion: FrameMotion | NotFitted
+
+    @classmethod
+    def between(cls, before: SeenLandmarks, after: Landmarks, rig: StereoRig) -> MotionSince | None:
+        """Return the motion from one frame to another one; None where the first has no landmarks.
+
+        Args:
+            before: The first frame.
+            after: Landmarks of the second one.
+            rig: The rig that both come from.
+        """
+        if before.landmarks is None:
+            return None
+        return cls(before.stamp_s, estimate_motion(before.landmarks, after, rig))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class TravelStep:
     """The motion between two frames, and the camera against its direction.
 
@@ -159,7 +185,10 @@ def angles_against(directions: Array, roll_rad: float) -> tuple[Array, Array]:
 
 
 def step_between(
-    before: FrameWithLandmarks, after: FrameWithLandmarks, rig: StereoRig
+    before: FrameWithLandmarks,
+    after: FrameWithLandmarks,
+    rig: StereoRig,
+    moved: FrameMotion | NotFitted | None = None,
 ) -> TravelStep | NotFitted:
     """Return the step from one frame to the next one.
 
@@ -167,6 +196,7 @@ def step_between(
         before: The first frame.
         after: The second frame.
         rig: The rig that both come from.
+        moved: The motion between them where it is known already; None to estimate it.
 
     Returns:
         The step, or why there is none: the frames are too far apart, or the motion could not be estimated.
@@ -178,7 +208,7 @@ def step_between(
         return NotFitted("time between two frames", duration_s, Bound.LEAST, 0.0, "s")
     if before.landmarks is None or after.landmarks is None:
         return NotFitted("frames with landmarks", 1, Bound.LEAST, 2)
-    motion = estimate_motion(before.landmarks, after.landmarks, rig)
+    motion = moved or estimate_motion(before.landmarks, after.landmarks, rig)
     if isinstance(motion, NotFitted):
         return motion
     way_m = float(np.linalg.norm(motion.moved_m))

@@ -40,7 +40,7 @@ _HORIZON = 0.4  # part of the image's height above which no road is looked for
 # Nearly all cars carry their cameras as high as this. So many disparities are matched first, and all of the
 # search range only where they show no road within them, or where most of it may hide nearer things: what is
 # nearer has no disparity among these.
-_USUAL_HEIGHT_M = 1.0
+USUAL_HEIGHT_M = 1.0
 _MOSTLY = 0.5  # of the road in view
 # All planes are tried with a few points, and the best ones of them with more.
 _N_TRIPLES, _N_POINTS = 300, 500
@@ -104,7 +104,7 @@ def find_coarse_road(
     """
     small = SmallImages.of(images)
     usual, every = (
-        _n_disparities(rig, least_m, small.scale) for least_m in (_USUAL_HEIGHT_M, search.height_min_m)
+        n_disparities(rig, least_m, small.scale) for least_m in (USUAL_HEIGHT_M, search.height_min_m)
     )
     if usual < every:
         disparities = small.match(usual)
@@ -148,7 +148,7 @@ def _find(
     return CoarseRoad(pose, spread @ spread.T, share, matched, scale)
 
 
-def _n_disparities(rig: StereoRig, height_m: float, scale: int) -> int:
+def n_disparities(rig: StereoRig, height_m: float, scale: int) -> int:
     """Return how many disparities of the small images a road this far below the rig has."""
     width, height = rig.width // scale, rig.height // scale
     # The nearest road is seen in the last row.

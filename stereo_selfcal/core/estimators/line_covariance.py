@@ -11,6 +11,7 @@ as their covariances predict. Where they are not, the covariance is enlarged.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -214,21 +215,34 @@ class Bends:
 
 
 def measure_bends(pattern: LanePattern, rig: StereoRig, height_m: float) -> Bends:
-    """Measure the curvatures that the points of the four lines have in common.
+    """Measure the curvatures that the points of the four lines of both images have in common."""
+    lines = (*pattern.left, *pattern.right)
+    return bends_of_lines(lines, float(pattern.vanishing_point[1]), rig, height_m)
+
+
+def bends_of_lines(
+    lines: Sequence[ImageLine], vanishing_row: float, rig: StereoRig, height_m: float
+) -> Bends:
+    """Measure the curvatures that the points of lines of one lane have in common.
 
     On a road of curvature k, a line at the distance x is displaced by k x^2 / 2 to the left. In the image
     this is -k fx x / 2 = -k fx fy height / 2 / (v - v_horizon). Where the road rises by c x^2 / 2, a row
     shows a road point that is nearer by the fraction c x^2 / (2 height). A line of slope m therefore moves by
     m c fy^2 height / 2 / (v - v_horizon); lines on the left and on the right move in opposite directions.
     Both curvatures are fitted to the measured points, together with one straight line for each measured line.
+
+    Args:
+        lines: Lines of one or both images.
+        vanishing_row: Row where they meet [px].
+        rig: Intrinsics and baseline.
+        height_m: Height of the camera [m].
     """
-    lines = (*pattern.left, *pattern.right)
     n_parameters = 2 * len(lines) + 2
     normal = np.zeros((n_parameters, n_parameters))
     right_side = np.zeros(n_parameters)
     blocks = []
     for i, line in enumerate(lines):
-        below = np.maximum(line.rows - float(pattern.vanishing_point[1]), 1.0)
+        below = np.maximum(line.rows - vanishing_row, 1.0)
         design = np.zeros((len(line.rows), n_parameters))
         design[:, 2 * i] = 1.0
         design[:, 2 * i + 1] = line.rows - line.v_mid

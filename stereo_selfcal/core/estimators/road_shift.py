@@ -40,7 +40,11 @@ class RoadShift:
 
 
 def find_road_shift(
-    images: tuple[Image, Image], rig: StereoRig, pose: Extrinsics, yaw_rad: float = 0.0
+    images: tuple[Image, Image],
+    rig: StereoRig,
+    pose: Extrinsics,
+    yaw_rad: float = 0.0,
+    turned: Array | None = None,
 ) -> RoadShift:
     """Find how far the road in the right image is shifted along the road.
 
@@ -49,9 +53,15 @@ def find_road_shift(
         rig: Intrinsics and baseline.
         pose: Pose over the road.
         yaw_rad: Yaw of the camera against the lane [rad].
+        turned: Homography (3, 3) to the right image from one of a camera that is not turned; None where it
+            is that.
     """
+    straight = np.eye(3)
     left, right = (
-        _from_above(image, rig, pose, yaw_rad, side) for image, side in zip(images, SIDES, strict=True)
+        _from_above(image, image_of_camera @ _image_from_cell(rig, pose, yaw_rad, side))
+        for image, side, image_of_camera in zip(
+            images, SIDES, (straight, straight if turned is None else turned), strict=True
+        )
     )
     spectra = [np.fft.rfft2(each) for each in (left, right)]
     product = spectra[1] * np.conj(spectra[0])
@@ -70,14 +80,19 @@ def find_road_shift(
     return RoadShift((best + part - middle[0]) * _CELL_M, peak / scatter, zero / scatter)
 
 
-def _from_above(image: Image, rig: StereoRig, pose: Extrinsics, yaw_rad: float, side: Side) -> Array:
-    """Return the road as seen from above, rows along it, without its mean and tapered to the borders."""
-    rows, columns = round((_FAR_M - _NEAR_M) / _CELL_M), round(2.0 * _HALF_WIDTH_M / _CELL_M)
+def _image_from_cell(rig: StereoRig, pose: Extrinsics, yaw_rad: float, side: Side) -> Array:
+    """Return the homography (3, 3) from cells of the road, rows along it, to an image."""
     cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
     # Axes of the road along the lane: the camera points left of the lane by its yaw.
     camera_from_lane = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     lane_from_cell = np.array([[0.0, _CELL_M, _NEAR_M], [_CELL_M, 0.0, -_HALF_WIDTH_M], [0.0, 0.0, 1.0]])
-    image_from_cell = image_from_road(rig, pose, side) @ camera_from_lane @ lane_from_cell
+    image_from_cell: Array = image_from_road(rig, pose, side) @ camera_from_lane @ lane_from_cell
+    return image_from_cell
+
+
+def _from_above(image: Image, image_from_cell: Array) -> Array:
+    """Return the road as seen from above, without its mean and tapered to the borders."""
+    rows, columns = round((_FAR_M - _NEAR_M) / _CELL_M), round(2.0 * _HALF_WIDTH_M / _CELL_M)
     above = cv2.warpPerspective(
         image, image_from_cell, (columns, rows), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     ).astype(np.float64)

@@ -13,7 +13,7 @@ from ..camera.rig import StereoRig
 from ..geometry.plane import DisparityPlane, PlaneCamera
 from ..numerics.statistics import quantile
 from ..road.cell_grid import SampleGrid
-from ..types import Floats, Image
+from ..types import Array, Floats, Image
 
 _FIRST_ROWS = 16  # the first blurred row is a multiple of this, so that other alignments rarely need one more
 _SPARE_ROWS = 6  # kept above the samples of the first pass, because later passes move the samples
@@ -107,7 +107,7 @@ def half_disparity(grid: SampleGrid, plane: DisparityPlane, rig: StereoRig) -> F
 
 
 def sample_positions(
-    first_row: int, grid: SampleGrid, half: Floats, vertical_px: float = 0.0
+    first_row: int, grid: SampleGrid, half: Floats, vertical_px: float = 0.0, turned: Array | None = None
 ) -> tuple[_Positions, _Positions]:
     """Return the positions of the samples in the left and in the right image, for a known disparity.
 
@@ -116,13 +116,25 @@ def sample_positions(
         grid: The samples.
         half: (N,) half the disparity [px].
         vertical_px: Row of a point in the right image minus that in the left one [px].
+        turned: Homography (3, 3) to the right image from one of a camera that is not turned; None where it
+            is that.
 
     Returns:
         Columns and rows in the left image, and columns and rows in the right image, (N,) each [px].
     """
     v = grid.v - np.float32(first_row)
     tilt = np.float32(vertical_px / 2.0)
-    return (grid.u + half, v - tilt), (grid.u - half, v + tilt)
+    left, right = (grid.u + half, v - tilt), (grid.u - half, v + tilt)
+    return left, right if turned is None else _turned(right, turned, first_row)
+
+
+def _turned(straight: _Positions, turned: Array, first_row: int) -> _Positions:
+    """Return where points of a camera that is not turned lie in the image of one that is."""
+    u, v = straight
+    shift = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, first_row], [0.0, 0.0, 1.0]])
+    of_u, of_v, of_depth = (np.linalg.inv(shift) @ turned @ shift).astype(np.float32)
+    depth = of_depth[0] * u + of_depth[1] * v + of_depth[2]
+    return (of_u[0] * u + of_u[1] * v + of_u[2]) / depth, (of_v[0] * u + of_v[1] * v + of_v[2]) / depth
 
 
 def warp(images: tuple[Floats, Floats], positions: tuple[_Positions, _Positions]) -> tuple[Floats, Floats]:

@@ -13,7 +13,7 @@ it shows the direction of the lane.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +21,6 @@ import numpy.typing as npt
 from ..camera.rig import StereoRig
 from ..geometry.pose import Extrinsics
 from ..lanes.lane_pair import LanePattern, row_towards
-from ..lanes.line_geometry import lane_in_road
 from ..numerics.derivatives import central_difference, point_by_point
 from ..numerics.linear import is_covariance, rank_of
 from ..rejection import Bound, NotFitted
@@ -29,6 +28,7 @@ from ..road.stripe_model import N_POSE, bent_columns, predict_edges
 from ..types import Array, Image
 from .gauss_newton import MIN_BLOCKS, RoadPrior, Step, solve_step
 from .row_blocks import BLOCK_ROWS, RAMP_PX, EdgeResiduals, RowBlocks, measure_blocks
+from .stripe_start import start_road
 
 # Steps of the numerical derivative by the parameters of the road (`core.road.stripe_model`): height [m],
 # pitch, roll, yaw [rad], curvature [1/m].
@@ -65,6 +65,10 @@ _PASSES = (
     _Pass(7, 0.0, 1, 5),
 )
 
+# Where the stripes of the frame before are known, with their widths and the blur: the first pass allows for
+# the motion between two frames, and the second one fits the blur again.
+_PASSES_AGAIN = (_Pass(6, 1.0, 2, 2), _PASSES[-1])
+
 # First row, as a fraction of the way from the bottom of the image up to the vanishing point. Closer to the
 # vanishing point, stripes are thinner than a pixel, and roads bend or change their slope.
 _FIRST_ROW = 0.97
@@ -79,9 +83,6 @@ _MAX_VIGNETTING = 0.6  # share of the light lost in the farthest corner: more th
 _MOST_TURN_DEG = 75.0
 
 _BLUR_START_PX, _BLUR_MIN_PX, BLUR_MAX_PX = 0.5, 0.05, 3.0
-
-# Stripe widths tried at the start [m].
-_WIDTHS_M = np.linspace(0.04, 0.70, 67)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,6 +104,9 @@ class StripeFit:
         scale: Deviance of the blocks over the deviance that the noise explains; 1 where the model is exact.
         n_blocks: Number of blocks of rows that count.
         residuals: Residual displacements of the stripes' edges after the fit.
+        vignetting: (2,) share of the light that the left and the right lens lose in the farthest corner.
+        height_stds_m: (L,) standard deviations of the prior of the heights [m]; 0 for the boundaries.
+        rows_of_blocks: Number of rows of blocks that were looked at, from the lowest row of the image on.
     """
 
     extrinsics: Extrinsics
@@ -117,6 +121,37 @@ class StripeFit:
     scale: float
     n_blocks: int
     residuals: EdgeResiduals
+    vignetting: Array = field(default_factory=lambda: np.zeros(2))
+    height_stds_m: Array = field(default_factory=lambda: np.zeros(2))
+    rows_of_blocks: int = 0
+
+    def road_under(self, pose: Extrinsics) -> Array:
+        """Return the parameters (5 + 3 L,) of the same road under another pose."""
+        lane = self.lane_yaw_rad, self.curvature_per_m
+        return np.array([*pose.as_array(), *lane, *self.positions_m, *self.widths_m, *self.heights_m])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _FitStart:
+    """Where a fit starts.
+
+    Attributes:
+        road: (5 + 3 L,) parameters of the road.
+        height_stds_m: (L,) standard deviations of the prior of the stripes' heights [m].
+        rows_of_blocks: Number of rows of blocks, from the lowest row of the image on.
+        bent: Whether the lane has a curvature.
+        blur_px: (2,) standard deviation of the blur of either lens [px].
+        vignetting: (2,) share of the light that either lens loses in the farthest corner.
+        variance: Variance of the grey values; 0 where it is not known.
+    """
+
+    road: Array
+    height_stds_m: Array
+    rows_of_blocks: int
+    bent: bool
+    blur_px: Array
+    vignetting: Array
+    variance: float
 
 
 def refine(
@@ -145,26 +180,67 @@ def refine(
         return NotFitted(
             "blocks of rows below the vanishing point", n_blocks, Bound.LEAST, _LEAST_ROWS_OF_BLOCKS
         )
-    road = _start_road(images, pattern, rig, start, curvature_per_m or 0.0)
+    road = start_road(images, pattern, rig, start, curvature_per_m or 0.0)
     if isinstance(road, NotFitted):
         return road
+    start_fit = _FitStart(
+        road,
+        pattern.height_stds_m,
+        n_blocks,
+        curvature_per_m is not None,
+        np.full(2, _BLUR_START_PX),
+        np.zeros(2),
+        0.0,
+    )
+    return _fit(images, rig, start_fit, _PASSES)
+
+
+def refine_again(
+    images: tuple[Image, Image], rig: StereoRig, before: StripeFit, road: Array
+) -> StripeFit | NotFitted:
+    """Fit the stripes of the frame before in the next one.
+
+    Args:
+        images: Left and right image, (H, W) uint8.
+        rig: Intrinsics and baseline.
+        before: The fit in the frame before, of a straight lane.
+        road: (5 + 3 L,) parameters of the road to start from, whose edges are good to three pixels.
+
+    Returns:
+        The fit, or the reason why there is none, as of :func:`refine`.
+    """
+    start = _FitStart(
+        road,
+        before.height_stds_m,
+        before.rows_of_blocks,
+        False,
+        before.blur_px,
+        before.vignetting,
+        before.noise_grey**2,
+    )
+    return _fit(images, rig, start, _PASSES_AGAIN)
+
+
+def _fit(
+    images: tuple[Image, Image], rig: StereoRig, start: _FitStart, passes: tuple[_Pass, ...]
+) -> StripeFit | NotFitted:
+    """Fit a road by Gauss-Newton passes, the last of which is the final fit."""
+    road, blur, vignetting = start.road, start.blur_px, start.vignetting
     heights = np.split(road[N_POSE:], 3)[2]
-    varied = _varied(pattern, curvature_per_m is not None)
-    blur = np.full(2, _BLUR_START_PX)
-    noise = 0.0  # not known before the first pass
-    vignetting: Array = np.zeros(2)
+    varied = _varied(start.height_stds_m, start.bent)
+    variance, n_blocks = start.variance, start.rows_of_blocks
     all_rows = np.arange(rig.height - n_blocks * BLOCK_ROWS, rig.height).reshape(n_blocks, BLOCK_ROWS)
     solution: Step | NotFitted | None = None
     thinning = -(-n_blocks // _MOST_ROWS_OF_BLOCKS)
-    for one in _PASSES:
-        rows = all_rows[:: 1 if one is _PASSES[-1] else thinning, :: one.row_step]
-        columns, slopes, jac_columns_road = _predict(road, rows, varied, rig, curvature_per_m is not None)
+    for one in passes:
+        rows = all_rows[:: 1 if one is passes[-1] else thinning, :: one.row_step]
+        columns, slopes, jac_columns_road = _predict(road, rows, varied, rig, start.bent)
         window = (one.half_width, one.added_blur)
         darkening = _vignetting_profile(columns, rig)
         steepness = vignetting[:, None, None] * darkening
-        blocks = measure_blocks(images, columns, slopes, rows, blur, window, noise, steepness)
-        noise = blocks.variance
-        prior = RoadPrior(varied, heights, pattern.height_stds_m)
+        blocks = measure_blocks(images, columns, slopes, rows, blur, window, variance, steepness)
+        variance = blocks.variance
+        prior = RoadPrior(varied, heights, start.height_stds_m)
         solution = solve_step(blocks, jac_columns_road, one.reweightings, prior)
         if isinstance(solution, NotFitted):
             return solution
@@ -174,7 +250,7 @@ def refine(
         # parameter all the same; otherwise the blocks of a sharper or softer camera would be outliers.
         if one.added_blur == 0.0:
             blur = np.clip(blur + step[len(road) :], _BLUR_MIN_PX, BLUR_MAX_PX)
-            if one is not _PASSES[-1]:
+            if one is not passes[-1]:
                 loss = vignetting + _measure_vignetting(blocks, darkening)
                 vignetting = np.clip(loss, 0.0, _MAX_VIGNETTING)
         middles, widths, heights = np.split(road[N_POSE:], 3)
@@ -198,27 +274,10 @@ def refine(
         scale=solution.scale,
         n_blocks=len(solution.relative),
         residuals=_residuals(blocks, jac_columns_road, step, columns, slopes, all_rows),
+        vignetting=vignetting,
+        height_stds_m=start.height_stds_m,
+        rows_of_blocks=n_blocks,
     )
-
-
-def _start_road(
-    images: tuple[Image, Image],
-    pattern: LanePattern,
-    rig: StereoRig,
-    start: Extrinsics,
-    curvature_per_m: float,
-) -> Array | NotFitted:
-    """Return the parameters of the road to start from, (5 + 3 L,); the lines give yaw and positions."""
-    yaw, *left_edges = lane_in_road(pattern, rig, start)
-    widths = _start_widths(images, pattern, rig, start)
-    heights = np.zeros(len(left_edges))
-    road = np.array(
-        [*start.as_array(), yaw, curvature_per_m, *(left_edges - widths / 2.0), *widths, *heights]
-    )
-    n_finite = int(np.count_nonzero(np.isfinite(road)))
-    if n_finite < len(road):
-        return NotFitted("numbers of the road that the lines determine", n_finite, Bound.LEAST, len(road))
-    return road
 
 
 def _divergence(road: Array) -> NotFitted | None:
@@ -293,13 +352,13 @@ def _residuals(
     return EdgeResiduals(remainder, blocks, columns.mean(axis=-1), slopes, rows.mean(axis=1))
 
 
-def _varied(pattern: LanePattern, bent: bool) -> npt.NDArray[np.bool_]:
+def _varied(height_stds_m: Array, bent: bool) -> npt.NDArray[np.bool_]:
     """Return which parameters of the road are free, (5 + 3 L,).
 
     The curvature is free where the lane is bent. The height of a stripe is free where its prior has a
     deviation.
     """
-    beside = pattern.height_stds_m > 0.0
+    beside = height_stds_m > 0.0
     varied = np.ones(N_POSE + 3 * len(beside), bool)
     varied[_CURVATURE] = bent
     varied[-len(beside) :] = beside
@@ -325,25 +384,3 @@ def _measure_vignetting(blocks: RowBlocks, profile: Array) -> Array:
     least = blocks.variance / _MAX_VIGNETTING**2
     loss: Array = gradient.sum(axis=(1, 2)) / np.maximum(information.sum(axis=(1, 2)), least)
     return loss
-
-
-def _start_widths(
-    images: tuple[Image, Image], pattern: LanePattern, rig: StereoRig, start: Extrinsics
-) -> Array:
-    """Return the width (L,) of each stripe [m] whose right edge has the strongest fall of grey values."""
-    horizon = float(pattern.vanishing_point[1])
-    rows = np.arange(max(0, int(horizon) + 2 * BLOCK_ROWS), rig.height, 2)
-    px_per_m = (rows - horizon) / start.height_m * rig.fx / rig.fy
-    score = np.zeros((len(pattern.columns[0]), len(_WIDTHS_M)))
-    for image, lines in zip(images, pattern.lines, strict=True):
-        pixels = image[rows].astype(np.int16)  # differences may be negative
-        for stripe, line in enumerate(lines):
-            left = line.column_at(rows.astype(np.float64))[:, None]
-            columns = np.rint(left + px_per_m[:, None] * _WIDTHS_M).astype(np.intp)
-            seen = (columns > 0) & (columns < rig.width - 1) & (left > 0)
-            columns = np.clip(columns, 1, rig.width - 2)
-            before, after = (np.take_along_axis(pixels, columns + beside, axis=1) for beside in (-1, 1))
-            falling = before - after
-            score[stripe] += np.where(seen, falling, 0.0).sum(axis=0)
-    widths: Array = _WIDTHS_M[np.argmax(score, axis=1)]
-    return widths

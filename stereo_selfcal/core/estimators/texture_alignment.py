@@ -34,6 +34,7 @@ from ..road.surface import (
     fit_plane,
     fit_surface,
 )
+from ..road.unevenness import RoadUnevenness
 from ..types import Array, Floats, Image, Mask
 from .sampling import ImageBlurs, half_disparity, sample, sample_positions, usable_samples, warp
 from .texture_fit import TextureFit, TextureQuality
@@ -41,7 +42,7 @@ from .texture_fit import TextureFit, TextureQuality
 # The search corrects errors of the start up to these: a kerb's height (60 mm), the pitching of a frame (0.5
 # deg) and the cross slope of another lane (2 deg), each increased by a quarter.
 SEARCH_HEIGHT_M, SEARCH_PITCH_RAD, SEARCH_ROLL_RAD = 0.075, np.radians(0.65), np.radians(2.5)
-_Layout = tuple[float, tuple[float, float], float]  # arguments of lay_out_samples: yaw, limits, far end
+Layout = tuple[float, tuple[float, float], float]  # arguments of lay_out_samples: yaw, limits, far end
 _SEARCH_RANGE = np.array([SEARCH_HEIGHT_M, SEARCH_PITCH_RAD, SEARCH_ROLL_RAD])
 _MOST_RUN = 2.0  # most distance of the result from the start, over the search range: beyond, the fit diverged
 _SEARCH_BLUR_PX = 2.0  # with this blur, the peak of the correlation extends over 2 px to either side
@@ -53,7 +54,7 @@ _SEARCH_THINNING = 3
 # Each attempt: blur along the row [px], thinning of the samples in each pass. With less blur than a pixel,
 # interpolation depends on the position within a pixel. The second attempt, for a road with too little texture
 # for the first, has more blur: it loses detail, but the noise is lower by the root of the blur.
-_ATTEMPTS = ((1.0, (2, 1)), (3.0, (1,)))
+BLURS = ((1.0, (2, 1)), (3.0, (1,)))
 _MOST_STEP_PX = 4.0  # most change of disparity in a pass; beyond, the fit leaves the plane that was found
 # OpenCV interpolates at multiples of 1 / 32 px. This is an error of 0.009 px for one sample, and of so much
 # for a cell of hundreds of samples.
@@ -110,9 +111,9 @@ def align_texture(
     if isinstance(searched, NotFitted):
         return searched
     first: TextureFit | None = None
-    for attempt in (*range(first_attempt, len(_ATTEMPTS)), *range(first_attempt)):
-        blur, thinnings = _ATTEMPTS[attempt]
-        fit = _align(images, blurs, rig, searched, layout, blur, thinnings, keep_paint, vertical_px)
+    for attempt in (*range(first_attempt, len(BLURS)), *range(first_attempt)):
+        blur, thinnings = BLURS[attempt]
+        fit = align_from(images, blurs, rig, searched, layout, blur, thinnings, keep_paint, vertical_px)
         if isinstance(fit, NotFitted):
             given_up = fit
             continue
@@ -127,18 +128,24 @@ def align_texture(
     return first or given_up
 
 
-def _align(
+def align_from(
     images: tuple[Image, Image],
     blurs: ImageBlurs,
     rig: StereoRig,
     plane: DisparityPlane,
-    layout: _Layout,
+    layout: Layout,
     blur_px: float,
     thinnings: tuple[int, ...],
     keep_paint: bool,
     vertical_px: float,
+    unevenness: RoadUnevenness | None = None,
+    turned: Array | None = None,
 ) -> TextureFit | NotFitted:
-    """Align from a plane that is exact to about a pixel: one pass for each thinning, and a final one."""
+    """Align from a plane that is exact to about a pixel: one pass for each thinning, and a final one.
+
+    The unevenness is that of the road where it is known. ``turned`` is the homography (3, 3) of a right
+    camera that has turned (:meth:`.CameraTurn.homography`). Other arguments as of :func:`align_texture`.
+    """
     for i, thinning in enumerate(thinnings):
         last = i == len(thinnings) - 1
         grid = lay_out_samples(rig, pose_from_plane(plane, rig), *layout, thinning=thinning)
@@ -150,15 +157,15 @@ def _align(
         blurred = blurs.of(blur_px, grid)
         for final in (False, True)[: 1 + last]:
             half = half_disparity(grid, plane, rig)
-            positions = sample_positions(blurred.first_row, grid, half, vertical_px)
+            positions = sample_positions(blurred.first_row, grid, half, vertical_px, turned)
             grey, slopes = warp(blurred.grey, positions), warp(blurred.slope, positions)
             cells = _measure(grey, slopes, usable, grid, blur_px)
             # Height of the road over the plane for a disparity that is larger by one pixel.
             metres = plane.height_m(rig) / plane.disparities(grid.cell_rays)
             heights = np.where(cells.significant, cells.displacement * metres, np.nan)
             road = CellHeights(heights, cells.variance * metres**2, metres, grid.cell_xy, grid.cell_strip)
-            fit = fit_surface if final else fit_plane
-            surface = fit(road, grid.cell_rays * metres[:, None], lane)
+            design = grid.cell_rays * metres[:, None]
+            surface = fit_surface(road, design, lane, unevenness) if final else fit_plane(road, design, lane)
             if isinstance(surface, NotFitted):
                 return surface
             step_px = float(
@@ -184,7 +191,7 @@ def _lane_grid() -> tuple[Array, Array]:
 _LANE_GRID = _lane_grid()
 
 
-def _lane_points(plane: DisparityPlane, rig: StereoRig, layout: _Layout) -> LanePoints:
+def _lane_points(plane: DisparityPlane, rig: StereoRig, layout: Layout) -> LanePoints:
     """Return the points of the own lane in the sampled strip, over which the plane is fitted."""
     yaw, (right_m, left_m), _ = layout
     pose = pose_from_plane(plane, rig)
@@ -276,7 +283,7 @@ def _gain(left: Floats, right: Floats, usable: Floats, count: Array, grid: Sampl
 
 
 def _search(
-    images: tuple[Image, Image], rig: StereoRig, start: DisparityPlane, layout: _Layout
+    images: tuple[Image, Image], rig: StereoRig, start: DisparityPlane, layout: Layout
 ) -> DisparityPlane | NotFitted:
     """Try planes around the start; return the one with the largest sum of the cells' correlations."""
     pose = pose_from_plane(start, rig)

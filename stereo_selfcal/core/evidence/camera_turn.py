@@ -16,11 +16,13 @@ import cv2
 import numpy as np
 
 from ..camera.rig import StereoRig
-from ..estimators.dense_disparity import DenseDisparities
+from ..estimators.coarse_road import USUAL_HEIGHT_M, n_disparities
+from ..estimators.dense_disparity import DenseDisparities, SmallImages
 from ..estimators.landmarks import Landmarks, describe_points
 from ..estimators.matched_points import match_points
 from ..estimators.row_alignment import LEAST_SMOOTH_PX, RowAlignment, align_rows, turn_by_smooth_rows
 from ..geometry.alignment import Alignment, optical_rotation
+from ..geometry.homography import camera_matrix
 from ..geometry.pose import Extrinsics
 from ..rejection import Bound, NotFitted, fitted
 from ..road.priors import (
@@ -117,6 +119,18 @@ class CameraTurn:
         """Return what calibrations leave, where no rows are compared."""
         return cls(0.0, 0.0, np.diag(np.square(CALIBRATED_TURN_STD_RAD[:2])), lacking=why)
 
+    def homography(self, rig: StereoRig, yaw_rad: float = 0.0) -> Array:
+        """Return (3, 3) where a point lies in the right image, for where it would lie without the turn.
+
+        Args:
+            rig: Intrinsics.
+            yaw_rad: The yaw of the camera, as far as it is to be corrected [rad].
+        """
+        matrix = camera_matrix(rig)
+        rotation = optical_rotation(self.pitch_rad, self.roll_rad, yaw_rad)
+        turned: Array = matrix @ rotation.T @ np.linalg.inv(matrix)
+        return turned
+
     def rig_std(self, yaw_rad: float) -> RigStd:
         """Return the standard deviations of what remains unknown of the rig.
 
@@ -165,6 +179,19 @@ def measure_turn(
     if vague is not None:
         return replace(CameraTurn.unknown(vague), landmarks=landmarks)
     return replace(with_prior(_mean(told)), landmarks=landmarks)
+
+
+def find_landmarks(images: tuple[Image, Image], rig: StereoRig, ahead: float = 0.0) -> Landmarks:
+    """Return points that the next frames may see again, without what their rows tell.
+
+    Args:
+        images: Left and right image, (H, W) uint8.
+        rig: Intrinsics and baseline.
+        ahead: How much farther ahead the right camera sat in the frame before, over the baseline.
+    """
+    small = SmallImages.of(images)
+    disparities = small.match_blocks(n_disparities(rig, USUAL_HEIGHT_M, small.scale))
+    return describe_points(images[0], match_points(images, disparities), ahead)
 
 
 def _vague(turn: CameraTurn) -> NotFitted | None:
@@ -240,10 +267,7 @@ def turned_back(
     """
     if not turn.seen and yaw_rad == 0.0:
         return images, turn
-    matrix = np.array([[rig.fx, 0.0, rig.cx], [0.0, rig.fy, rig.cy], [0.0, 0.0, 1.0]])
-    rotation = optical_rotation(turn.pitch_rad, turn.roll_rad, yaw_rad)
-    # Where a point lies in the image of the turned camera, for where it would lie without the turn.
-    turned_from_straight = matrix @ rotation.T @ np.linalg.inv(matrix)
+    turned_from_straight = turn.homography(rig, yaw_rad)
     from_first_row = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, first_row], [0.0, 0.0, 1.0]])
     left, right = images
     straight = np.empty_like(right)

@@ -80,7 +80,11 @@ class Lateness:
 
 
 def measure_lateness(
-    images: tuple[Image, Image], rig: StereoRig, pose: Extrinsics, yaw_rad: float | None
+    images: tuple[Image, Image],
+    rig: StereoRig,
+    pose: Extrinsics,
+    yaw_rad: float | None,
+    turned: Array | None = None,
 ) -> Lateness | None:
     """Measure the way of the car between both images.
 
@@ -89,11 +93,12 @@ def measure_lateness(
         rig: Intrinsics and baseline.
         pose: Pose over the road.
         yaw_rad: Yaw of the camera against the lane, None where it is not known.
+        turned: As of :func:`.find_road_shift`.
 
     Returns:
         The way; None where the road shows nothing that tells it.
     """
-    shift = find_road_shift(images, rig, pose, yaw_rad or 0.0)
+    shift = find_road_shift(images, rig, pose, yaw_rad or 0.0, turned)
     if shift.sigmas < _LEAST_SIGMAS:
         return None
     return Lateness(shift.ahead_m, _WAY_STD_M, shift.sigmas_at_zero < _MOST_AT_ZERO * shift.sigmas)

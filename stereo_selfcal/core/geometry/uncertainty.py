@@ -31,6 +31,7 @@ TERMS = {
     "vergence": "turn of the right camera about the vertical that its calibration leaves",
     "rectification": "distortion of the disparities that the calibration leaves",
     "row_offset": "offset between the rows of both images that the calibration leaves",
+    "turn_before": "turn of the right camera that was measured in a frame before",
     "ahead": "right camera that seems to sit farther ahead, as that of late images does",
     "synchronisation": "way of the car between the two images",
     "combination_disagreement": "difference between lines and texture beyond their uncertainties",

@@ -197,13 +197,16 @@ def fit_plane(cells: CellHeights, design: Array, lane: LanePoints) -> LanePlane 
     return LanePlane(solve @ found.y, found.weights())
 
 
-def fit_surface(cells: CellHeights, design: Array, lane: LanePoints) -> Surface | NotFitted:
+def fit_surface(
+    cells: CellHeights, design: Array, lane: LanePoints, unevenness: RoadUnevenness | None = None
+) -> Surface | NotFitted:
     """Fit the plane of the own lane, with the road's own unevenness and what other parts of it leave open.
 
     Args:
         cells: The measured heights.
         design: (C, 3) derivative of the heights by the parameters of the plane.
         lane: Points of the own lane.
+        unevenness: That of the road where it is known; None to estimate it from these cells.
 
     Returns:
         The plane, or the reason why the measured cells do not determine one.
@@ -215,7 +218,7 @@ def fit_surface(cells: CellHeights, design: Array, lane: LanePoints) -> Surface 
     kernel, profile = found.kernel, found.profile
     of_cells = slice(len(y)), slice(len(y))
     try:
-        unevenness = estimate_unevenness(
+        unevenness = unevenness or estimate_unevenness(
             y, x, extent.variances, profile[of_cells], kernel[of_cells], found.metres
         )
     except np.linalg.LinAlgError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
+from ..estimators.stripe_fit import StripeFit
 from ..evidence.camera_turn import CameraTurn
 from ..evidence.camera_yaw import YawTold
 from ..evidence.estimate import Estimate, StagePoses
@@ -46,6 +47,7 @@ class Attempt:
         lateness: The way of the car between both images, once it was measured; None where it is not told.
         yaw_told: The yaw of the right camera, by rows and lines; empty where the hypothesis was refused.
         lane_line: The line of the left image that tells the yaw of an estimate without a pair of lines.
+        stripes: The fit of the stripes' grey values; None where there is none.
         rows: Pitch and roll of the right camera by the rows of both images, compared under the pose of an
             accepted attempt; None where they were not, or were corrected.
     """
@@ -63,6 +65,7 @@ class Attempt:
     yaw_told: tuple[YawTold, ...] = ()
     lane_line: ImageLine | None = None
     lateness: Lateness | None = None
+    stripes: StripeFit | None = None
     rows: CameraTurn | None = None
 
     @property
@@ -98,7 +101,15 @@ class Attempt:
     def slim(self) -> Attempt:
         """Return the attempt without points and lines, which take as much memory as an image."""
         hypothesis = self.hypothesis.slim()
-        return replace(self, hypothesis=hypothesis, genetic=None, surface=None, lane_line=None, rows=None)
+        return replace(
+            self,
+            hypothesis=hypothesis,
+            genetic=None,
+            surface=None,
+            lane_line=None,
+            rows=None,
+            stripes=None,
+        )
 
 
 def coarse_pose(frame: FrameObservations) -> StagePoses:

@@ -24,7 +24,7 @@ from ..lanes.stripe_points import find_stripe_points
 from ..reservations import Reservation
 from ..road.priors import HARD_RIDE_STD
 from .attempt import Attempt
-from .known import HALF_DOUBLE_LINE_M, KnownCamera
+from .known_lines import HALF_DOUBLE_LINE_M, KnownLines
 from .solve import solve
 from .strategy import FrameSearch
 
@@ -45,7 +45,7 @@ class RoadLines:
         reservations: What the cold frame could not check.
     """
 
-    camera: KnownCamera
+    camera: KnownLines
     width_m: float
     road_terms: tuple[UncertaintyTerm, ...]
     reservations: tuple[Reservation, ...]
@@ -59,7 +59,7 @@ class RoadLines:
             stamp_s: Time stamp of the frame [s].
             rig: Intrinsics and baseline.
         """
-        camera = KnownCamera.after(chosen, stamp_s)
+        camera = KnownLines.after(chosen, stamp_s)
         if camera is None or chosen is None or chosen.estimate is None or chosen.pattern is None:
             return None
         _, left_m, right_m = lane_in_road(chosen.pattern.boundaries, rig, chosen.estimate.pose)

@@ -172,6 +172,7 @@ def _solve_lines(
         surface=surface,
         yaw_told=frame.yaw_told,
         lateness=late,
+        stripes=refined,
         rows=checked.evidence.rows,
     )
 

@@ -29,7 +29,7 @@ from ..lanes.hypotheses import (
 from ..lanes.lane_pair import LanePattern
 from ..rejection import Rejection, RejectReason
 from .attempt import Attempt, Verdict, coarse_pose
-from .known import KnownCamera
+from .known_lines import KnownLines
 from .lines_on_road import lines_on_road
 from .refusal import with_lines_missing, without_pair
 
@@ -98,7 +98,7 @@ class FrameSearch:
             if attempts[-1].accepted or attempts[-1].refused_by in _CONTRADICTIONS:
                 return
 
-    def followed(self, known: KnownCamera) -> Hypothesis | None:
+    def followed(self, known: KnownLines) -> Hypothesis | None:
         """Return the hypothesis that the lines bound the lane that did so in another frame.
 
         Args:

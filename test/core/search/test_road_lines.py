@@ -8,7 +8,7 @@ import pytest
 
 from stereo_selfcal import Calibrator, CalibratorConfig
 from stereo_selfcal.core.evidence.frame_evidence import FrameObservations
-from stereo_selfcal.core.search.known import HALF_DOUBLE_LINE_M, MOST_AGE_S
+from stereo_selfcal.core.search.known_lines import HALF_DOUBLE_LINE_M, MOST_AGE_S
 from stereo_selfcal.core.search.road_lines import RoadLines
 from stereo_selfcal.core.search.strategy import choose
 from stereo_selfcal.synth.scenes import custom_scene
