@@ -9,12 +9,15 @@ import itertools
 import json
 import math
 import os
+import struct
 import sys
 import threading
 import time
 from array import array
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,21 +27,22 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
-from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
-from stereo_selfcal import StereoRig
+from stereo_selfcal import Calibrator, StereoRig
+from stereo_selfcal.core.road_now import RoadTracker
 from stereo_selfcal.files.node_settings import TARGET_NAMES
 from stereo_selfcal.ros import node
+from stereo_selfcal.ros.intake import ImageIntake
 from stereo_selfcal.ros.subscription_schedule import SubscriptionSchedule
-from stereo_selfcal.ros.subscriptions import CameraSubscriptions, Stream
 from stereo_selfcal.synth.renderer import render
 from stereo_selfcal.synth.scenes import PAPER_RIG, random_scene
 
 NODE = "/stereo_selfcal"
 SIDES = ("left", "right")
 RIG = StereoRig(1280, 720, 1033.2, 1033.2, 639.5, 359.5, PAPER_RIG.baseline_m)
+FULL_HD = StereoRig(1920, 1080, 1549.8, 1549.8, 959.5, 539.5, PAPER_RIG.baseline_m)
 _SENSOR_DATA = QoSProfile(depth=5, reliability=QoSReliabilityPolicy.BEST_EFFORT)
 _PATIENCE_S = 60.0
 DRIVE_HZ = 10.0
@@ -48,16 +52,16 @@ DRIVE_HZ = 10.0
 _JOIN_S = 10.0
 
 
-def road() -> dict[str, np.ndarray]:
-    """Return a rendered pair of 1280 x 720 pixels."""
-    scene = random_scene(np.random.default_rng(0), 0.01, RIG)
+def road(rig: StereoRig = RIG) -> dict[str, np.ndarray]:
+    """Return a rendered pair."""
+    scene = random_scene(np.random.default_rng(0), 0.01, rig)
     return dict(zip(SIDES, render(scene, np.random.default_rng(0)), strict=True))
 
 
-def camera(hz: float) -> None:
+def camera(hz: float, rig: StereoRig = RIG) -> None:
     """Publish a stereo camera that sees one road until killed; images and CameraInfo at the same rate."""
-    pair = road()
-    _publish(hz, [tuple(pair[side] for side in SIDES)])
+    pair = road(rig)
+    _publish(hz, [tuple(pair[side] for side in SIDES)], rig=rig)
 
 
 def drive(path: str) -> None:
@@ -74,29 +78,35 @@ def drive(path: str) -> None:
         sys.stdout.flush()
 
 
-def _publish(hz: float, frames: Sequence[Sequence[np.ndarray]], stamps: list[int] | None = None) -> None:
+def _publish(
+    hz: float,
+    frames: Sequence[Sequence[np.ndarray]],
+    stamps: list[int] | None = None,
+    rig: StereoRig = RIG,
+) -> None:
     """Publish pairs of images over and over until killed, with their CameraInfo.
 
     Args:
         hz: Pairs per second.
         frames: Left and right image of each.
         stamps: The stamp [ns] of each pair is appended to it.
+        rig: The camera.
     """
     ros = Node("camera")
     pairs = {}
     images = {}
     for index, side in enumerate(SIDES):
         images[side] = [array("B", np.ascontiguousarray(frame[index]).tobytes()) for frame in frames]
-        image = Image(height=RIG.height, width=RIG.width, encoding="mono8", step=RIG.width)
-        shift = -RIG.fx * RIG.baseline_m if side == "right" else 0.0
+        image = Image(height=rig.height, width=rig.width, encoding="mono8", step=rig.width)
+        shift = -rig.fx * rig.baseline_m if side == "right" else 0.0
         info = CameraInfo(
-            width=RIG.width,
-            height=RIG.height,
+            width=rig.width,
+            height=rig.height,
             distortion_model="plumb_bob",
             d=[0.0] * 5,
-            k=[RIG.fx, 0.0, RIG.cx, 0.0, RIG.fy, RIG.cy, 0.0, 0.0, 1.0],
+            k=[rig.fx, 0.0, rig.cx, 0.0, rig.fy, rig.cy, 0.0, 0.0, 1.0],
             r=np.eye(3).ravel(),
-            p=[RIG.fx, 0.0, RIG.cx, shift, 0.0, RIG.fy, RIG.cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+            p=[rig.fx, 0.0, rig.cx, shift, 0.0, rig.fy, rig.cy, 0.0, 0.0, 0.0, 1.0, 0.0],
         )
         pairs[side, ros.create_publisher(Image, f"/{side}/image_rect", _SENSOR_DATA)] = image
         pairs["", ros.create_publisher(CameraInfo, f"/{side}/camera_info", _SENSOR_DATA)] = info
@@ -185,52 +195,118 @@ def listen(seconds: float) -> None:
     sys.stdout.flush()
 
 
-def variant(kind: str) -> None:
-    """Run the node as it is (``lazy``, ``watch``), or as it could be.
+@dataclass(frozen=True, slots=True)
+class Time:
+    """The stamp of a message.
 
-    ``kept``: subscribed all the time. ``always``, ``watch-all``: all images are taken as well. ``bytes``: the
-    same, but images are not deserialised, and no use is made of them.
+    Attributes:
+        sec: Seconds.
+        nanosec: Nanoseconds beyond them.
+    """
+
+    sec: int
+    nanosec: int
+
+
+class Counters:
+    """What a process counts for another one to read, in a file of three numbers.
+
+    Attributes:
+        values: Images taken, images lost between two that were taken, seconds of processor time that
+            frames were calibrated or followed.
+    """
+
+    def __init__(self, path: str, hz: float) -> None:
+        self.values = np.memmap(path, np.float64, "r+", shape=(3,))
+        self._hz = hz
+        self._last: dict[str, tuple[object, float]] = {}
+
+    def image(self, side: str, stamp: Any, window: object = None) -> None:
+        """Count an image; those missing since the one before, if it is of the same span of taking."""
+        stamp_s = stamp.sec + 1e-9 * stamp.nanosec
+        before, before_s = self._last.get(side, (None, math.nan))
+        self._last[side] = window, stamp_s
+        self.values[0] += 1
+        if before is window and math.isfinite(before_s):
+            self.values[1] += max(round((stamp_s - before_s) * self._hz) - 1, 0)
+
+    def timed(self, function: Callable) -> Callable:
+        """Return a function that adds its processor time."""
+
+        def wrapped(*arguments: Any, **named: Any) -> Any:
+            start_s = time.thread_time()
+            try:
+                return function(*arguments, **named)
+            finally:
+                self.values[2] += time.thread_time() - start_s
+
+        return wrapped
+
+
+def subscriber(kind: str, counters: Counters) -> None:
+    """Run a node that only subscribes to both images and takes all, until killed.
+
+    Args:
+        kind: ``plain``, or ``raw``: images are not deserialised, and their stamps read from the bytes.
+        counters: What it counts.
+    """
+    rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+    ros = Node(NODE[1:])
+    raw = kind == "raw"
+
+    def received(side: str, message: Any) -> None:
+        # Behind the four bytes that say the encoding.
+        stamp = Time(*struct.unpack_from("<iI", message, 4)) if raw else message.header.stamp
+        counters.image(side, stamp)
+
+    for side in SIDES:
+        ros.create_subscription(Image, f"/{side}/image_rect", partial(received, side), _SENSOR_DATA, raw=raw)
+    with suppress(KeyboardInterrupt):
+        rclpy.spin(ros)
+
+
+def variant(kind: str, counters: Counters | None = None) -> None:
+    """Run the node as it is (``lazy``), or subscribed all the time (``kept``), or one that only subscribes.
+
+    Args:
+        kind: Of the node; ``plain`` and ``raw`` are a :func:`subscriber`.
+        counters: What it counts.
     """
     if kind == "kept":
         update = SubscriptionSchedule.update
         # What is to differ cannot be said to mypy.
         SubscriptionSchedule.update = lambda *arguments: update(*arguments) or True  # type: ignore[method-assign]
-    elif kind not in ("lazy", "watch"):
-        SubscriptionSchedule.update = lambda *_: True  # type: ignore[method-assign]  # as above
-        SubscriptionSchedule.taking = property(lambda self: True)  # type: ignore[assignment]  # as above
-    if kind == "bytes":
-        subscribe: Callable = CameraSubscriptions._subscribe
+    if counters is not None:
+        if kind in ("plain", "raw"):
+            subscriber(kind, counters)
+            return
+        add, counted = ImageIntake.add, counters
 
-        def as_bytes(self: CameraSubscriptions, stream: Stream, group: Any) -> Subscription:
-            if stream.message_type is CameraInfo:
-                return subscribe(self, stream, group)
-            self._profiles[stream.topic] = _SENSOR_DATA
-            return self._node.create_subscription(
-                stream.message_type,
-                stream.name,
-                lambda data: None,
-                _SENSOR_DATA,
-                callback_group=group,
-                raw=True,
-            )
+        def counted_add(self: ImageIntake, side: Any, message: Any) -> None:
+            counted.image(side, message.header.stamp, self.window)
+            add(self, side, message)
 
-        CameraSubscriptions._subscribe = as_bytes
+        ImageIntake.add = counted_add  # type: ignore[method-assign]  # as above
+        Calibrator.add = counters.timed(Calibrator.add)  # type: ignore[method-assign]  # as above
+        RoadTracker.follow = counters.timed(RoadTracker.follow)  # type: ignore[method-assign]  # as above
     first_frame = [word for name in TARGET_NAMES for word in ("-p", f"{name}:=0.0")]
     sys.exit(node.main(["--ros-args", "-p", "output_path:=''", *first_frame]))
 
 
 def main(arguments: list[str]) -> None:
-    """Run one of the processes: camera HZ, drive FILE, ask S, calibrate S, listen S, node VARIANT."""
-    what, argument = arguments
+    """Run one: camera HZ [full_hd], drive FILE, ask S, calibrate S, listen S, node VARIANT [FILE HZ]."""
+    what, argument, *more = arguments
     if what == "node":
-        variant(argument)
+        variant(argument, Counters(more[0], float(more[1])) if more else None)
         return
     rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
     with suppress(KeyboardInterrupt):
         if what == "drive":
             drive(argument)
+        elif what == "camera":
+            camera(float(argument), FULL_HD if more else RIG)
         else:
-            {"camera": camera, "ask": ask, "calibrate": calibrate, "listen": listen}[what](float(argument))
+            {"ask": ask, "calibrate": calibrate, "listen": listen}[what](float(argument))
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from .intake import ImageFormat, ImageIntake, IntakeWindow
 from .memory import HeapTrimmer
 from .pair_source import InputState, Topics
 from .subscriptions import CameraSubscriptions
+from .taking import MessageTaker
 
 # A CameraInfo is kept for as long as its images may wait for the calibrator.
 _KEEP_NS = 10_000_000_000
@@ -96,7 +97,7 @@ class CameraInfos:
 
 
 class StereoInput:
-    """Subscribes to the stereo camera while images are wanted; the callbacks only pair and enqueue.
+    """Subscribes to the stereo camera while images are wanted; a thread of its own takes, pairs and enqueues.
 
     Pairs are kept only between :meth:`begin` and :meth:`end`. While no image is wanted, none is taken, though
     the subscriptions may stay. CameraInfo is subscribed to until one has come, too: some publishers send it
@@ -108,7 +109,6 @@ class StereoInput:
     """
 
     def __init__(self, node: Node, config: NodeConfig) -> None:
-        self._node = node
         self._intake = ImageIntake(config)
         self._rectified = config.rectified  # it never changes
         self._infos = CameraInfos(config.rectified)
@@ -120,9 +120,14 @@ class StereoInput:
             images_wanted=lambda: self._intake.is_open,
             infos_wanted=lambda: self._intake.is_open or any(self._infos.missing),
         )
+        self._taker = MessageTaker(node, self._subscriptions.to_take)
         self._heap = HeapTrimmer()
         self._switching = threading.Lock()
         self.tick()
+
+    def start(self) -> None:
+        """Take messages until :meth:`stop`."""
+        self._taker.start()
 
     @property
     def topics(self) -> Topics:
@@ -202,15 +207,12 @@ class StereoInput:
             topics = self.topics
             publishers = (self.publishers(topics.left), self.publishers(topics.right))
             subscribe, take = self._intake.update_schedule(publishers)
-            opening = take and not self._intake.is_open
-            if opening:
+            if take and not self._intake.is_open:
                 self._subscriptions.drop_old_images()
             self._intake.open_or_close(take)
             left_missing, right_missing = self._infos.missing
             self._subscriptions.switch(subscribe, (subscribe or left_missing, subscribe or right_missing))
-            executor = self._node.executor
-            if opening and executor is not None:
-                executor.wake()  # while the gate was closed it waited without these subscriptions
+            self._taker.wake()
             self._heap.tick(subscribed=subscribe)
 
     def next_pair(self, timeout_s: float) -> StampedPair[Any] | None:
@@ -226,6 +228,7 @@ class StereoInput:
         self._intake.interrupt()
 
     def stop(self) -> None:
-        """Wake whoever waits for a pair: the node shuts down."""
+        """Take no more messages, and wake whoever waits for a pair: the node shuts down."""
         with self._switching:
             self._intake.stop()
+        self._taker.stop()

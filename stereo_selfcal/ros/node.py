@@ -24,7 +24,7 @@ from .memory import spare_what_stays, use_one_heap
 from .selfcal import SelfcalNode
 from .shutdown import silent_after_shutdown
 
-# For: parameter services, timer, images, a call of ~/calibrate that waits, and a second call, told "busy".
+# For: parameter services, timers, odometry, a call of ~/calibrate that waits, and a second call, told "busy".
 _THREADS = 5
 # Pause between the last answer and the end of the services. Without it, Fast DDS crashed in 2 of some 440
 # shutdowns, probably as the acknowledgement of the answer came late. With it, it crashed in none of 571.

@@ -62,9 +62,9 @@ class SelfcalNode:
 
     It has a node instead of being one: rclpy's Node uses names such as ``_parameters`` and ``_clock``.
 
-    Images are paired in their own callback group. A call of ``~/calibrate`` waits and computes in its own
-    thread of the executor. Images, parameter services and diagnostics go on meanwhile. The watch computes in
-    a thread of its own, too.
+    Images are taken and paired in a thread of their own. A call of ``~/calibrate`` waits and computes in its
+    own thread of the executor. Images, parameter services and diagnostics go on meanwhile. The watch computes
+    in a thread of its own, too.
 
     Args:
         **kwargs: Passed to rclpy's Node.
@@ -147,6 +147,7 @@ class SelfcalNode:
             topics = self._input.topics
             self.node.get_logger().info(f"listening to {topics.left} and {topics.right}; call ~/calibrate")
             failed.pop_all()
+        self._input.start()
         self._views.start()
         self._road_pose.start()
         self._monitor.start()

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import (
@@ -29,6 +28,7 @@ from .config import NodeConfig
 from .overrides import QOS_PREFIX, check_qos_overrides, start_values
 from .pair_source import Topics
 from .shutdown import silent_after_shutdown
+from .taking import TakenElsewhere, take
 
 # What rmw calls the node of a publisher that was discovered before its node was.
 _UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
@@ -61,22 +61,6 @@ class Stream:
     name: str
     topic: str
     received: Callable[[Any], None]
-
-
-class _GatedGroup(MutuallyExclusiveCallbackGroup):  # type: ignore[misc]  # rclpy has no types
-    """Runs callbacks one at a time, and none while the gate is closed.
-
-    The executor takes no message from DDS then. DDS keeps the newest few messages, which costs a tenth of
-    taking them all.
-    """
-
-    def __init__(self, is_open: Callable[[], bool]) -> None:
-        super().__init__()
-        self._is_open = is_open
-
-    def can_execute(self, entity: Any) -> bool:
-        """Return whether a callback may run now."""
-        return self._is_open() and bool(super().can_execute(entity))
 
 
 class CameraSubscriptions:
@@ -194,35 +178,41 @@ class CameraSubscriptions:
             images: Whether those to the images are needed.
             infos: Whether those to the CameraInfo of the left and of the right camera are.
         """
-        # One group for both cameras: stamps must reach the pairer in order of arrival. New groups each time:
-        # a group of rclpy never forgets a subscription it once had.
-        image_gate = _GatedGroup(lambda: self._images_wanted() or not self._dds_keeps_few_images())
-        info_gate = _GatedGroup(self._infos_wanted)
         for stream in self._images:
-            self._switch_one(stream, images, image_gate)
+            self._switch_one(stream, images)
         for stream, needed in zip(self._infos, infos, strict=True):
-            self._switch_one(stream, needed, info_gate)
-            self._switch_latched(stream, needed and self._latches(stream), info_gate)
+            self._switch_one(stream, needed)
+            self._switch_latched(stream, needed and self._latches(stream))
+
+    def to_take(self) -> list[Subscription]:
+        """Return the subscriptions whose messages are to be taken now.
+
+        From the others none is taken. DDS keeps the newest few, which costs a tenth of taking them all.
+        """
+        images = self._images_wanted() or not self._dds_keeps_few_images()
+        infos = self._infos_wanted()
+        found = [self._subscribed.get(stream.topic) for stream in self._images if images]
+        found += [
+            kind.get(s.topic) for s in self._infos if infos for kind in (self._subscribed, self._latched)
+        ]
+        return [subscription for subscription in found if subscription is not None]
 
     def drop_old_images(self) -> None:
         """Drop the images that DDS kept while none were taken: whoever wants images wants new ones."""
         for stream in self._images:
             subscription = self._subscribed.get(stream.topic)
-            if subscription is None:
-                continue
-            with subscription.handle:
-                for _ in range(_QUEUE):
-                    if subscription.handle.take_message(subscription.msg_type, False) is None:
-                        break
+            for _ in range(_QUEUE):
+                if subscription is None or take(subscription) is None:
+                    break
 
     def _dds_keeps_few_images(self) -> bool:
         """Return whether DDS keeps few images while they are not taken; qos_overrides may ask for many."""
         profiles = [self._profiles[s.topic] for s in self._images if s.topic in self._profiles]
         return all(p.history == QoSHistoryPolicy.KEEP_LAST and p.depth <= _QUEUE for p in profiles)
 
-    def _switch_one(self, stream: Stream, needed: bool, group: _GatedGroup) -> None:
+    def _switch_one(self, stream: Stream, needed: bool) -> None:
         if needed and stream.topic not in self._subscribed:
-            self._subscribed[stream.topic] = self._subscribe(stream, group)
+            self._subscribed[stream.topic] = self._subscribe(stream)
         elif not needed and stream.topic in self._subscribed:
             self._node.destroy_subscription(self._subscribed.pop(stream.topic))
 
@@ -232,15 +222,15 @@ class CameraSubscriptions:
             return False
         return any(map(_is_latched, self._publishers_of(stream.topic)))
 
-    def _switch_latched(self, stream: Stream, needed: bool, group: _GatedGroup) -> None:
+    def _switch_latched(self, stream: Stream, needed: bool) -> None:
         if needed and stream.topic not in self._latched:
-            self._latched[stream.topic] = self._create(stream, _LATCHED, group)
+            self._latched[stream.topic] = self._create(stream, _LATCHED)
         elif not needed and stream.topic in self._latched:
             self._node.destroy_subscription(self._latched.pop(stream.topic))
 
-    def _subscribe(self, stream: Stream, group: _GatedGroup) -> Subscription:
+    def _subscribe(self, stream: Stream) -> Subscription:
         if stream.topic in self._profiles:
-            return self._create(stream, self._profiles[stream.topic], group)
+            return self._create(stream, self._profiles[stream.topic])
         # One profile each: rclpy writes the overrides of a topic into the profile it is given.
         profile = QoSProfile(depth=_QUEUE, reliability=QoSReliabilityPolicy.BEST_EFFORT)
         prefix = f"{QOS_PREFIX}{stream.topic}.subscription."
@@ -249,7 +239,7 @@ class CameraSubscriptions:
             profile.reliability = _LATCHED.reliability  # else the override would have no effect
         self._profiles[stream.topic] = profile
         try:
-            return self._create(stream, profile, group, QoSOverridingOptions(_POLICIES))
+            return self._create(stream, profile, QoSOverridingOptions(_POLICIES))
         except RuntimeError as error:  # the middleware's own limits
             raise ConfigError(f"{prefix}*: {' '.join(str(error).split())}") from error
 
@@ -257,7 +247,6 @@ class CameraSubscriptions:
         self,
         stream: Stream,
         profile: QoSProfile,
-        group: _GatedGroup,
         overriding: QoSOverridingOptions | None = None,
     ) -> Subscription:
         return self._node.create_subscription(
@@ -265,7 +254,8 @@ class CameraSubscriptions:
             stream.name,
             stream.received,
             profile,
-            callback_group=group,
+            # A group of its own: one of rclpy never forgets a subscription it once had.
+            callback_group=TakenElsewhere(),
             # Handlers of events cannot be destroyed while an executor waits; mismatches() says more.
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             qos_overriding_options=overriding,

@@ -28,6 +28,7 @@ class Input:
             "taker", parameter_overrides=[Parameter(name, value=value) for name, value in overrides.items()]
         )
         self.source = StereoInput(self.node, CONFIG)
+        self.source.start()
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
         self.thread = threading.Thread(target=self.executor.spin, daemon=True)

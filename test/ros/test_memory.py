@@ -1,5 +1,6 @@
 """Memory that is not in use goes back to the system, and what stays is not collected again and again."""
 
+import platform
 import subprocess
 import sys
 from pathlib import Path
@@ -30,6 +31,22 @@ trim_heap()
 print(peaks[0] - before, resident() - before)
 """
 
+# Two images of 1280 x 720 pixels at a time, again and again.
+IMAGES = """
+import resource
+from stereo_selfcal.ros.memory import use_one_heap
+
+def images(n):
+    for _ in range(n):
+        pair = bytearray(1280 * 720), bytearray(1280 * 720)
+
+use_one_heap()
+images(2)
+before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+images(50)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
+"""
+
 # The node as it is when its callbacks begin.
 STARTED = """
 import gc
@@ -49,6 +66,13 @@ def test_what_threads_have_used_is_given_back():
     peak, kept = map(int, run.stdout.split())
     assert peak > 50_000
     assert kept < peak / 4
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="the heap is that of glibc")
+def test_the_memory_of_an_image_is_that_of_the_next():
+    run = subprocess.run([sys.executable, "-c", IMAGES], capture_output=True, text=True, check=True)
+    pages_of_one = 1280 * 720 // 4096
+    assert int(run.stdout) < pages_of_one
 
 
 def test_another_c_library_is_no_fault(monkeypatch):
