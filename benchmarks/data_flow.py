@@ -238,6 +238,7 @@ NOT_ON_THE_WAY = {
     "the right camera has turned",
     "drive/drift, drive/watch, drive/alignment_watch, drive/states": "the watch over an active calibration",
     "analysis/cramer_rao": "the limit of what a rig can reach",
+    "analysis/detection": "the limit of how soon a moved camera can be seen",
 }
 
 

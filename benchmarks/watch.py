@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stereo_selfcal import CalibrationResult, Calibrator, Extrinsics
+from stereo_selfcal.core.analysis.detection import least_delay_s
 from stereo_selfcal.core.drive.fusion import fuse_frames
 from stereo_selfcal.core.drive.watch import ALARM_SIGMAS, Watch
 from stereo_selfcal.core.geometry.pose import POSE_COMPONENTS
@@ -41,6 +42,9 @@ _PAUSE_COUNTS_S = PERIOD_S  # as good road
 # Braking and driving off: a part of the variance of the pitch.
 _BRAKING_PART = 0.3
 _BRAKING_EVERY_S, _BRAKING_S = 40.0, 4.0
+# Rate of false alarms that any test is held to, and periods of frames that are compared [s].
+_ALARM_HOURS = 100.0
+_PERIODS_S = (2.0, 1.0, 0.5, 0.1)
 # Rendered frames before and after a bump.
 _RENDERED_BEFORE, _RENDERED_AFTER = 150, 200
 
@@ -242,8 +246,32 @@ def watch_tables(options: Options) -> Iterator[Table]:
             limit_s = 60.0 if "0.3" in name else 300.0
             bumps.add(ride.describe(), name, *_cells(runs, limit_s))
     yield bumps
+    yield _bound_table()
     if options.all_sizes:
         yield _rendered_table()
+
+
+def _bound_table() -> Table:
+    """Return how soon any test can see the bumps at a rate of false alarms, with more frames and fewer."""
+    table = Table(
+        "watch_bound",
+        f"The least mean delay of any test with one false alarm in {_ALARM_HOURS:g} hours",
+        ["ride: height, pitch, roll; memory", "bump", *(f"a frame every {each:g} s" for each in _PERIODS_S)],
+        "It knows the mean before, the motion and the size of the bump, and has neither wrong frames nor "
+        "pauses. Braking is left out. A sudden step stands out of the motion of a Gauss-Markov process the "
+        "more, the faster frames come; the springs of a car are smoother than that, and its road has steps.",
+    )
+    for ride in RIDES:
+        for name, bump in BUMPS.items():
+            axis = int(np.argmax(np.abs(bump) > 0.0))
+            std = (ride.std[0], *np.radians(ride.std[1:]))[axis]
+            memory_s = ride.memory_s * (2.0 if axis == len(bump) - 1 else 1.0)
+            delays = (
+                least_delay_s(bump[axis], std, memory_s, _NOISE_STD[axis], period_s, _ALARM_HOURS)
+                for period_s in _PERIODS_S
+            )
+            table.add(ride.describe(), name, *(f"{delay:.0f} s" if delay >= 1 else "1 s" for delay in delays))
+    return table
 
 
 def _rendered_table() -> Table:
