@@ -39,6 +39,8 @@ from ..offline import (
     open_source,
 )
 from ..pictures.overview import draw_overview
+from ..recording.content import write_recording
+from ..recording.mcap_file import SUFFIX
 from .console import (
     EXIT_BAD_INPUT,
     EXIT_NOT_ACCEPTED,
@@ -56,7 +58,7 @@ _NO_FILE_NAME = re.compile(r"[^\w.-]", re.ASCII)
 _LONGEST_NAME = 100  # of the 255 bytes that file systems allow, with the name and the ending of the output
 
 # Outputs of which --all writes one for every pair.
-_FILES = ("output", "picture", "csv", "report")
+_FILES = ("output", "picture", "csv", "report", "mcap")
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,6 +246,8 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
         raise UsageError("--export writes beside the file of --output: give --output")
     if arguments.report is not None and find_spec("jinja2") is None:
         raise UsageError("--report needs the Python module jinja2 (python3-jinja2), which is not installed")
+    if arguments.mcap is not None and arguments.mcap.suffix != SUFFIX:
+        raise UsageError(f"--mcap {arguments.mcap}: recordings are written as MCAP; end the name in {SUFFIX}")
     picture = arguments.picture
     if picture is not None and picture.suffix.lower() != ".png":
         raise UsageError(f"--picture {picture}: pictures are written as PNG; end the name in .png")
@@ -252,7 +256,7 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
 def _outputs(arguments: argparse.Namespace) -> list[File]:
     """Return the files that are going to be written."""
     given = ((option, getattr(arguments, option)) for option in _FILES)
-    files = [File(f"--{option}", path) for option, path in given if path is not None]
+    files = [File(f"--{option}", path, option == "mcap") for option, path in given if path is not None]
     if arguments.output is not None:
         exports = export_paths(arguments.output, arguments.exports)
         files += [File("--export", path) for path in exports]
@@ -307,6 +311,7 @@ def _write_files(
         "csv": lambda path: write_atomically(path, as_csv(replay.rows).encode()),
         "picture": lambda path: _write_picture(path, source, replay),
         "report": lambda path: _write_report(path, source, replay),
+        "mcap": lambda path: write_recording(path, source, replay, frames),
     }
     problems = []
     for option, write in writers.items():

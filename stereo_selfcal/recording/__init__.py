@@ -1,0 +1,1 @@
+"""The outcome of a recording as a recording: what ``replay --mcap`` writes, without ROS."""
