@@ -11,7 +11,7 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 
 from ..files.node_settings import NODE_NAME
 
-_FOREVER = QosTime(0x7FFFFFFF, 0xFFFFFFFF)  # as rmw writes a time that is not limited
+_FOREVER = QosTime(9_223_372_036, 854_775_807)  # RMW_DURATION_INFINITE, which is what rosbag2 records
 _DEPTH = 10
 NODE = f"/{NODE_NAME}"
 
