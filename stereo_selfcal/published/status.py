@@ -21,7 +21,7 @@ from ..core.rejection import Rejection
 from ..core.results import CalibrationResult
 
 
-class Level(IntEnum):
+class StatusLevel(IntEnum):
     """Levels of diagnostic_msgs/DiagnosticStatus that are sent."""
 
     OK = 0
@@ -40,7 +40,7 @@ class StatusReport:
         values: Its values by their keys.
     """
 
-    level: Level
+    level: StatusLevel
     name: str
     message: str
     values: Mapping[str, str] = field(default_factory=dict)

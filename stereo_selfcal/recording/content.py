@@ -37,7 +37,7 @@ from ..pictures.overview import draw_debug_image
 from ..pictures.verdict import StripContent
 from ..published.markers import lanes_on_road, result_markers
 from ..published.status import (
-    Level,
+    StatusLevel,
     StatusReport,
     alignment_numbers,
     alignment_values,
@@ -248,8 +248,8 @@ def _statuses(replay: Replay) -> list[StatusReport]:
     message = "; ".join(filter(None, (estimate.message, replay.damage)))
     source = "a rig file" if replay.cameras is None else _source(replay.cameras)
     return [
-        StatusReport(Level.OK if good else Level.WARN, f"{NODE}: calibration", message, values),
-        StatusReport(Level.OK, f"{NODE}: camera info", describe_rig(rig, source), rig_values(rig)),
+        StatusReport(StatusLevel.OK if good else StatusLevel.WARN, f"{NODE}: calibration", message, values),
+        StatusReport(StatusLevel.OK, f"{NODE}: camera info", describe_rig(rig, source), rig_values(rig)),
     ]
 
 
@@ -262,12 +262,14 @@ def _frame_status(row: FrameRow) -> StatusReport:
     std = None if row.covariance is None else std_of(row.covariance)
     values = pose_values(row.extrinsics, std) | alignment_numbers("alignment", row.alignment)
     if row.extrinsics is not None:
-        return StatusReport(Level.OK, f"{NODE}: frame", f"accepted: {row.extrinsics.describe(std)}", values)
+        return StatusReport(
+            StatusLevel.OK, f"{NODE}: frame", f"accepted: {row.extrinsics.describe(std)}", values
+        )
     message = f"refused: {row.reason}"
     if row.rejection is not None:
         values |= rejection_values("last_rejection", row.rejection)
         message = f"{message}: {row.rejection.message}"
-    return StatusReport(Level.WARN, f"{NODE}: frame", message, values)
+    return StatusReport(StatusLevel.WARN, f"{NODE}: frame", message, values)
 
 
 def _stamp_ns(stamp_s: float) -> int:

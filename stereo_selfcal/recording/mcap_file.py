@@ -15,7 +15,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from ..core.errors import OutputError, printable
 from ..files.atomic_file import cannot_be_written, sync_folder
 from .messages import STORE, serialize
-from .topics import Topic
+from .topics import RecordingTopic
 
 SUFFIX = ".mcap"
 _METADATA_VERSION: Literal[9] = 9  # of ROS 2 Jazzy
@@ -29,16 +29,16 @@ class McapFile:
         topics: All topics; one without a message is there all the same.
     """
 
-    def __init__(self, writer: Writer, topics: Iterable[Topic]) -> None:
+    def __init__(self, writer: Writer, topics: Iterable[RecordingTopic]) -> None:
         self._writer = writer
-        self._connections: dict[Topic, Connection] = {
+        self._connections: dict[RecordingTopic, Connection] = {
             topic: writer.add_connection(
                 topic.name, topic.kind, typestore=STORE, offered_qos_profiles=[topic.qos]
             )
             for topic in topics
         }
 
-    def add(self, topic: Topic, message: Any, recorded_ns: int) -> None:
+    def add(self, topic: RecordingTopic, message: Any, recorded_ns: int) -> None:
         """Write a message.
 
         Args:
@@ -61,7 +61,7 @@ def check_absent(path: Path) -> None:
 
 
 @contextmanager
-def new_mcap_file(path: Path, topics: Iterable[Topic]) -> Iterator[McapFile]:
+def new_mcap_file(path: Path, topics: Iterable[RecordingTopic]) -> Iterator[McapFile]:
     """Write a new recording beside its place, and move it there when it is complete.
 
     Args:

@@ -17,7 +17,7 @@ NODE = f"/{NODE_NAME}"
 
 
 @dataclass(frozen=True, slots=True)
-class Topic:
+class RecordingTopic:
     """One topic.
 
     Attributes:
@@ -44,18 +44,18 @@ class Topic:
 _IMAGE, _INFO = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
 _POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 
-LEFT_IMAGE = Topic("/left/image_rect/compressed", _IMAGE)
-RIGHT_IMAGE = Topic("/right/image_rect/compressed", _IMAGE)
-LEFT_INFO = Topic("/left/camera_info", _INFO)
-RIGHT_INFO = Topic("/right/camera_info", _INFO)
-DEBUG_IMAGE = Topic(f"{NODE}/debug_image/compressed", _IMAGE)
-ROAD_POSE = Topic(f"{NODE}/road_pose", _POSE)
-POSE = Topic(f"{NODE}/pose", _POSE, latched=True)
-ALIGNMENT = Topic(f"{NODE}/alignment", _POSE, latched=True)
-MARKERS = Topic(f"{NODE}/markers", "visualization_msgs/msg/MarkerArray", latched=True)
-EXTRINSICS = Topic(f"{NODE}/extrinsics", "rcl_interfaces/msg/ParameterEvent", latched=True)
-TF_STATIC = Topic("/tf_static", "tf2_msgs/msg/TFMessage", latched=True)
-DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+LEFT_IMAGE = RecordingTopic("/left/image_rect/compressed", _IMAGE)
+RIGHT_IMAGE = RecordingTopic("/right/image_rect/compressed", _IMAGE)
+LEFT_INFO = RecordingTopic("/left/camera_info", _INFO)
+RIGHT_INFO = RecordingTopic("/right/camera_info", _INFO)
+DEBUG_IMAGE = RecordingTopic(f"{NODE}/debug_image/compressed", _IMAGE)
+ROAD_POSE = RecordingTopic(f"{NODE}/road_pose", _POSE)
+POSE = RecordingTopic(f"{NODE}/pose", _POSE, latched=True)
+ALIGNMENT = RecordingTopic(f"{NODE}/alignment", _POSE, latched=True)
+MARKERS = RecordingTopic(f"{NODE}/markers", "visualization_msgs/msg/MarkerArray", latched=True)
+EXTRINSICS = RecordingTopic(f"{NODE}/extrinsics", "rcl_interfaces/msg/ParameterEvent", latched=True)
+TF_STATIC = RecordingTopic("/tf_static", "tf2_msgs/msg/TFMessage", latched=True)
+DIAGNOSTICS = RecordingTopic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
 
 TOPICS = (
     LEFT_IMAGE,

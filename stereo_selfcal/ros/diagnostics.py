@@ -26,7 +26,7 @@ from ..core.delay_report import describe_delay, is_late
 from ..core.drive.alignment_watch import AlignmentFinding
 from ..core.geometry.homography import Side
 from ..published.status import (
-    Level,
+    StatusLevel,
     StatusReport,
     alignment_numbers,
     alignment_values,
@@ -44,7 +44,7 @@ from .pair_source import Topics
 from .record import FrameStatistics
 from .transform_report import TransformReport
 
-OK, WARN, ERROR = Level.OK, Level.WARN, Level.ERROR
+OK, WARN, ERROR = StatusLevel.OK, StatusLevel.WARN, StatusLevel.ERROR
 
 # By the word of the state; an unknown state is a warning.
 _STATE_LEVELS = {"calibrating": OK, "calibrated": OK, "uncalibrated": WARN, "suspect": WARN, "invalid": ERROR}
@@ -205,7 +205,7 @@ def age_text(age_s: float) -> str:
     return " ".join(parts[:2])
 
 
-_Part = tuple[Level, str, dict[str, str]]
+_Part = tuple[StatusLevel, str, dict[str, str]]
 
 
 def _calibration(snapshot: Snapshot) -> _Part:
@@ -227,7 +227,7 @@ def _calibration(snapshot: Snapshot) -> _Part:
     return level, text, values
 
 
-def _verdict(report: CalibrationReport) -> tuple[Level, str]:
+def _verdict(report: CalibrationReport) -> tuple[StatusLevel, str]:
     """Return level and sentence of the calibration."""
     level = _STATE_LEVELS.get(report.state, WARN)
     refused = report.last_success is False
