@@ -248,6 +248,10 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
         raise UsageError("--report needs the Python module jinja2 (python3-jinja2), which is not installed")
     if arguments.mcap is not None and arguments.mcap.suffix != SUFFIX:
         raise UsageError(f"--mcap {arguments.mcap}: recordings are written as MCAP; end the name in {SUFFIX}")
+    if arguments.mcap is not None and arguments.mcap.resolve().parent in map(Path.resolve, arguments.bags):
+        raise UsageError(
+            f"--mcap {arguments.mcap}: it would be a part of the recording; choose another folder"
+        )
     picture = arguments.picture
     if picture is not None and picture.suffix.lower() != ".png":
         raise UsageError(f"--picture {picture}: pictures are written as PNG; end the name in .png")

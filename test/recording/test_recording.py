@@ -217,6 +217,19 @@ def test_nothing_is_overwritten(written, capsys):
     assert written.read_bytes() == before
 
 
+def test_a_file_within_the_recording_is_refused(capsys):
+    """A folder without metadata.yaml would have it for one of its parts."""
+    assert replay.main([str(BAG), "--mcap", str(BAG / "out.mcap")]) == 2
+    assert "would be a part of the recording" in capsys.readouterr().err
+    assert not (BAG / "out.mcap").exists()
+
+
+def test_all_pairs_have_a_file_each(tmp_path):
+    options = ["--all", "--max-frames", "1", "--jobs", "1", "--mcap", str(tmp_path / "out.mcap")]
+    assert replay.main([str(BAG), *options]) == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["out.stereo.mcap"]
+
+
 @pytest.mark.parametrize(
     ("name", "words"), [("out.bag", "end the name in .mcap"), ("no/out.mcap", "cannot be written")]
 )
