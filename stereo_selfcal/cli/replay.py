@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -248,13 +249,17 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
         raise UsageError("--report needs the Python module jinja2 (python3-jinja2), which is not installed")
     if arguments.mcap is not None and arguments.mcap.suffix != SUFFIX:
         raise UsageError(f"--mcap {arguments.mcap}: recordings are written as MCAP; end the name in {SUFFIX}")
-    if arguments.mcap is not None and arguments.mcap.resolve().parent in map(Path.resolve, arguments.bags):
-        raise UsageError(
-            f"--mcap {arguments.mcap}: it would be a part of the recording; choose another folder"
-        )
+    _check_beside(arguments.mcap, arguments.bags)
     picture = arguments.picture
     if picture is not None and picture.suffix.lower() != ".png":
         raise UsageError(f"--picture {picture}: pictures are written as PNG; end the name in .png")
+
+
+def _check_beside(mcap: Path | None, bags: Sequence[Path]) -> None:
+    """Refuse a recording in the folder of one that is read, whose part it would be from then on."""
+    folders = {os.path.realpath(bag) for bag in bags}
+    if mcap is not None and os.path.realpath(mcap.parent) in folders:
+        raise UsageError(f"--mcap {mcap}: it would be a part of the recording; choose another folder")
 
 
 def _outputs(arguments: argparse.Namespace) -> list[File]:
