@@ -12,9 +12,9 @@ from ..bags import RECORDING_SUFFIXES, open_regular
 from ..bags.errors import BagError
 from ..bags.metadata import METADATA
 from ..core.errors import printable
+from ..files.writable import check_absent
 from ..offline.folder import IMAGE_SUFFIXES, folders_of
 from ..offline.opening import RIG_FILES
-from ..recording.mcap_file import check_absent
 from .console import UsageError, check_writable
 
 # What SQLite keeps beside a .db3.

@@ -40,8 +40,7 @@ from ..offline import (
     open_source,
 )
 from ..pictures.overview import draw_overview
-from ..recording.content import write_recording
-from ..recording.mcap_file import SUFFIX
+from ..recording import SUFFIX
 from .console import (
     EXIT_BAD_INPUT,
     EXIT_NOT_ACCEPTED,
@@ -320,7 +319,7 @@ def _write_files(
         "csv": lambda path: write_atomically(path, as_csv(replay.rows).encode()),
         "picture": lambda path: _write_picture(path, source, replay),
         "report": lambda path: _write_report(path, source, replay),
-        "mcap": lambda path: write_recording(path, source, replay, frames),
+        "mcap": lambda path: _write_recording(path, source, replay, frames),
     }
     problems = []
     for option, write in writers.items():
@@ -351,6 +350,12 @@ def _placed(replay: Replay, frames: FrameNames) -> PlacedCamera:
     """Return the camera in the vehicle; what CameraInfo calls it, the recording tells."""
     infos = InfoFrames(of_rig=True) if replay.cameras is None else InfoFrames.of(replay.cameras)
     return place_camera(replay.estimate, replay.rig, frames, infos)
+
+
+def _write_recording(path: Path, source: FrameSource, replay: Replay, frames: FrameNames) -> None:
+    from ..recording.content import write_recording  # noqa: PLC0415 - its message types take 0.2 s to load
+
+    write_recording(path, source, replay, frames)
 
 
 def _write_report(path: Path, source: FrameSource, replay: Replay) -> None:

@@ -12,12 +12,12 @@ from typing import Any, Literal
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
-from ..core.errors import OutputError, printable
 from ..files.atomic_file import cannot_be_written, sync_folder
+from ..files.writable import check_absent
+from . import SUFFIX
 from .messages import STORE, serialize
 from .topics import RecordingTopic
 
-SUFFIX = ".mcap"
 _METADATA_VERSION: Literal[9] = 9  # of ROS 2 Jazzy
 
 
@@ -47,17 +47,6 @@ class McapFile:
             recorded_ns: Time at which a player sends it [ns].
         """
         self._writer.write(self._connections[topic], max(recorded_ns, 0), serialize(message, topic.kind))
-
-
-def check_absent(path: Path) -> None:
-    """Refuse a file that is there already: recordings are not overwritten.
-
-    Raises:
-        OutputError: It is.
-    """
-    if os.path.lexists(path):
-        shown = printable(str(path))
-        raise OutputError(f"{shown} exists already and is not overwritten; choose another name or remove it")
 
 
 @contextmanager
