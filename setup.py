@@ -26,7 +26,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/config", _files("config", "*.yaml")),
+        (f"share/{NAME}/config", _files("config", "*")),
         (f"share/{NAME}/launch", _files("launch", "*.launch.py")),
         (f"share/{NAME}/bags/straight_road", _files("bags/straight_road", "*")),  # what the demo plays
     ],

@@ -12,6 +12,7 @@ from ..bags import RECORDING_SUFFIXES, open_regular
 from ..bags.errors import BagError
 from ..bags.metadata import METADATA
 from ..core.errors import printable
+from ..files.writable import check_absent
 from ..offline.folder import IMAGE_SUFFIXES, folders_of
 from ..offline.opening import RIG_FILES
 from .console import UsageError, check_writable
@@ -43,10 +44,12 @@ class File(NamedTuple):
     Attributes:
         what: Its option, or what it is, for messages: ``--output``, ``the recording``.
         path: Where it is.
+        is_recording: Whether it is a recording that is written: a new one, as none is overwritten.
     """
 
     what: str
     path: Path
+    is_recording: bool = False
 
 
 def check_outputs(outputs: Iterable[File], inputs: Iterable[File]) -> None:
@@ -83,6 +86,10 @@ def check_outputs(outputs: Iterable[File], inputs: Iterable[File]) -> None:
                     f"{other.what} and {output.what} are both {printable(str(output.path))}"
                     f"{_named_else(other.path, output.path)}: give two files"
                 )
+        if output.is_recording:
+            check_absent(output.path)
+            written |= dict.fromkeys(places, output)
+            continue
         kind = _kind_of(output.path)
         if kind is not None and kind != _KIND_OF_SUFFIX.get(output.path.suffix.lower()):
             raise UsageError(f"{shown} would replace {kind}: give another file")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -39,6 +40,7 @@ from ..offline import (
     open_source,
 )
 from ..pictures.overview import draw_overview
+from ..recording import SUFFIX
 from .console import (
     EXIT_BAD_INPUT,
     EXIT_NOT_ACCEPTED,
@@ -56,7 +58,7 @@ _NO_FILE_NAME = re.compile(r"[^\w.-]", re.ASCII)
 _LONGEST_NAME = 100  # of the 255 bytes that file systems allow, with the name and the ending of the output
 
 # Outputs of which --all writes one for every pair.
-_FILES = ("output", "picture", "csv", "report")
+_FILES = ("output", "picture", "csv", "report", "mcap")
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,15 +246,25 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
         raise UsageError("--export writes beside the file of --output: give --output")
     if arguments.report is not None and find_spec("jinja2") is None:
         raise UsageError("--report needs the Python module jinja2 (python3-jinja2), which is not installed")
+    if arguments.mcap is not None and arguments.mcap.suffix != SUFFIX:
+        raise UsageError(f"--mcap {arguments.mcap}: recordings are written as MCAP; end the name in {SUFFIX}")
+    _check_beside(arguments.mcap, arguments.bags)
     picture = arguments.picture
     if picture is not None and picture.suffix.lower() != ".png":
         raise UsageError(f"--picture {picture}: pictures are written as PNG; end the name in .png")
 
 
+def _check_beside(mcap: Path | None, bags: Sequence[Path]) -> None:
+    """Refuse a recording in the folder of one that is read, whose part it would be from then on."""
+    folders = {os.path.realpath(bag) for bag in bags}
+    if mcap is not None and os.path.realpath(mcap.parent) in folders:
+        raise UsageError(f"--mcap {mcap}: it would be a part of the recording; choose another folder")
+
+
 def _outputs(arguments: argparse.Namespace) -> list[File]:
     """Return the files that are going to be written."""
     given = ((option, getattr(arguments, option)) for option in _FILES)
-    files = [File(f"--{option}", path) for option, path in given if path is not None]
+    files = [File(f"--{option}", path, option == "mcap") for option, path in given if path is not None]
     if arguments.output is not None:
         exports = export_paths(arguments.output, arguments.exports)
         files += [File("--export", path) for path in exports]
@@ -307,6 +319,7 @@ def _write_files(
         "csv": lambda path: write_atomically(path, as_csv(replay.rows).encode()),
         "picture": lambda path: _write_picture(path, source, replay),
         "report": lambda path: _write_report(path, source, replay),
+        "mcap": lambda path: _write_recording(path, source, replay, frames),
     }
     problems = []
     for option, write in writers.items():
@@ -337,6 +350,12 @@ def _placed(replay: Replay, frames: FrameNames) -> PlacedCamera:
     """Return the camera in the vehicle; what CameraInfo calls it, the recording tells."""
     infos = InfoFrames(of_rig=True) if replay.cameras is None else InfoFrames.of(replay.cameras)
     return place_camera(replay.estimate, replay.rig, frames, infos)
+
+
+def _write_recording(path: Path, source: FrameSource, replay: Replay, frames: FrameNames) -> None:
+    from ..recording.content import write_recording  # noqa: PLC0415 - its message types take 0.2 s to load
+
+    write_recording(path, source, replay, frames)
 
 
 def _write_report(path: Path, source: FrameSource, replay: Replay) -> None:

@@ -77,6 +77,12 @@ def replay_parser() -> Parser:
     )
     add("--report", metavar="FILE", type=Path, help="write a report to look at: one HTML file, with pictures")
     add("--csv", metavar="FILE", type=Path, help="write a table, one line per frame (SI units, radians)")
+    add(
+        "--mcap",
+        metavar="FILE",
+        type=Path,
+        help="write images, poses, transforms, markers and diagnostics as a new recording (MCAP)",
+    )
     add("--json", action="store_true", help="print one JSON object (SI units, radians) instead of the table")
     add_selection_options(parser)
     _add_target_options(parser)

@@ -108,7 +108,7 @@ def set_aside(path: Path | str) -> Path:
         raise OutputError(
             f"{_shown(path)} cannot be kept aside: {_detail(error)}; move it away, or choose another name"
         ) from error
-    _sync_folder(target.parent)
+    sync_folder(target.parent)
     return aside
 
 
@@ -120,7 +120,7 @@ def _replace(target: Path, content: bytes) -> None:
         _keep_rights(target, descriptor)
         os.fsync(descriptor)  # before the rename, or a power cut could leave the new name without content
         temporary.replace(target)
-    _sync_folder(target.parent)
+    sync_folder(target.parent)
 
 
 @contextmanager
@@ -201,7 +201,7 @@ def _reserve(target: Path) -> Path:
     raise OSError(errno.EEXIST, f"there are {_MOST_REJECTED} such files already")
 
 
-def _sync_folder(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
     """Make a rename itself survive a power cut, where the file system and its rights allow."""
     with suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)

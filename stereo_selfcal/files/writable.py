@@ -38,6 +38,17 @@ def check_writable(path: Path | str, made: Path | None = None) -> None:
         raise cannot_be_written(path, error) from error
 
 
+def check_absent(path: Path) -> None:
+    """Refuse a file that is there already: recordings are not overwritten.
+
+    Raises:
+        OutputError: It is.
+    """
+    if os.path.lexists(path):
+        shown = printable(str(path))
+        raise OutputError(f"{shown} exists already and is not overwritten; choose another name or remove it")
+
+
 def _is_other_than_file(target: Path) -> bool:
     try:
         return not stat.S_ISREG(target.lstat().st_mode)

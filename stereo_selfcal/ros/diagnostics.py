@@ -24,16 +24,27 @@ from ..core.camera.pairing import PairCounts
 from ..core.camera.rig import StereoRig
 from ..core.delay_report import describe_delay, is_late
 from ..core.drive.alignment_watch import AlignmentFinding
-from ..core.geometry.alignment import Alignment
-from ..core.geometry.pose import POSE_COMPONENTS
-from ..core.rejection import Rejection
+from ..core.geometry.homography import Side
+from ..published.status import (
+    StatusLevel,
+    StatusReport,
+    alignment_numbers,
+    alignment_values,
+    delay_values,
+    describe_rig,
+    estimate_values,
+    number_values,
+    rejection_values,
+    rig_values,
+)
 from .calibration_keeper import ActiveCalibration
 from .call_progress import CallProgress
+from .intake import ImageFormat
 from .pair_source import Topics
 from .record import FrameStatistics
 from .transform_report import TransformReport
 
-OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+OK, WARN, ERROR = StatusLevel.OK, StatusLevel.WARN, StatusLevel.ERROR
 
 # By the word of the state; an unknown state is a warning.
 _STATE_LEVELS = {"calibrating": OK, "calibrated": OK, "uncalibrated": WARN, "suspect": WARN, "invalid": ERROR}
@@ -89,7 +100,7 @@ class ImagesReport:
         topics: Names of the topics.
         publishers: Publishers of the left and of the right images.
         drops: Number of images that were not used, by reason, besides those without a partner.
-        formats: Size and encoding of the images by side.
+        formats: How the images arrive, by side.
         incompatible_qos: Sentences about publishers whose QoS does not match, with both policies.
         unusable: Sentences about images that cannot be read.
     """
@@ -104,7 +115,7 @@ class ImagesReport:
     topics: Topics | None = None
     publishers: tuple[int, int] | None = None
     drops: Mapping[str, int] = field(default_factory=dict)
-    formats: Mapping[str, str] = field(default_factory=dict)
+    formats: Mapping[Side, ImageFormat] = field(default_factory=dict)
     incompatible_qos: tuple[str, ...] = ()
     unusable: tuple[str, ...] = ()
 
@@ -161,19 +172,23 @@ def diagnostics_message(stamp: Time, snapshot: Snapshot) -> DiagnosticArray:
         "images": _images(snapshot.images),
         "camera info": _camera_info(snapshot.camera_info),
     }
-    statuses = [
-        DiagnosticStatus(
-            level=level,
-            name=f"{snapshot.node}: {topic}",
-            message=text,
-            hardware_id=snapshot.camera_frame,
-            values=[KeyValue(key=key, value=value) for key, value in values.items()],
-        )
+    reports = [
+        StatusReport(level, f"{snapshot.node}: {topic}", text, values)
         for topic, (level, text, values) in parts.items()
     ]
-    message = DiagnosticArray(status=statuses)
+    message = DiagnosticArray(status=[_status_message(each, snapshot.camera_frame) for each in reports])
     message.header.stamp = stamp
     return message
+
+
+def _status_message(report: StatusReport, hardware_id: str) -> DiagnosticStatus:
+    return DiagnosticStatus(
+        level=bytes([report.level]),
+        name=report.name,
+        message=report.message,
+        hardware_id=hardware_id,
+        values=[KeyValue(key=key, value=value) for key, value in report.values.items()],
+    )
 
 
 def age_text(age_s: float) -> str:
@@ -190,7 +205,7 @@ def age_text(age_s: float) -> str:
     return " ".join(parts[:2])
 
 
-_Part = tuple[bytes, str, dict[str, str]]
+_Part = tuple[StatusLevel, str, dict[str, str]]
 
 
 def _calibration(snapshot: Snapshot) -> _Part:
@@ -212,7 +227,7 @@ def _calibration(snapshot: Snapshot) -> _Part:
     return level, text, values
 
 
-def _verdict(report: CalibrationReport) -> tuple[bytes, str]:
+def _verdict(report: CalibrationReport) -> tuple[StatusLevel, str]:
     """Return level and sentence of the calibration."""
     level = _STATE_LEVELS.get(report.state, WARN)
     refused = report.last_success is False
@@ -266,20 +281,12 @@ def _described(active: ActiveCalibration) -> str:
 
 
 def _estimate(report: CalibrationReport) -> dict[str, str]:
-    """Return the active calibration, in units for people."""
+    """Return the active calibration; nothing without one."""
     active = report.active
-    pose, std = (None, None) if active is None else (active.result.extrinsics, active.result.std)
-    if active is None or pose is None or std is None:
-        return dict.fromkeys(("age", *(component.label for component in POSE_COMPONENTS)), "none")
-    values = {
-        "age": age_text(report.age_s),
-        **{component.label: component.describe(pose, std) for component in POSE_COMPONENTS},
-        "from_frames": str(active.result.n_frames),
-        "saved": active.saved or "no",
-    }
-    if active.result.notes:
-        values["notes"] = "; ".join(active.result.notes)
-    return values
+    if active is None:
+        return {}
+    values = estimate_values(active.result)
+    return values and number_values({"age_s": report.age_s}) | values | {"saved": active.saved or "no"}
 
 
 def _alignment(report: CalibrationReport) -> dict[str, str]:
@@ -287,26 +294,14 @@ def _alignment(report: CalibrationReport) -> dict[str, str]:
     active = report.active
     if active is None:
         return {}
-    alignment = active.result.alignment
-    told, finding = report_alignment(alignment, active.rig), report.alignment
-    values = _numbers("alignment", alignment) | {
-        "alignment_verdict": str(told.verdict),
-        "alignment": told.message,
+    finding = report.alignment
+    values = alignment_values(active.result.alignment, active.rig) | {
         "alignment_state": str(finding.state),
-        **_numbers("alignment_now", finding.present),
+        **alignment_numbers("alignment_now", finding.present),
         "alignment_now_frames": str(finding.frames),
+        **delay_values(active.result.delay),
     }
-    if active.result.delay is not None:
-        delay = active.result.delay
-        values |= {"right_delay_s": repr(delay.delay_s), "right_delay_std_s": repr(float(delay.std[0]))}
-        values["synchronisation"] = describe_delay(delay)
     return values | ({"alignment_change": finding.message} if finding.message else {})
-
-
-def _numbers(prefix: str, alignment: Alignment | None) -> dict[str, str]:
-    """Return the known angles of an alignment and their standard deviations, with all digits [rad]."""
-    values = {} if alignment is None else alignment.as_dict() | alignment.std_dict()
-    return {f"{prefix}_{name}": repr(value) for name, value in values.items()}
 
 
 def _frames(frames: FrameStatistics) -> dict[str, str]:
@@ -316,21 +311,12 @@ def _frames(frames: FrameStatistics) -> dict[str, str]:
         **{f"rejected_{reason}": str(count) for reason, count in frames.rejected.items()},
     }
     if frames.last_rejection is not None:
-        values |= _rejection(frames.last_rejection, frames.last_rejection_age_s)
+        values |= rejection_values("last_rejection", frames.last_rejection)
+        values |= number_values({"last_rejection_age_s": frames.last_rejection_age_s})
     if frames.total:
-        last_ms, mean_ms, longest_ms = (1e3 * t for t in (frames.last_s, frames.mean_s, frames.longest_s))
-        values["time_per_frame"] = f"{last_ms:.0f} ms (mean {mean_ms:.0f}, longest {longest_ms:.0f})"
+        times = {"time_per_frame_s": frames.last_s, "time_per_frame_mean_s": frames.mean_s}
+        values |= number_values(times | {"time_per_frame_longest_s": frames.longest_s})
     return values
-
-
-def _rejection(rejection: Rejection, age_s: float) -> dict[str, str]:
-    return {
-        "last_rejection": str(rejection.reason),
-        "last_rejection_measured": rejection.measured,
-        "last_rejection_limit": rejection.limit,
-        "last_rejection_remedy": rejection.remedy,
-        "last_rejection_age": age_text(age_s),
-    }
 
 
 def _images(report: ImagesReport) -> _Part:
@@ -339,10 +325,12 @@ def _images(report: ImagesReport) -> _Part:
     values = dict(zip(("left_rate_hz", "right_rate_hz", "pair_rate_hz"), rates, strict=True))
     values |= {name: str(getattr(report.counts, name)) for name in report.counts.__slots__}
     values |= {f"dropped_{reason}": str(count) for reason, count in report.drops.items()}
-    nearest = "not measured" if report.nearest_s is None else f"{report.nearest_s * 1e3:.3f} ms"
-    values["nearest_stamp_difference"] = nearest
-    values["rates_measured"] = "now" if report.receiving else f"{age_text(report.age_s)} ago"
-    values |= {f"{side}_format": text for side, text in report.formats.items()}
+    rates_age_s = 0.0 if report.receiving else report.age_s
+    values |= number_values({"nearest_stamp_difference_s": report.nearest_s, "rates_age_s": rates_age_s})
+    for side, found in report.formats.items():
+        if found.is_raw:
+            values |= {f"{side}_width_px": str(found.width), f"{side}_height_px": str(found.height)}
+        values[f"{side}_encoding"] = found.encoding
     if report.topics is not None:
         values |= {"left_topic": report.topics.left, "right_topic": report.topics.right}
     if report.publishers is not None:
@@ -363,12 +351,7 @@ def _camera_info(report: CameraInfoReport) -> _Part:
     rig = report.rig
     values = {"source": report.source}
     if rig is not None:
-        values |= {
-            "size": f"{rig.width} x {rig.height} px",
-            "focal_length": f"{rig.fx:.2f}, {rig.fy:.2f} px",
-            "principal_point": f"{rig.cx:.2f}, {rig.cy:.2f} px",
-            "baseline": f"{rig.baseline_m:.4f} m",
-        }
+        values |= rig_values(rig)
     values["faults"] = "; ".join(report.faults) or "none"
     values["doubts"] = "; ".join(report.doubts) or "none"
     if report.faults:
@@ -377,4 +360,4 @@ def _camera_info(report: CameraInfoReport) -> _Part:
         return WARN, report.missing or "the rig is not known yet", values
     if report.doubts:
         return WARN, values["doubts"], values
-    return OK, f"{values['size']}, baseline {values['baseline']}, from {report.source}", values
+    return OK, describe_rig(rig, report.source), values

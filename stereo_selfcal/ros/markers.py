@@ -1,60 +1,16 @@
-"""The result for RViz: a patch of the road, the lane lines on it, the camera over it, the vehicle's axes.
-
-All is placed in the parent frame of :class:`.CameraInVehicle`: the vehicle's frame where the yaw is known,
-else the road's frame. What is known in the road's frame (the road, its lanes, the camera) is carried there.
-"""
+"""The messages of ``~/markers``."""
 
 from __future__ import annotations
 
-import numpy as np
-from geometry_msgs.msg import Point, Vector3
+from geometry_msgs.msg import Point, Pose, Vector3
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ..core.camera.rig import StereoRig
-from ..core.geometry.homography import apply_homography, road_from_image
-from ..core.geometry.pose import DEGREES, POSE_COMPONENTS, Extrinsics, road_from_camera_rotation
-from ..core.geometry.vehicle import CameraInVehicle, RigidTransform
-from ..core.lanes.lane_pair import LanePattern
+from ..core.geometry.pose import Extrinsics
+from ..core.geometry.vehicle import CameraInVehicle
 from ..core.types import Array
-from ..pictures.canvas import BLUE, DARK, SKY_BLUE, VERMILION, WHITE, Colour
-from ..pictures.road_grid import GRID_FAR_M, GRID_HALF_WIDTH_M
+from ..published.markers import MarkerShape, result_markers
 from .messages import rigid_pose_message, time_message
-
-_ROAD_THICKNESS_M = 0.01
-_ROAD_OPACITY = 0.5
-_LINE_WIDTH_M = 0.12  # of painted lane lines (RMS and VwV-StVO: 0.12 and 0.15 m)
-_LINE_HEIGHT_M = 0.02  # over the road, so that the road does not hide it
-_LINE_FAR_M = 2 * GRID_FAR_M  # beyond it, a pixel spans many metres
-_LINE_POINTS = 16
-_ARROW_M = (1.0, 0.08, 0.16)  # length, width, height
-_TEXT_M = 0.25
-_TEXT_ABOVE_M = 0.4
-_N_LINES = 2
-# Axes of the vehicle as RViz draws those of a frame: x red, y green, z blue, 1 m long.
-_AXIS_M = 1.0
-_AXIS_COLOURS: tuple[Colour, Colour, Colour] = ((0, 0, 255), (0, 255, 0), (255, 0, 0))
-_AXIS_SHAFT_M, _AXIS_HEAD_M = 0.05, 0.1
-# The direction of travel lies on the road, from where it hides neither the axes nor the camera.
-_TRAVEL_START_M, _TRAVEL_END_M = 2.0, 8.0
-_TRAVEL_SHAFT_M, _TRAVEL_HEAD_M = 0.08, 0.24
-
-
-def lanes_on_road(pattern: LanePattern, rig: StereoRig, extrinsics: Extrinsics) -> tuple[Array, ...]:
-    """Return the lane lines of the left camera on the road, each (N, 2): x ahead, y to the left [m].
-
-    Args:
-        pattern: Lines of an accepted frame.
-        rig: The rig it comes from.
-        extrinsics: Its pose over the road.
-    """
-    matrix, lanes = road_from_image(rig, extrinsics, "left"), []
-    for line in pattern.left:
-        rows = np.linspace(line.rows.max(), line.rows.min(), _LINE_POINTS)
-        points = apply_homography(matrix, np.column_stack([line.column_at(rows), rows]))
-        seen = np.isfinite(points).all(axis=1) & (points[:, 0] > 0) & (points[:, 0] < _LINE_FAR_M)
-        lanes.append(points[seen])
-    return tuple(lanes)
 
 
 def markers_message(
@@ -71,78 +27,13 @@ def markers_message(
         lanes: Lane lines on the road, each (N, 2) [m]; those of an earlier result are deleted.
         parent_frame: Name of the parent frame of ``camera``.
         stamp_ns: Stamp of the (last) frame [ns].
-        camera: The camera in the vehicle; None: the parent frame is that of the road. While its yaw is not
-            known there are no axes of the vehicle and no direction of travel.
+        camera: The camera in the vehicle; None: the parent frame is that of the road.
     """
-    yaw_known = camera is not None and camera.yaw_known
-    on_road = RigidTransform(np.eye(3), np.zeros(3)) if camera is None else camera.parent_from_road
-    road_from_body = RigidTransform(
-        road_from_camera_rotation(extrinsics.pitch_rad, extrinsics.roll_rad),
-        np.array([0.0, 0.0, extrinsics.height_m]),
-    )
-
-    road = Marker(ns="road", type=Marker.CUBE, color=_colour(DARK, _ROAD_OPACITY))
-    road.scale = Vector3(x=GRID_FAR_M, y=2 * GRID_HALF_WIDTH_M, z=_ROAD_THICKNESS_M)
-    middle_m = np.array([GRID_FAR_M / 2, 0.0, -_ROAD_THICKNESS_M / 2])  # its top is the road surface
-    road.pose = rigid_pose_message(on_road.after(RigidTransform(np.eye(3), middle_m)))
-
-    arrow = Marker(ns="camera", type=Marker.ARROW, color=_colour(SKY_BLUE))
-    arrow.scale.x, arrow.scale.y, arrow.scale.z = _ARROW_M
-    arrow.pose = rigid_pose_message(on_road.after(road_from_body))
-
-    text = Marker(ns="camera", id=1, type=Marker.TEXT_VIEW_FACING, color=_colour(WHITE))
-    text.scale.z = _TEXT_M
-    text.pose.position = _point(on_road.apply([0.0, 0.0, extrinsics.height_m + _TEXT_ABOVE_M]))
-    text.text = _written(extrinsics)
-    if yaw_known:
-        text.text += f", yaw {DEGREES.number(on_road.roll_pitch_yaw()[2], '+', more=-1)} {DEGREES.symbol}"
-
-    lane_lines = [_lane(lanes, number, on_road) for number in range(_N_LINES)]
-    markers = [road, arrow, text, *lane_lines, *_vehicle(on_road, yaw_known)]
+    markers = [_marker(shape) for shape in result_markers(extrinsics, lanes, camera)]
     for marker in markers:
         marker.header.stamp = time_message(stamp_ns)
         marker.header.frame_id = parent_frame
     return MarkerArray(markers=markers)
-
-
-def _vehicle(on_road: RigidTransform, yaw_known: bool) -> list[Marker]:
-    """Return the axes of the vehicle's frame and the direction of travel, or the markers that delete them."""
-    origin, axes = np.zeros(3), np.eye(3)
-    arrows = [
-        _arrow("vehicle", number, (origin, _AXIS_M * axis), colour, (_AXIS_SHAFT_M, _AXIS_HEAD_M))
-        for number, (axis, colour) in enumerate(zip(axes, _AXIS_COLOURS, strict=True))
-    ]
-    under_camera = on_road.translation_m + _LINE_HEIGHT_M * axes[2]
-    start, end = (under_camera + ahead_m * axes[0] for ahead_m in (_TRAVEL_START_M, _TRAVEL_END_M))
-    arrows.append(_arrow("travel", 0, (start, end), BLUE, (_TRAVEL_SHAFT_M, _TRAVEL_HEAD_M)))
-    if not yaw_known:
-        for arrow in arrows:
-            arrow.action = Marker.DELETE
-    return arrows
-
-
-def _arrow(
-    name: str, number: int, ends: tuple[Array, Array], colour: Colour, diameters_m: tuple[float, float]
-) -> Marker:
-    """Return an arrow between two points (3,) [m]; the diameters are those of its shaft and its head."""
-    marker = Marker(ns=name, id=number, type=Marker.ARROW, color=_colour(colour))
-    marker.scale.x, marker.scale.y = diameters_m
-    marker.points = [_point(end) for end in ends]
-    return marker
-
-
-def _point(place_m: Array) -> Point:
-    x, y, z = map(float, place_m)
-    return Point(x=x, y=y, z=z)
-
-
-def _written(extrinsics: Extrinsics) -> str:
-    """Return the pose as it is written over the camera, with one decimal less than elsewhere."""
-    texts = [
-        f"{each.label} {each.unit.number(each.of(extrinsics), each.sign, more=-1)} {each.unit.symbol}"
-        for each in POSE_COMPONENTS
-    ]
-    return ", ".join(texts).removeprefix("height ")  # the text stands at the height that it names
 
 
 def no_markers_message() -> MarkerArray:
@@ -150,19 +41,17 @@ def no_markers_message() -> MarkerArray:
     return MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
 
 
-def _lane(lanes: tuple[Array, ...], number: int, on_road: RigidTransform) -> Marker:
-    """Return the marker of one lane line, or the one that deletes it."""
-    marker = Marker(ns="lane_lines", id=number, type=Marker.LINE_STRIP, color=_colour(VERMILION))
-    marker.scale.x = _LINE_WIDTH_M
-    points = lanes[number] if number < len(lanes) else ()
-    if len(points) < 2:
-        marker.action = Marker.DELETE
-        return marker
-    points_m = np.column_stack([points, np.full(len(points), _LINE_HEIGHT_M)])
-    marker.points = [_point(point_m) for point_m in on_road.apply(points_m)]
-    return marker
-
-
-def _colour(colour: Colour, opacity: float = 1.0) -> ColorRGBA:
-    blue, green, red = (value / 255 for value in colour)
-    return ColorRGBA(r=red, g=green, b=blue, a=opacity)
+def _marker(shape: MarkerShape) -> Marker:
+    blue, green, red = (value / 255 for value in shape.colour)
+    x, y, z = shape.scale_m
+    return Marker(
+        ns=shape.namespace,
+        id=shape.number,
+        type=int(shape.kind),
+        action=Marker.ADD if shape.shown else Marker.DELETE,
+        pose=Pose() if shape.pose is None else rigid_pose_message(shape.pose),
+        scale=Vector3(x=x, y=y, z=z),
+        color=ColorRGBA(r=red, g=green, b=blue, a=shape.opacity),
+        points=[Point(x=px, y=py, z=pz) for px, py, pz in shape.points_m],
+        text=shape.text,
+    )

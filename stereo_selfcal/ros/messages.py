@@ -17,6 +17,7 @@ from ..core.camera.plain_camera_info import PlainCameraInfo
 from ..core.geometry.vehicle import RigidTransform
 from ..core.types import Image
 from ..files.frames import PlacedCamera
+from ..published.transforms import NamedTransform, camera_transforms
 
 _NS_PER_S = 1_000_000_000
 _LAST_NS = 2**31 * _NS_PER_S - 1  # the seconds of builtin_interfaces/Time have 32 bits
@@ -97,20 +98,16 @@ def transform_messages(placed: PlacedCamera, stamp_ns: int) -> list[TransformSta
         placed: The camera; it has a name.
         stamp_ns: Stamp of the (last) frame [ns].
     """
-    messages = [_transform_message(placed.camera.transform, placed.parent, placed.child, stamp_ns)]
-    if placed.camera.yaw_known:
-        road = placed.camera.parent_from_road
-        messages.append(_transform_message(road, placed.parent, placed.road, stamp_ns))
-    return messages
+    return [_transform_message(each, stamp_ns) for each in camera_transforms(placed)]
 
 
-def _transform_message(transform: RigidTransform, parent: str, child: str, stamp_ns: int) -> TransformStamped:
-    message = TransformStamped(child_frame_id=child)
+def _transform_message(named: NamedTransform, stamp_ns: int) -> TransformStamped:
+    message = TransformStamped(child_frame_id=named.child)
     message.header.stamp = time_message(stamp_ns)
-    message.header.frame_id = parent
+    message.header.frame_id = named.parent
     moved = message.transform.translation
-    moved.x, moved.y, moved.z = map(float, transform.translation_m)
-    message.transform.rotation = quaternion_message(transform)
+    moved.x, moved.y, moved.z = map(float, named.transform.translation_m)
+    message.transform.rotation = quaternion_message(named.transform)
     return message
 
 

@@ -118,7 +118,7 @@ class DiagnosticsReporter:
             nearest_s=state.nearest_s,
             topics=topics,
             publishers=(self._source.publishers(topics.left), self._source.publishers(topics.right)),
-            formats={side: str(formats[side]) for side in SIDES if side in formats},
+            formats={side: formats[side] for side in SIDES if side in formats},
             incompatible_qos=measured.mismatches,
             unusable=tuple(
                 f"{topic}: image encoding {formats[side].encoding!r} is not supported: publish one of "

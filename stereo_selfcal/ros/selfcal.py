@@ -27,6 +27,7 @@ from ..core.results import CalibrationResult
 from ..core.types import Array
 from ..files.frames import InfoFrames
 from ..files.node_settings import NODE_NAME
+from ..published.markers import lanes_on_road
 from .activation import Activation, FoundCalibration, other_cameras
 from .calibration import INTERRUPTED, RESET, CalibrationCall
 from .calibration_keeper import CalibrationKeeper
@@ -36,7 +37,6 @@ from .diagnostics import CalibrationReport
 from .frames import camera_frame, info_frames
 from .inputs import StereoInput
 from .live import LiveFrames, known_rig
-from .markers import lanes_on_road
 from .memory import trim_heap
 from .monitor import Monitor
 from .odometry import TurnInput

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from ..core.geometry.travel import Travel
 from ..files.frames import PlacedCamera
+from ..published.status import yaw_values
 
 _WAITS = "waits for the CameraInfo of both cameras, which name their frames"
 
@@ -34,7 +35,7 @@ class TransformReport:
         Args:
             travel: The direction of travel by the active calibration.
         """
-        values = {} if travel is None else {name: repr(value) for name, value in travel.yaw_dict().items()}
+        values = yaw_values(travel)
         if self.placed is None:
             return values | {"transform": _WAITS}
         axes = self.placed.camera.axes.value

@@ -30,6 +30,7 @@ from stereo_selfcal.ros.diagnostics import (
     age_text,
     diagnostics_message,
 )
+from stereo_selfcal.ros.intake import ImageFormat
 from stereo_selfcal.ros.pair_source import Topics
 from stereo_selfcal.ros.record import FrameStatistics
 
@@ -46,6 +47,7 @@ REJECTION = Rejection(
     RejectReason.LINES_NOT_STRAIGHT, "radius", 320.0, Bound.LEAST, 1000.0, "m", "drive straight"
 )
 TOPICS = Topics("/l", "/r", "/li", "/ri")
+MONO = ImageFormat(640, 480, "mono8")
 GOOD = ImagesReport(PairCounts(90, 91, 90), PairCounts(90, 60, 30), 3.0, topics=TOPICS, publishers=(1, 2))
 BASE = Snapshot(
     "/stereo_selfcal",
@@ -64,7 +66,7 @@ def report(**changes):
     assert all(status.hardware_id == "stereo_camera" for status in message.status)
     return {
         status.name.removeprefix("/stereo_selfcal: "): (
-            status.level,
+            status.level[0],
             status.message,
             {pair.key: pair.value for pair in status.values},
         )
@@ -83,9 +85,10 @@ def test_all_is_well():
     _, text, values = statuses["calibration"]
     assert text.startswith("calibrated: height 1.4000 m (std 1.0 mm), pitch +3.0000 deg (std 0.0100)")
     assert text.endswith("5 min 12 s old")
-    assert values["height"] == "1.4000 m (std 1.0 mm)"
-    assert values["roll"] == "-0.5000 deg (std 0.0200)"
-    assert values["age"] == "5 min 12 s"
+    assert (values["height_m"], float(values["height_std_m"])) == ("1.4", pytest.approx(1e-3))
+    assert float(values["roll_rad"]) == math.radians(-0.5)
+    assert float(values["roll_std_rad"]) == pytest.approx(math.radians(0.02))
+    assert values["age_s"] == "312.0"
     assert (values["from_frames"], values["saved"]) == ("4", "saved to /data/x.yaml")
     assert values["notes"] == "not checked against the texture of the road surface (3 of 4 frames)"
 
@@ -115,7 +118,7 @@ def test_never_calibrated_says_what_to_do():
         "uncalibrated", active=None, last_success=None, reason=CalibrationKeeper().reason
     )
     assert (level, text) == (WARN, "uncalibrated: call ~/calibrate on a straight road with painted lines")
-    assert values["height"] == values["age"] == "none"
+    assert not {"height_m", "height_std_m", "age_s"} & set(values)
 
 
 def test_refused_call_is_a_warning_with_its_reason():
@@ -142,10 +145,12 @@ def test_refusals_are_counted_and_the_last_one_is_explained():
     assert (values["frames_accepted"], values["frames_rejected"]) == ("7", "7")
     assert (values["rejected_no_lines_found"], values["rejected_lines_not_straight"]) == ("5", "2")
     assert values["last_rejection"] == "lines_not_straight"
-    assert values["last_rejection_measured"] == "radius: 320 m"
-    assert values["last_rejection_limit"] == "at least 1000 m"
-    assert (values["last_rejection_remedy"], values["last_rejection_age"]) == ("drive straight", "1 min 15 s")
-    assert values["time_per_frame"] == "60 ms (mean 50, longest 100)"
+    assert values["last_rejection_finding"] == "radius: 320 m, at least 1000 m needed"
+    assert (values["last_rejection_measured"], values["last_rejection_limit"]) == ("320.0", "1000.0")
+    assert (values["last_rejection_bound"], values["last_rejection_unit"]) == ("at least", "m")
+    assert (values["last_rejection_remedy"], values["last_rejection_age_s"]) == ("drive straight", "75.0")
+    times = [values[f"time_per_frame{which}_s"] for which in ("", "_mean", "_longest")]
+    assert times == ["0.06", "0.05", "0.1"]
     assert not any(key.startswith("last_rejection") for key in calibration()[2])
 
 
@@ -177,10 +182,17 @@ def test_nobody_warns_of_images_that_are_not_wanted():
 
 
 def test_what_the_input_knows_is_passed_on():
-    values = images(nearest_s=0.012, drops={"size_changed": 3}, formats={"left": "640 x 480 mono8"})[2]
-    assert values["nearest_stamp_difference"] == "12.000 ms"
+    values = images(
+        nearest_s=0.012, drops={"size_changed": 3}, formats={"left": MONO, "right": ImageFormat(0, 0, "png")}
+    )[2]
+    assert values["nearest_stamp_difference_s"] == "0.012"
     assert values["dropped_size_changed"] == "3"
-    assert values["left_format"] == "640 x 480 mono8"
+    assert [values[f"left_{name}"] for name in ("width_px", "height_px", "encoding")] == [
+        "640",
+        "480",
+        "mono8",
+    ]
+    assert values["right_encoding"] == "png" and "right_width_px" not in values
     assert values["incompatible_qos"] == "none"
 
 
@@ -199,7 +211,7 @@ def camera_info(*arguments, **changes):
 def test_camera_info():
     level, text, values = camera_info("CameraInfo", RIG)
     assert (level, text) == (OK, "640 x 480 px, baseline 0.1481 m, from CameraInfo")
-    assert values["focal_length"] == "516.60, 516.60 px"
+    assert (values["fx_px"], values["width_px"], values["baseline_m"]) == ("516.6", "640", "0.1481")
     assert camera_info("CameraInfo", missing="no CameraInfo on /li")[:2] == (WARN, "no CameraInfo on /li")
     assert camera_info("CameraInfo")[0] == WARN
     assert camera_info("CameraInfo", RIG, faults=("a", "b"), doubts=("c",))[:2] == (ERROR, "a; b")
@@ -238,7 +250,7 @@ def aligned(**changes):
 def test_alignment_is_numbers_in_radians_a_verdict_and_a_sentence():
     level, text, values = aligned()
     assert level == OK and "rows" not in text
-    numbers = {key: float(value) for key, value in values.items() if key.endswith("_rad")}
+    numbers = {k: float(v) for k, v in values.items() if k.startswith("alignment") and k.endswith("_rad")}
     assert numbers == {
         "alignment_pitch_rad": 1e-5,
         "alignment_roll_rad": 0.0,
@@ -279,7 +291,7 @@ def test_angle_that_is_not_known_has_no_number():
     level, _, values = aligned(covariance=np.diag([1e-10, 4e-10, math.inf]))
     assert level == OK
     assert values["alignment_verdict"] == "not_seen"
-    assert {key for key in values if key.endswith("_rad")} == {
+    assert {key for key in values if key.startswith("alignment") and key.endswith("_rad")} == {
         "alignment_pitch_rad",
         "alignment_roll_rad",
         "alignment_pitch_std_rad",

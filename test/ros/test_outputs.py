@@ -19,7 +19,8 @@ from visualization_msgs.msg import Marker
 from stereo_selfcal import CalibrationResult, ConfigError, Extrinsics
 from stereo_selfcal.core.errors import OutputError
 from stereo_selfcal.files.frames import FrameNames, InfoFrames, place_camera
-from stereo_selfcal.ros.markers import lanes_on_road, markers_message
+from stereo_selfcal.published.markers import lanes_on_road
+from stereo_selfcal.ros.markers import markers_message
 from stereo_selfcal.ros.messages import image_message, transform_messages
 from stereo_selfcal.ros.outputs import Publication
 from stereo_selfcal.ros.selfcal import SelfcalNode
