@@ -55,18 +55,17 @@ WITHOUT_ROS = (
 # What only `fleet` needs; it says what is missing, and a vehicle does without. In setup.py as extras.
 OPTIONAL = {"dask", "distributed", "pyarrow"}
 
+# What the node does without: recordings are read and written with rosbags, which comes by pip alone. With it
+# comes what it unpacks with; "compression" is of Python itself from 3.14 on. docs/install.md tells how.
+RECORDINGS = {"rosbags", "apsw", "backports", "compression", "lz4", "ruamel"}
+
 COMPUTED = "an import of a computed name"
 
 # Import name -> rosdep key, where the two differ.
 ROSDEP_KEYS = {
-    # What rosbags unpacks with; it brings both. "compression" is Python's own from 3.14 on.
-    "backports": "python3-rosbags-pip",
-    "compression": "python3-rosbags-pip",
     "cv2": "python3-opencv",
     "jinja2": "python3-jinja2",
-    "lz4": "python3-rosbags-pip",
     "numpy": "python3-numpy",
-    "rosbags": "python3-rosbags-pip",
     "tf2_ros": "tf2_ros_py",
     "yaml": "python3-yaml",
 }
@@ -225,6 +224,15 @@ def test_import_without_ros(module: str):
     assert not {name for name in loaded if is_ros(name)}
 
 
+@pytest.mark.ros
+def test_the_node_imports_nothing_that_reads_recordings():
+    code = "import stereo_selfcal.ros.node, sys; print(*{name.partition('.')[0] for name in sys.modules})"
+    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert "rclpy" in run.stdout.split()
+    assert RECORDINGS.isdisjoint(run.stdout.split())
+
+
 @pytest.mark.parametrize("path", sources(PACKAGE), ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_file_is_short_enough_to_read(path: Path):
     lines = len(path.read_text(encoding="utf-8").splitlines())
@@ -242,7 +250,8 @@ def test_only_the_command_line_prints():
 
 def test_package_xml_declares_what_is_imported_and_nothing_else():
     paths = [*sources(PACKAGE), *sources(ROOT / "launch")]
-    imported = third_party(set().union(*(imports_of(path) for path in paths)) - {COMPUTED}) - OPTIONAL
+    imported = third_party(set().union(*(imports_of(path) for path in paths)) - {COMPUTED})
+    imported -= OPTIONAL | RECORDINGS
     manifest = ElementTree.parse(ROOT / "package.xml").getroot()
     declared = {element.text for element in manifest.iter("exec_depend")}
     assert declared == {ROSDEP_KEYS.get(name, name) for name in imported}

@@ -81,6 +81,14 @@ def test_installed_programs_see_to_ctrl_c_before_their_module_is_imported(monkey
     assert seen == [word for name in program.COMMANDS for word in ("ctrl-c", name)]
 
 
+def test_the_program_of_pip_sees_to_ctrl_c_too(monkeypatch):
+    seen = []
+    monkeypatch.setattr(program, "end_at_once_by_ctrl_c", lambda: seen.append("ctrl-c"))
+    monkeypatch.setattr(program, "main", lambda: seen.append("main") or 7)
+    assert program.program() == 7
+    assert seen == ["ctrl-c", "main"]
+
+
 def test_an_error_that_a_signal_caused_is_told_as_the_signal(capsys):
     """Modules in C make a RuntimeError of the exception by which a signal is told."""
 

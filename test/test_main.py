@@ -10,6 +10,7 @@ import pytest
 from bag_making import cameras, make_bag
 
 from stereo_selfcal import __main__ as program
+from stereo_selfcal import __version__
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -48,6 +49,28 @@ def test_missing_ros_is_said_in_one_line(monkeypatch, capsys):
     monkeypatch.setattr(program, "import_module", load)
     assert program.main(["node"]) == 2
     assert "node needs the Python module rclpy" in capsys.readouterr().err
+
+
+def test_missing_rosbags_is_said_with_the_line_that_installs_it(monkeypatch, capsys):
+    def load(module):
+        raise ModuleNotFoundError("No module named 'rosbags'", name="rosbags.highlevel")
+
+    monkeypatch.setattr(program, "import_module", load)
+    assert program.main(["replay"]) == 2
+    err = capsys.readouterr().err
+    assert "replay needs the Python module rosbags.highlevel" in err
+    assert "pip install --break-system-packages rosbags" in err
+
+
+def test_version_is_said(capsys):
+    assert program.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"stereo_selfcal {__version__}\n"
+
+
+@pytest.mark.parametrize(("called", "usage"), [("bin/stereo_selfcal", "stereo_selfcal"), ("x", "python -m")])
+def test_help_calls_the_program_by_the_name_it_was_called_by(called, usage, monkeypatch):
+    monkeypatch.setattr("sys.argv", [called])
+    assert program.usage().startswith(f"usage: {usage} ")
 
 
 @pytest.mark.parametrize("name", ["replay", "fleet", "synth", "limits"])
