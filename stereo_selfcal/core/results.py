@@ -23,7 +23,7 @@ from .search.attempt import Attempt
 from .types import Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class CalibrationResult:
     """Result of one frame, or the fused result of several.
 
@@ -92,6 +92,10 @@ class CalibrationResult:
     known_start: bool = False
     stood: bool = False
     fault: Fault | None = None
+
+    def __repr__(self) -> str:
+        """Return what came out, in one line; all fields, with every point, are ten thousand characters."""
+        return f"CalibrationResult(accepted={self.accepted}, {self.message!r})"
 
     @property
     def accepted(self) -> bool:

@@ -42,6 +42,13 @@ def test_message_has_what_value_threshold_unit_and_remedy():
     assert REJECTION.message == "rows of the line: 12 px, at least 40 px needed; clean the lens"
 
 
+def test_a_printed_result_is_one_line_that_says_what_came_out():
+    refused = rejected(REJECTION, stamp_s=1.0)
+    assert repr(refused) == f"CalibrationResult(accepted=False, {REJECTION.message!r})"
+    found = replace(refused, rejection=None, message="calibrated", covariance=np.eye(300))
+    assert str(found) == "CalibrationResult(accepted=True, 'calibrated')"
+
+
 def test_message_without_a_unit():
     rejection = Rejection(
         RejectReason.FITNESS_TOO_LOW, "fitness", 0.123456, Bound.LEAST, 0.9999, "", "drive on"
