@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from ..core.errors import printable
 from .outcome import BagOutcome, Status
 from .store import Bag
 from .work import (
@@ -210,6 +211,9 @@ class FleetRun:
             )
 
     def _failed(self, bag: Bag, reason: str) -> None:
+        # The recording is named beside the reason, which says so again where it is about the whole of it.
+        for place in (str(bag.path), printable(str(bag.path))):
+            reason = reason.removeprefix(f"{place}: ")
         self._on_done(Done(bag, BagOutcome(bag.name, Status.FAILED, reason, reason)))
 
     def _done(self, bag: Bag, calibrated: Calibrated, report: bytes | None = None, problem: str = "") -> None:
