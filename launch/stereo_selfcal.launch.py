@@ -40,10 +40,9 @@ def _type(setting: NodeSetting) -> type | None:
 
 
 def _range(setting: NodeSetting) -> str:
-    unit = f" {setting.unit}" if setting.unit else ""
     if setting.choices:
         return f"; one of {', '.join(setting.choices)}"
-    return "" if setting.low is None else f"; {setting.low:g} ... {setting.high:g}{unit}"
+    return f"; {setting.range_text}" if setting.range_text else ""
 
 
 def generate_launch_description() -> LaunchDescription:

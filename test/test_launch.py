@@ -71,7 +71,8 @@ def test_every_parameter_is_an_argument_with_its_description(launch):
         assert setting.description in arguments[name].description
         assert arguments[name].default_value == ""
         if setting.low is not None:
-            assert f"{setting.low:g} ... {setting.high:g}" in arguments[name].description
+            assert setting.range_text and setting.range_text in arguments[name].description
+            assert "e+" not in setting.range_text
         assert all(choice in arguments[name].description for choice in setting.choices)
 
 

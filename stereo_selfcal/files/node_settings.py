@@ -49,6 +49,11 @@ _LONGEST_NAME = 255
 _LONGEST_PATH = 4095
 
 
+def _plain(number: float) -> str:
+    """Return a number in the digits people use: 2147483647, not 2.14748e+09."""
+    return f"{number:.0f}" if float(number).is_integer() else f"{number:g}"
+
+
 @dataclass(frozen=True, slots=True)
 class NodeSetting:
     """One parameter of the node.
@@ -72,6 +77,13 @@ class NodeSetting:
     high: float | None = None
     choices: tuple[str, ...] = ()
     fixed: bool = False
+
+    @property
+    def range_text(self) -> str:
+        """The range as people write it, with the unit; empty for words and switches of true and false."""
+        if self.low is None or self.high is None:
+            return ""
+        return f"{_plain(self.low)} ... {_plain(self.high)} {self.unit}".rstrip()
 
     @property
     def is_switch(self) -> bool:

@@ -122,8 +122,7 @@ def _checked(setting: NodeSetting, value: Any, shown: str = "") -> int | float:
         kind = "a whole number" if whole else "a number"
         raise ConfigError(f"{shown}{setting.name} is {shortened(value)}: {kind} is needed")
     if setting.low is None or setting.high is None or not setting.low <= value <= setting.high:
-        within = f"{setting.low:g} ... {setting.high:g} {setting.unit}".rstrip()
-        raise ConfigError(f"{shown}{setting.name} is {shortened(value)}: it must lie in {within}")
+        raise ConfigError(f"{shown}{setting.name} is {shortened(value)}: it must lie in {setting.range_text}")
     return value
 
 

@@ -188,8 +188,9 @@ def _declare(node: Node, setting: NodeSetting) -> None:
     try:
         node.declare_parameter(setting.name, value, _descriptor(setting), ignore_override=True)
     except InvalidParameterValueException:
-        reason = f"it must lie in {setting.low} ... {setting.high} {setting.unit}".rstrip()
-        raise ConfigError(f"{setting.name} is {shortened(value)}: {reason}") from None
+        raise ConfigError(
+            f"{setting.name} is {shortened(value)}: it must lie in {setting.range_text}"
+        ) from None
 
 
 def _override(node: Node, setting: NodeSetting) -> Any:
