@@ -168,6 +168,8 @@ EXPORTS: Mapping[str, Export] = {
     "homographies": Export(".homographies.yaml", homographies),
 }
 
+_SCRIPT = ".sh"  # ending of what is to be run as it is
+
 CAMERA_INFO = "camera_info"
 EXPORT_NAMES = (*EXPORTS, CAMERA_INFO)
 # Files of the CameraInfo; those of raw cameras are not always written.
@@ -245,7 +247,7 @@ def write_exports(
                 )
             texts[path] = text
     for path, text in texts.items():
-        write_atomically(path, text.encode("utf-8"))
+        write_atomically(path, text.encode("utf-8"), executable=path.name.endswith(_SCRIPT))
     return list(texts)
 
 

@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 
 from ..core.errors import OutputError, printable
-from .atomic_file import cannot_be_written
+from .atomic_file import cannot_be_written, refuse_other_than_files
 
 
 def check_writable(path: Path | str, made: Path | None = None) -> None:
@@ -22,6 +22,7 @@ def check_writable(path: Path | str, made: Path | None = None) -> None:
         OutputError: It cannot: one sentence with the path, the cause and the remedy.
     """
     try:
+        refuse_other_than_files(path)
         target = Path(os.path.realpath(path))
         if _is_other_than_file(target):
             raise OutputError(

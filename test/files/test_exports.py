@@ -195,6 +195,14 @@ def test_files_are_written_beside_the_result(tmp_path):
     assert write_exports(tmp_path / "front.yaml", [], placed(pose), RIG) == []
 
 
+def test_a_script_can_be_run_by_all_who_may_read_it_and_nothing_else_can(tmp_path):
+    paths = write_exports(tmp_path / "out.yaml", list(EXPORTS), placed(Extrinsics(1.4, 0.0, 0.0)), RIG)
+    runnable = {path.name: path.stat().st_mode & 0o111 for path in paths}
+    readable = {path.name: path.stat().st_mode & 0o444 for path in paths}
+    assert runnable.pop(script := "out.static_transform_publisher.sh") == readable[script] >> 2 != 0
+    assert not any(runnable.values())
+
+
 @pytest.mark.parametrize("frame", ["a\nb", "a\0b", "caf\udce9"])
 def test_frame_that_some_format_cannot_hold_writes_nothing(tmp_path, frame):
     with pytest.raises(OutputError, match="cannot be exported"):
