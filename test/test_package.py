@@ -60,6 +60,19 @@ def test_manifest_is_an_ament_python_package(manifest):
     assert "@" in manifest.find("maintainer").get("email")
 
 
+def test_every_key_is_in_the_table_of_the_page_on_installing(manifest):
+    page = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
+    keys = {element.text for element in manifest if element.tag.endswith("depend")}
+    assert set(re.findall(r"^\| `([\w-]+)` \|", page, re.MULTILINE)) == keys
+    # What only pip has is refused by rosdep on Ubuntu 24.04.
+    assert not [key for key in keys if key.endswith("-pip")]
+
+
+def test_urls_are_told(manifest):
+    kinds = [url.get("type") for url in manifest.iter("url")]
+    assert kinds == ["website", "repository", "bugtracker"]
+
+
 def test_dependencies_are_named_once(manifest):
     keys = [element.text for element in manifest if element.tag.endswith("depend")]
     assert len(keys) == len(set(keys))
