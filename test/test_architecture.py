@@ -1,6 +1,7 @@
 """Who may import whom: the estimator stays free of ROS, and the renderer free of the estimator's geometry."""
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -212,6 +213,21 @@ def test_type_aliases_of_one_name_mean_one_type():
 def test_only_the_ros_folder_imports_ros(path: Path):
     if path.parent != PACKAGE / "ros":
         assert not {name for name in third_party(imports_of(path)) if is_ros(name)}
+
+
+def test_folders_import_what_the_page_on_the_architecture_says():
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    told = {
+        cells[0].strip("` "): set(re.findall(r"`(\w+)`", cells[2]))
+        for cells in (line.strip("|").split("|") for line in page.splitlines() if line.startswith("| `"))
+        if (PACKAGE / cells[0].strip("` ")).is_dir()
+    }
+    folders = {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").is_file()}
+    assert told.keys() == folders
+    for folder in folders:
+        names = set().union(*(imports_of(path) for path in sources(PACKAGE / folder)))
+        used = {name.split(".")[1] for name in names if name.startswith(f"{PACKAGE.name}.")}
+        assert (used & folders) - {folder} <= told[folder], folder
 
 
 @pytest.mark.parametrize("module", WITHOUT_ROS)
