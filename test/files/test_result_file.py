@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from result_making import EXTRINSICS, RIG, a_result, write
 
-from stereo_selfcal import Extrinsics
+from stereo_selfcal import Extrinsics, __version__
 from stereo_selfcal.core.errors import OutputError
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import rejected
@@ -61,7 +61,7 @@ def test_shape_is_that_of_the_contract(tmp_path):
         "source": "bags/straight_road",
         "frames": 3,
         "seed": 7,
-        "version": "0.1.0",
+        "version": __version__,
         "rig": dataclasses.asdict(RIG),
         "covariance": [1e-6, 0.0, 0.0, 0.0, 1e-10, 0.0, 0.0, 0.0, 4e-8],
     }

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from result_making import RIG, a_result, write
 
-from stereo_selfcal import ConfigError, StereoRig
+from stereo_selfcal import ConfigError, StereoRig, __version__
 from stereo_selfcal.core.errors import OutputError
 from stereo_selfcal.core.reservations import Reservation, ReservationKind
 from stereo_selfcal.files.result_file import format_result, load_result, result_parameters
@@ -44,7 +45,7 @@ FAULTS = [
     (
         "schema: 2",
         "schema: 3",
-        "written by a newer version .'0.1.0'.* schema is 3, this version reads at most 2",
+        rf"by a newer version .'{re.escape(__version__)}'.* schema is 3, this version reads at most 2",
     ),
     ("schema: 2", "schema: 0", "provenance.schema is 0: it must lie in 1"),
     ("schema: 2", "schema: '2'", "provenance.schema is '2': a whole number is needed"),
