@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from .core.rejection import Rejection, RejectReason
     from .core.results import CalibrationResult
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "CalibrationResult",
