@@ -1,5 +1,5 @@
-# Everything runs from this checkout; the package itself is never installed into .venv: its console script `node`
-# would shadow Node.js there. The names below that are lower case are meant for typing: `make` lists them.
+# Everything runs from this checkout; the package itself is not installed into .venv, where it would be a copy.
+# The names below that are lower case are meant for typing: `make` lists them.
 
 REQUIREMENTS := $(addprefix requirements/,base.txt fleet.txt ros.txt test.txt lint.txt)
 FLOOR_REQUIREMENTS := $(addprefix requirements/,floor.txt test.txt)

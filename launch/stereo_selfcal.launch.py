@@ -1,3 +1,17 @@
+# Copyright 2026 Seed 64efc911 maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Starts the node beside a running stereo camera; every parameter of the node is an argument.
 
 ros2 launch stereo_selfcal stereo_selfcal.launch.py camera:=/front_stereo output_path:=/data/front.yaml
@@ -40,10 +54,9 @@ def _type(setting: NodeSetting) -> type | None:
 
 
 def _range(setting: NodeSetting) -> str:
-    unit = f" {setting.unit}" if setting.unit else ""
     if setting.choices:
         return f"; one of {', '.join(setting.choices)}"
-    return "" if setting.low is None else f"; {setting.low:g} ... {setting.high:g}{unit}"
+    return f"; {setting.range_text}" if setting.range_text else ""
 
 
 def generate_launch_description() -> LaunchDescription:

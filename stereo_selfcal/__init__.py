@@ -1,3 +1,17 @@
+# Copyright 2026 Seed 64efc911 maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Self-calibration of a vehicle's stereo camera over the road, from painted lane lines.
 
 Importing this package imports no ROS: the node lives in :mod:`stereo_selfcal.ros`.
@@ -19,7 +33,7 @@ if TYPE_CHECKING:
     from .core.rejection import Rejection, RejectReason
     from .core.results import CalibrationResult
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "CalibrationResult",

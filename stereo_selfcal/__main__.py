@@ -1,4 +1,21 @@
-"""``python -m stereo_selfcal COMMAND``: the same programs as ``ros2 run stereo_selfcal COMMAND``."""
+# Copyright 2026 Seed 64efc911 maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``python -m stereo_selfcal COMMAND``: the same programs as ``ros2 run stereo_selfcal COMMAND``.
+
+Where pip has installed the package, ``stereo_selfcal COMMAND`` is the same.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +29,9 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 from importlib import import_module
+from pathlib import Path
 
+from . import __version__
 from .closed_streams import open_closed_streams, tell_error
 from .unforeseen import unforeseen
 
@@ -35,19 +54,27 @@ COMMANDS = {
 
 _EXIT_BAD_USAGE = 2
 
+_PROGRAM = "stereo_selfcal"  # as pip installs it
+# rosdep cannot install it on Ubuntu 24.04, where pip may not touch the system unless told.
+_HOW_TO_INSTALL = {
+    "rosbags": "pip install rosbags (of the system's Python: pip install --break-system-packages rosbags)"
+}
+_USUAL_WAY = "source ROS 2 or see docs/install.md"
+
 
 def usage() -> str:
     """Return the help text."""
+    program = _PROGRAM if Path(sys.argv[0]).name == _PROGRAM else f"python -m {_PROGRAM}"
     lines = [f"  {name:<8}{text}" for name, (_, text) in COMMANDS.items()]
     return "\n".join(
         [
-            "usage: python -m stereo_selfcal COMMAND ...",
+            f"usage: {program} COMMAND ... | --version",
             "",
-            "Height, pitch and roll of a vehicle's stereo camera over the road, from painted lane lines.",
+            "Height, pitch and roll of a vehicle's stereo camera over the road, from the road itself.",
             "",
             *lines,
             "",
-            "Each command explains itself: python -m stereo_selfcal replay --help",
+            f"Each command explains itself: {program} replay --help",
             "Exit status: 0 and 1 as the command says; 2 bad usage or unreadable input; 3 something",
             "unforeseen, with a traceback; 128 and its number for a signal that ends it (130: Ctrl-C).",
             "",
@@ -62,6 +89,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments[:1] in (["-h"], ["--help"]):
         sys.stdout.write(usage())
         return 0
+    if arguments == ["--version"]:
+        sys.stdout.write(f"{_PROGRAM} {__version__}\n")
+        return 0
     if not arguments or arguments[0] not in COMMANDS:
         given = f"unknown command {arguments[0]!r}" if arguments else "no command given"
         tell_error(f"stereo_selfcal: {given}; the commands are {', '.join(COMMANDS)}, see --help\n")
@@ -69,9 +99,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         program = import_module(COMMANDS[arguments[0]][0])
     except ModuleNotFoundError as error:
+        way = _HOW_TO_INSTALL.get((error.name or "").partition(".")[0], _USUAL_WAY)
         tell_error(
             f"stereo_selfcal: {arguments[0]} needs the Python module {error.name}, which is not installed; "
-            "source ROS 2 or see README.md\n"
+            f"{way}\n"
         )
         return _EXIT_BAD_USAGE
     except Exception as error:  # noqa: BLE001 - a module that cannot be imported is told as all else is
@@ -88,6 +119,12 @@ def _script(command: str) -> int:
 
 # The entry points of setup.py: this module is imported in no time, those of the commands are not.
 node, replay, fleet, synth, limits, demo = (partial(_script, command) for command in COMMANDS)
+
+
+def program() -> int:
+    """Run the program that pip installs: ``stereo_selfcal COMMAND``."""
+    end_at_once_by_ctrl_c()
+    return main()
 
 
 if __name__ == "__main__":

@@ -1,6 +1,21 @@
+# Copyright 2026 Seed 64efc911 maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Who may import whom: the estimator stays free of ROS, and the renderer free of the estimator's geometry."""
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -55,18 +70,17 @@ WITHOUT_ROS = (
 # What only `fleet` needs; it says what is missing, and a vehicle does without. In setup.py as extras.
 OPTIONAL = {"dask", "distributed", "pyarrow"}
 
+# What the node does without: recordings are read and written with rosbags, which comes by pip alone. With it
+# comes what it unpacks with; "compression" is of Python itself from 3.14 on. docs/install.md tells how.
+RECORDINGS = {"rosbags", "apsw", "backports", "compression", "lz4", "ruamel"}
+
 COMPUTED = "an import of a computed name"
 
 # Import name -> rosdep key, where the two differ.
 ROSDEP_KEYS = {
-    # What rosbags unpacks with; it brings both. "compression" is Python's own from 3.14 on.
-    "backports": "python3-rosbags-pip",
-    "compression": "python3-rosbags-pip",
     "cv2": "python3-opencv",
     "jinja2": "python3-jinja2",
-    "lz4": "python3-rosbags-pip",
     "numpy": "python3-numpy",
-    "rosbags": "python3-rosbags-pip",
     "tf2_ros": "tf2_ros_py",
     "yaml": "python3-yaml",
 }
@@ -215,6 +229,21 @@ def test_only_the_ros_folder_imports_ros(path: Path):
         assert not {name for name in third_party(imports_of(path)) if is_ros(name)}
 
 
+def test_folders_import_what_the_page_on_the_architecture_says():
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    told = {
+        cells[0].strip("` "): set(re.findall(r"`(\w+)`", cells[2]))
+        for cells in (line.strip("|").split("|") for line in page.splitlines() if line.startswith("| `"))
+        if (PACKAGE / cells[0].strip("` ")).is_dir()
+    }
+    folders = {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").is_file()}
+    assert told.keys() == folders
+    for folder in folders:
+        names = set().union(*(imports_of(path) for path in sources(PACKAGE / folder)))
+        used = {name.split(".")[1] for name in names if name.startswith(f"{PACKAGE.name}.")}
+        assert (used & folders) - {folder} <= told[folder], folder
+
+
 @pytest.mark.parametrize("module", WITHOUT_ROS)
 def test_import_without_ros(module: str):
     code = f"import {module}, sys; print(*sorted(name for name in sys.modules if '.' not in name))"
@@ -225,9 +254,19 @@ def test_import_without_ros(module: str):
     assert not {name for name in loaded if is_ros(name)}
 
 
+@pytest.mark.ros
+def test_the_node_imports_nothing_that_reads_recordings():
+    code = "import stereo_selfcal.ros.node, sys; print(*{name.partition('.')[0] for name in sys.modules})"
+    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert "rclpy" in run.stdout.split()
+    assert RECORDINGS.isdisjoint(run.stdout.split())
+
+
 @pytest.mark.parametrize("path", sources(PACKAGE), ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_file_is_short_enough_to_read(path: Path):
-    lines = len(path.read_text(encoding="utf-8").splitlines())
+    text = path.read_text(encoding="utf-8")
+    lines = len(text[text.index("\n\n") :].splitlines())  # the licence above it is not read
     assert lines <= MAX_LINES, f"{lines} lines: split it"
 
 
@@ -242,7 +281,8 @@ def test_only_the_command_line_prints():
 
 def test_package_xml_declares_what_is_imported_and_nothing_else():
     paths = [*sources(PACKAGE), *sources(ROOT / "launch")]
-    imported = third_party(set().union(*(imports_of(path) for path in paths)) - {COMPUTED}) - OPTIONAL
+    imported = third_party(set().union(*(imports_of(path) for path in paths)) - {COMPUTED})
+    imported -= OPTIONAL | RECORDINGS
     manifest = ElementTree.parse(ROOT / "package.xml").getroot()
     declared = {element.text for element in manifest.iter("exec_depend")}
     assert declared == {ROSDEP_KEYS.get(name, name) for name in imported}

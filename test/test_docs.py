@@ -1,3 +1,17 @@
+# Copyright 2026 Seed 64efc911 maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The docs say what is so: their commands run, their links lead somewhere, their figures can be made anew."""
 
 import os
@@ -12,11 +26,12 @@ from pathlib import Path
 
 import pytest
 import yaml
+from commands_not_run import why_not_run
 
 from stereo_selfcal.__main__ import COMMANDS
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = [*sorted((ROOT / "docs").glob("*.md")), ROOT / "README.md"]
+PAGES = [*sorted((ROOT / "docs").glob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
 HOOKS = runpy.run_path(str(ROOT / "docs" / "site_hooks.py"))
 
 FENCE = re.compile(r"^```([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -27,6 +42,19 @@ RECIPE = "recipe"  # what test_extending.py follows
 RUNNERS = {"bash": ["bash", "-e"], "python": [sys.executable]}
 TRANSCRIPT = re.compile(r"^\$ (.+)$", re.MULTILINE)
 NEEDS_ROS = ("node", "demo")
+PROGRAMS = (
+    "ros2 ",
+    "make ",
+    "python -m ",
+    "rosdep ",
+    "colcon ",
+    "pip ",
+    "sudo ",
+    "source ",
+    "stereo_selfcal ",
+)
+# Commands in the midst of a sentence.
+IN_WORDS = re.compile(r"`((?:make|python3? -m|ros2|colcon|pip|git|\.ci/run)(?: [^`]+)?)`")
 
 
 @dataclass(frozen=True)
@@ -59,7 +87,7 @@ def commands() -> Iterator[str]:
             yield from joined(block.text)
         elif not block.info:
             yield from (match.rstrip() for match in TRANSCRIPT.findall(block.text))
-            yield from (line for line in joined(block.text) if line.startswith(("ros2 ", "make ")))
+            yield from (line for line in joined(block.text) if line.startswith(PROGRAMS))
 
 
 def joined(text: str) -> list[str]:
@@ -118,6 +146,13 @@ def check_program(name: str, rest: str) -> None:
     assert name in COMMANDS
     if name not in NEEDS_ROS:
         assert set(OPTION.findall(rest)) <= set(OPTION.findall(help_of(name))) | {"--ros-args"}
+
+
+def test_every_command_is_run_or_listed_with_why_it_is_not():
+    quoted = set(commands())
+    for page in PAGES:
+        quoted |= set(IN_WORDS.findall(FENCE.sub("", page.read_text(encoding="utf-8"))))
+    assert quoted and not sorted(command for command in quoted if not why_not_run(command))
 
 
 def test_commands_that_are_not_run_name_what_exists():

@@ -1,3 +1,17 @@
+# Copyright 2026 Seed 64efc911 maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """SIGINT at any moment of a start: the program ends without a traceback, by the signal or as it says."""
 
 import importlib.util
@@ -79,6 +93,14 @@ def test_installed_programs_see_to_ctrl_c_before_their_module_is_imported(monkey
     for name in program.COMMANDS:
         assert getattr(program, name)() == 7
     assert seen == [word for name in program.COMMANDS for word in ("ctrl-c", name)]
+
+
+def test_the_program_of_pip_sees_to_ctrl_c_too(monkeypatch):
+    seen = []
+    monkeypatch.setattr(program, "end_at_once_by_ctrl_c", lambda: seen.append("ctrl-c"))
+    monkeypatch.setattr(program, "main", lambda: seen.append("main") or 7)
+    assert program.program() == 7
+    assert seen == ["ctrl-c", "main"]
 
 
 def test_an_error_that_a_signal_caused_is_told_as_the_signal(capsys):

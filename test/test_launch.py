@@ -1,3 +1,17 @@
+# Copyright 2026 Seed 64efc911 maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The launch file against a stand-in for launch: every parameter is an argument and reaches the node."""
 
 import runpy
@@ -71,7 +85,8 @@ def test_every_parameter_is_an_argument_with_its_description(launch):
         assert setting.description in arguments[name].description
         assert arguments[name].default_value == ""
         if setting.low is not None:
-            assert f"{setting.low:g} ... {setting.high:g}" in arguments[name].description
+            assert setting.range_text and setting.range_text in arguments[name].description
+            assert "e+" not in setting.range_text
         assert all(choice in arguments[name].description for choice in setting.choices)
 
 

@@ -1,3 +1,17 @@
+# Copyright 2026 Seed 64efc911 maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """python -m stereo_selfcal: which program runs, and what is imported for it."""
 
 import os
@@ -10,6 +24,7 @@ import pytest
 from bag_making import cameras, make_bag
 
 from stereo_selfcal import __main__ as program
+from stereo_selfcal import __version__
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -48,6 +63,28 @@ def test_missing_ros_is_said_in_one_line(monkeypatch, capsys):
     monkeypatch.setattr(program, "import_module", load)
     assert program.main(["node"]) == 2
     assert "node needs the Python module rclpy" in capsys.readouterr().err
+
+
+def test_missing_rosbags_is_said_with_the_line_that_installs_it(monkeypatch, capsys):
+    def load(module):
+        raise ModuleNotFoundError("No module named 'rosbags'", name="rosbags.highlevel")
+
+    monkeypatch.setattr(program, "import_module", load)
+    assert program.main(["replay"]) == 2
+    err = capsys.readouterr().err
+    assert "replay needs the Python module rosbags.highlevel" in err
+    assert "pip install --break-system-packages rosbags" in err
+
+
+def test_version_is_said(capsys):
+    assert program.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"stereo_selfcal {__version__}\n"
+
+
+@pytest.mark.parametrize(("called", "usage"), [("bin/stereo_selfcal", "stereo_selfcal"), ("x", "python -m")])
+def test_help_calls_the_program_by_the_name_it_was_called_by(called, usage, monkeypatch):
+    monkeypatch.setattr("sys.argv", [called])
+    assert program.usage().startswith(f"usage: {usage} ")
 
 
 @pytest.mark.parametrize("name", ["replay", "fleet", "synth", "limits"])

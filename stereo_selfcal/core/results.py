@@ -1,3 +1,17 @@
+# Copyright 2026 Seed 64efc911 maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What a calibration returns: extrinsics with their uncertainty, or the reason why not."""
 
 from __future__ import annotations
@@ -23,7 +37,7 @@ from .search.attempt import Attempt
 from .types import Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class CalibrationResult:
     """Result of one frame, or the fused result of several.
 
@@ -92,6 +106,10 @@ class CalibrationResult:
     known_start: bool = False
     stood: bool = False
     fault: Fault | None = None
+
+    def __repr__(self) -> str:
+        """Return what came out, in one line; all fields, with every point, are ten thousand characters."""
+        return f"CalibrationResult(accepted={self.accepted}, {self.message!r})"
 
     @property
     def accepted(self) -> bool:

@@ -1,3 +1,17 @@
+# Copyright 2026 Seed 64efc911 maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Files that are whole or not there at all, whenever the power goes or the process is killed."""
 
 from __future__ import annotations
@@ -21,11 +35,13 @@ _MOST_REJECTED = 1000
 _RIGHTS = stat.S_IRWXU | stat.S_IRWXG | stat.S_IRWXO
 # A new temporary file can be taken for a leftover only before it is locked, a matter of microseconds.
 _LOCK_ATTEMPTS = 5
+# Standard input, output and error.
+_STREAMS = (0, 1, 2)
 # There is no room: on the disk, of the user, in a file.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
-def write_atomically(path: Path | str, content: bytes) -> None:
+def write_atomically(path: Path | str, content: bytes, executable: bool = False) -> None:
     """Replace a file in one step: whoever reads it, at whatever moment, finds the old or the new one.
 
     Once this returns the new content survives a power cut. The new file has the mode of the old one, and its
@@ -34,19 +50,43 @@ def write_atomically(path: Path | str, content: bytes) -> None:
     Args:
         path: The file; its folder must exist. A link is followed.
         content: The new content.
+        executable: Whether whoever may read it may run it: a script.
 
     Raises:
         OutputError: The file cannot be written. The old file is unchanged, and no temporary file remains.
     """
     try:
+        refuse_other_than_files(path)
         target = Path(os.path.realpath(path))
         # A rename would put a file in the place of a device such as /dev/null.
         if os.path.lexists(target) and not target.is_file():
             raise OutputError(f"{_shown(path)} cannot be written: it is not a file; give the name of a file")
         remove_leftovers(target)
-        _replace(target, content)
+        _replace(target, content, executable)
     except (OSError, ValueError) as error:  # ValueError: a NUL character in the name
         raise cannot_be_written(path, error) from error
+
+
+def refuse_other_than_files(path: Path | str) -> None:
+    """Refuse what cannot be replaced by a file: ``/dev/stdout`` and other streams, devices, folders.
+
+    Raises:
+        OutputError: It is no file, or the one that a standard stream of this process goes to.
+    """
+    try:
+        there = Path(path).stat()
+    except (OSError, ValueError):
+        return
+    if not stat.S_ISREG(there.st_mode):
+        # /proc/self/fd/1 leads to a pipe by a name under which nothing is: not by its real path.
+        raise OutputError(f"{_shown(path)} cannot be written: it is not a file; give the name of a file")
+    for descriptor in _STREAMS:
+        with suppress(OSError):  # closed
+            if os.path.samestat(there, os.fstat(descriptor)):
+                raise OutputError(
+                    f"{_shown(path)} cannot be written: what this program prints goes there, and would be "
+                    "lost; give the name of another file"
+                )
 
 
 def cannot_be_written(path: Path | str, error: Exception) -> OutputError:
@@ -112,12 +152,14 @@ def set_aside(path: Path | str) -> Path:
     return aside
 
 
-def _replace(target: Path, content: bytes) -> None:
+def _replace(target: Path, content: bytes, executable: bool) -> None:
     with _temporary_file(target) as (temporary, descriptor):
         view = memoryview(content)
         while view:
             view = view[os.write(descriptor, view) :]
         _keep_rights(target, descriptor)
+        if executable:
+            _make_executable(descriptor)
         os.fsync(descriptor)  # before the rename, or a power cut could leave the new name without content
         temporary.replace(target)
     sync_folder(target.parent)
@@ -166,6 +208,14 @@ def _keep_rights(target: Path, descriptor: int) -> None:
         mode &= ~stat.S_IRWXG | (mode & stat.S_IRWXO) << 3
     with suppress(OSError):  # a file system without modes
         os.fchmod(descriptor, mode)
+
+
+def _make_executable(descriptor: int) -> None:
+    """Let a file be run by all who may read it."""
+    mode = stat.S_IMODE(os.fstat(descriptor).st_mode)
+    readers = mode & (stat.S_IRUSR | stat.S_IRGRP | stat.S_IROTH)
+    with suppress(OSError):  # a file system without modes
+        os.fchmod(descriptor, mode | readers >> 2)
 
 
 def _own(descriptor: int) -> bool:

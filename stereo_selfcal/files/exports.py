@@ -1,3 +1,17 @@
+# Copyright 2026 Seed 64efc911 maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The calibration in the formats of other tools, as text and as files beside the result file.
 
 :data:`CAMERA_INFO` is the CameraInfo of the pair, corrected by how the right camera was found to be turned.
@@ -168,6 +182,8 @@ EXPORTS: Mapping[str, Export] = {
     "homographies": Export(".homographies.yaml", homographies),
 }
 
+_SCRIPT = ".sh"  # ending of what is to be run as it is
+
 CAMERA_INFO = "camera_info"
 EXPORT_NAMES = (*EXPORTS, CAMERA_INFO)
 # Files of the CameraInfo; those of raw cameras are not always written.
@@ -245,7 +261,7 @@ def write_exports(
                 )
             texts[path] = text
     for path, text in texts.items():
-        write_atomically(path, text.encode("utf-8"))
+        write_atomically(path, text.encode("utf-8"), executable=path.name.endswith(_SCRIPT))
     return list(texts)
 
 

@@ -1,3 +1,17 @@
+# Copyright 2026 Seed 64efc911 maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Parameters of the node, besides the settings of the calibrator. This module needs no ROS.
 
 This table is the only list of the node's parameters. The node and the launch file declare them from it, and
@@ -49,6 +63,11 @@ _LONGEST_NAME = 255
 _LONGEST_PATH = 4095
 
 
+def _plain(number: float) -> str:
+    """Return a number in the digits people use: 2147483647, not 2.14748e+09."""
+    return f"{number:.0f}" if float(number).is_integer() else f"{number:g}"
+
+
 @dataclass(frozen=True, slots=True)
 class NodeSetting:
     """One parameter of the node.
@@ -72,6 +91,13 @@ class NodeSetting:
     high: float | None = None
     choices: tuple[str, ...] = ()
     fixed: bool = False
+
+    @property
+    def range_text(self) -> str:
+        """The range as people write it, with the unit; empty for words and switches of true and false."""
+        if self.low is None or self.high is None:
+            return ""
+        return f"{_plain(self.low)} ... {_plain(self.high)} {self.unit}".rstrip()
 
     @property
     def is_switch(self) -> bool:

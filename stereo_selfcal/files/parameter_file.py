@@ -1,3 +1,17 @@
+# Copyright 2026 Seed 64efc911 maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """ROS 2 parameter files and the settings in them. Reading one needs no ROS, and trusts nothing in it."""
 
 from __future__ import annotations
@@ -122,8 +136,7 @@ def _checked(setting: NodeSetting, value: Any, shown: str = "") -> int | float:
         kind = "a whole number" if whole else "a number"
         raise ConfigError(f"{shown}{setting.name} is {shortened(value)}: {kind} is needed")
     if setting.low is None or setting.high is None or not setting.low <= value <= setting.high:
-        within = f"{setting.low:g} ... {setting.high:g} {setting.unit}".rstrip()
-        raise ConfigError(f"{shown}{setting.name} is {shortened(value)}: it must lie in {within}")
+        raise ConfigError(f"{shown}{setting.name} is {shortened(value)}: it must lie in {setting.range_text}")
     return value
 
 

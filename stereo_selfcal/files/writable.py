@@ -1,3 +1,17 @@
+# Copyright 2026 Seed 64efc911 maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Whether a file can be written, asked before there is anything to write."""
 
 from __future__ import annotations
@@ -8,7 +22,7 @@ import tempfile
 from pathlib import Path
 
 from ..core.errors import OutputError, printable
-from .atomic_file import cannot_be_written
+from .atomic_file import cannot_be_written, refuse_other_than_files
 
 
 def check_writable(path: Path | str, made: Path | None = None) -> None:
@@ -22,6 +36,7 @@ def check_writable(path: Path | str, made: Path | None = None) -> None:
         OutputError: It cannot: one sentence with the path, the cause and the remedy.
     """
     try:
+        refuse_other_than_files(path)
         target = Path(os.path.realpath(path))
         if _is_other_than_file(target):
             raise OutputError(

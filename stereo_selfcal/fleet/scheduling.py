@@ -1,3 +1,17 @@
+# Copyright 2026 Seed 64efc911 maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The tasks of a fleet: their submission to workers, their results, and their repetition."""
 
 from __future__ import annotations
@@ -6,6 +20,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from ..core.errors import printable
 from .outcome import BagOutcome, Status
 from .store import Bag
 from .work import (
@@ -210,6 +225,9 @@ class FleetRun:
             )
 
     def _failed(self, bag: Bag, reason: str) -> None:
+        # The recording is named beside the reason, which says so again where it is about the whole of it.
+        for place in (str(bag.path), printable(str(bag.path))):
+            reason = reason.removeprefix(f"{place}: ")
         self._on_done(Done(bag, BagOutcome(bag.name, Status.FAILED, reason, reason)))
 
     def _done(self, bag: Bag, calibrated: Calibrated, report: bytes | None = None, problem: str = "") -> None:

@@ -1,3 +1,17 @@
+# Copyright 2026 Seed 64efc911 maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Parameters of the node: declared from one table and checked together; results are set atomically."""
 
 from __future__ import annotations
@@ -188,8 +202,9 @@ def _declare(node: Node, setting: NodeSetting) -> None:
     try:
         node.declare_parameter(setting.name, value, _descriptor(setting), ignore_override=True)
     except InvalidParameterValueException:
-        reason = f"it must lie in {setting.low} ... {setting.high} {setting.unit}".rstrip()
-        raise ConfigError(f"{setting.name} is {shortened(value)}: {reason}") from None
+        raise ConfigError(
+            f"{setting.name} is {shortened(value)}: it must lie in {setting.range_text}"
+        ) from None
 
 
 def _override(node: Node, setting: NodeSetting) -> Any:

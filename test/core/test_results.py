@@ -1,3 +1,17 @@
+# Copyright 2026 Seed 64efc911 maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Results and rejections: stable words, sentences with value, threshold and remedy."""
 
 from dataclasses import replace
@@ -40,6 +54,13 @@ def test_reasons_are_stable_words():
 
 def test_message_has_what_value_threshold_unit_and_remedy():
     assert REJECTION.message == "rows of the line: 12 px, at least 40 px needed; clean the lens"
+
+
+def test_a_printed_result_is_one_line_that_says_what_came_out():
+    refused = rejected(REJECTION, stamp_s=1.0)
+    assert repr(refused) == f"CalibrationResult(accepted=False, {REJECTION.message!r})"
+    found = replace(refused, rejection=None, message="calibrated", covariance=np.eye(300))
+    assert str(found) == "CalibrationResult(accepted=True, 'calibrated')"
 
 
 def test_message_without_a_unit():

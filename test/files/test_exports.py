@@ -1,3 +1,17 @@
+# Copyright 2026 Seed 64efc911 maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Exports hold the transform that was calibrated: checked by mathematics of their own."""
 
 import math
@@ -193,6 +207,14 @@ def test_files_are_written_beside_the_result(tmp_path):
     for path, name in zip(paths, EXPORTS, strict=True):
         assert path.read_text(encoding="utf-8") == text_of(name, pose, "road", "front")
     assert write_exports(tmp_path / "front.yaml", [], placed(pose), RIG) == []
+
+
+def test_a_script_can_be_run_by_all_who_may_read_it_and_nothing_else_can(tmp_path):
+    paths = write_exports(tmp_path / "out.yaml", list(EXPORTS), placed(Extrinsics(1.4, 0.0, 0.0)), RIG)
+    runnable = {path.name: path.stat().st_mode & 0o111 for path in paths}
+    readable = {path.name: path.stat().st_mode & 0o444 for path in paths}
+    assert runnable.pop(script := "out.static_transform_publisher.sh") == readable[script] >> 2 != 0
+    assert not any(runnable.values())
 
 
 @pytest.mark.parametrize("frame", ["a\nb", "a\0b", "caf\udce9"])

@@ -1,3 +1,17 @@
+# Copyright 2026 Seed 64efc911 maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The result file: a ROS 2 parameter file, whole or not at all, the same bytes for the same result."""
 
 import dataclasses
@@ -11,7 +25,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from result_making import EXTRINSICS, RIG, a_result, write
 
-from stereo_selfcal import Extrinsics
+from stereo_selfcal import Extrinsics, __version__
 from stereo_selfcal.core.errors import OutputError
 from stereo_selfcal.core.rejection import Bound, Rejection, RejectReason
 from stereo_selfcal.core.results import rejected
@@ -61,7 +75,7 @@ def test_shape_is_that_of_the_contract(tmp_path):
         "source": "bags/straight_road",
         "frames": 3,
         "seed": 7,
-        "version": "0.1.0",
+        "version": __version__,
         "rig": dataclasses.asdict(RIG),
         "covariance": [1e-6, 0.0, 0.0, 0.0, 1e-10, 0.0, 0.0, 0.0, 4e-8],
     }

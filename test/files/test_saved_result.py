@@ -1,7 +1,22 @@
+# Copyright 2026 Seed 64efc911 maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Every field of a result file is checked, and a saved result is the one that was written."""
 
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
@@ -9,7 +24,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from result_making import RIG, a_result, write
 
-from stereo_selfcal import ConfigError, StereoRig
+from stereo_selfcal import ConfigError, StereoRig, __version__
 from stereo_selfcal.core.errors import OutputError
 from stereo_selfcal.core.reservations import Reservation, ReservationKind
 from stereo_selfcal.files.result_file import format_result, load_result, result_parameters
@@ -44,7 +59,7 @@ FAULTS = [
     (
         "schema: 2",
         "schema: 3",
-        "written by a newer version .'0.1.0'.* schema is 3, this version reads at most 2",
+        rf"by a newer version .'{re.escape(__version__)}'.* schema is 3, this version reads at most 2",
     ),
     ("schema: 2", "schema: 0", "provenance.schema is 0: it must lie in 1"),
     ("schema: 2", "schema: '2'", "provenance.schema is '2': a whole number is needed"),

@@ -1,3 +1,17 @@
+# Copyright 2026 Seed 64efc911 maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The tasks of a fleet: workers that die, recordings that fail, stretches of long ones."""
 
 import bag_making
@@ -65,8 +79,9 @@ def test_a_recording_that_cannot_be_read_is_a_row_with_its_reason(workers, roads
     (tmp_path / "broken.mcap").write_bytes(b"no recording")
     done = run_fleet(workers, [tmp_path / "broken.mcap", tmp_path / "nowhere", roads[0]], QUICKLY)
     assert done["broken.mcap"].outcome.status is done["nowhere"].outcome.status is Status.FAILED
-    assert "cannot be read as a recording" in done["broken.mcap"].outcome.reason
-    assert "no such file" in done["nowhere"].outcome.reason
+    # The row names the recording beside it.
+    assert done["broken.mcap"].outcome.reason.startswith("cannot be read as a recording")
+    assert done["nowhere"].outcome.reason.startswith("no such file or folder")
     assert done["road0"].outcome.status is Status.CALIBRATED
 
 
