@@ -40,6 +40,7 @@ WHY = {
     r"stereo_selfcal (replay|--version)": "of an installed wheel; test_wheel.py runs it",
     r"ros2 (run|launch) stereo_selfcal": f"{_CLI}; test/ros runs the node as a process; {_NAMES}",
     r"ros2 (param|service|topic|bag|launch|run)\b": f"{_CLI}; test/ros calls the same over DDS; {_NAMES}",
+    r"rviz2 ": "needs RViz; test_layouts.py holds its topics and types against the recording",
     r"dask (scheduler|worker) ": _MACHINES,
     r"python -m stereo_selfcal fleet .*--scheduler": _MACHINES,
     r"python -m stereo_selfcal replay (BAG|drive)": f"needs a recording of the reader's; {_NAMES}",

@@ -129,7 +129,10 @@ class Calibrator:
             result = self.calibrate_frame(left, right, stamp_s, stamp_difference_s)
             cold = choose(result.attempts)
             ahead = 0.0 if result.landmarks is None else result.landmarks.ahead
-            known = KnownCamera.after(cold, result.alignment, stamp_s, self.rig, self.config, ahead)
+            # A turn that was told under the pose alone, and is usual, was left in the images.
+            corrected = cold is None or cold.rows is None
+            alignment, rig, config = result.alignment, self.rig, self.config
+            known = KnownCamera.after(cold, alignment, stamp_s, rig, config, ahead, corrects=corrected)
         with self._lock:
             self._parts.note(known)
         return result

@@ -97,6 +97,7 @@ class KnownCamera:
         estimate: Its estimate.
         stamp_s: Its time stamp [s].
         ahead: How much farther ahead the right camera sat in it, over the baseline.
+        corrects: Whether images are freed of the turn of the right camera.
     """
 
     def __init__(
@@ -108,6 +109,7 @@ class KnownCamera:
         estimate: Estimate,
         stamp_s: float,
         ahead: float,
+        corrects: bool,
     ) -> None:
         self._rig, self._config, self._alignment = rig, config, alignment
         self._cold, self._estimate, self._stamp_s = cold, estimate, stamp_s
@@ -116,6 +118,7 @@ class KnownCamera:
         self._last = _Seen(stamp_s, estimate.pose, stripes, pattern)
         self._landmarks_s = self._before_s = stamp_s
         self._ahead = ahead
+        self._corrects = corrects and config.alignment.correct != CORRECT_NOTHING
 
     @classmethod
     def after(
@@ -126,6 +129,8 @@ class KnownCamera:
         rig: StereoRig,
         config: CalibratorConfig,
         ahead: float = 0.0,
+        *,
+        corrects: bool = True,
     ) -> KnownCamera | None:
         """Return what a cold frame tells; None where it was refused, or shows nothing that can be followed.
 
@@ -138,13 +143,15 @@ class KnownCamera:
             rig: The rig all frames come from.
             config: Settings.
             ahead: How much farther ahead the right camera sits in it, over the baseline.
+            corrects: Whether images are to be freed of that turn: where those of the cold frame were not, its
+                noise would be an error of all frames that follow.
         """
         if cold is None or alignment is None or not cold.accepted or cold.estimate is None:
             return None
         lines = cold.stripes is not None and cold.pattern is not None and cold.poses.textured is None
         if cold.hypothesis.texture is None and not lines:
             return None
-        return cls(rig, config, alignment, cold, cold.estimate, stamp_s, ahead)
+        return cls(rig, config, alignment, cold, cold.estimate, stamp_s, ahead, corrects)
 
     @property
     def stamp_s(self) -> float:
@@ -315,7 +322,7 @@ class KnownCamera:
     def _homography(self) -> Array | None:
         """Homography (3, 3) of the right camera by its turn; None where nothing is corrected."""
         nothing = not self._turn.seen and self._yaw_corrected_rad == 0.0
-        if nothing or self._config.alignment.correct == CORRECT_NOTHING:
+        if nothing or not self._corrects:
             return None
         return self._turn.homography(self._rig, self._yaw_corrected_rad)
 
@@ -339,7 +346,7 @@ class KnownCamera:
 
     @cached_property
     def _rig_std(self) -> RigStd:
-        turn = replace(self._turn, corrected=self._turn.seen)
+        turn = replace(self._turn, corrected=self._turn.seen and self._corrects)
         return turn.rig_std(self._yaw_left.rms_rad)
 
     def _of_cold_rows(self, term: UncertaintyTerm) -> UncertaintyTerm:

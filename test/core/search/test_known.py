@@ -28,7 +28,7 @@ from stereo_selfcal.core.search.parts_of_time import PartsOfTime
 from stereo_selfcal.core.search.strategy import choose
 from stereo_selfcal.offline.bag import BagSource
 from stereo_selfcal.synth.renderer import render
-from stereo_selfcal.synth.scenes import PAPER_RIG
+from stereo_selfcal.synth.scenes import PAPER_RIG, named_scene
 from stereo_selfcal.synth.world import LaneLine, Road, Scene
 
 BAGS = Path(__file__).resolve().parents[3] / "bags"
@@ -84,6 +84,18 @@ def test_a_followed_frame_gives_what_a_cold_look_gives(texture):
     assert all(gate.passed for gate in result.gates)
     total = np.sum([term.covariance for term in result.uncertainty], axis=0)
     np.testing.assert_allclose(total, result.covariance, atol=1e-12)
+
+
+def test_the_noise_of_the_rows_of_a_cold_frame_is_not_put_into_those_that_follow():
+    """The rows of its frames hardly tell a turn, which is left in the images of both looks."""
+    scene = named_scene("straight_road")
+    calibrator = Calibrator(scene.scene.rig)
+    for index in range(4):
+        frame = scene.frame(index)
+        result = calibrator.calibrate_next(frame.left, frame.right, frame.stamp_s)
+        cold = Calibrator(scene.scene.rig).calibrate_frame(frame.left, frame.right, frame.stamp_s)
+        assert result.known_start == (index > 0)
+        assert np.all(over_std(result, cold.extrinsics.as_array(), cold.std) < 0.02)
 
 
 @BOTH
