@@ -15,7 +15,7 @@
 """Settings of the calibrator: each with its description, unit and range.
 
 These dataclasses are the only list of the settings. The node declares its ROS parameters from them, the
-configuration files are read into them, and a test compares the README's table with them.
+configuration files are read into them, and a test compares the table of docs/parameters.md with them.
 """
 
 from __future__ import annotations

@@ -72,7 +72,7 @@ _BUSY = "busy: a calibration is running; call again when it has answered"
 
 
 class SelfcalNode:
-    """Calibrates a stereo camera on request; README.md describes its topics and parameters.
+    """Calibrates a stereo camera on request; docs/node.md describes its topics.
 
     It has a node instead of being one: rclpy's Node uses names such as ``_parameters`` and ``_clock``.
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The README's table of parameters and the table the node declares its parameters from are one list."""
+"""The table of parameters in docs/ and the table the node declares its parameters from are one list."""
 
 import re
 from fnmatch import fnmatch
@@ -23,15 +23,15 @@ import yaml
 
 from stereo_selfcal.files.node_settings import all_settings
 
-README = Path(__file__).resolve().parents[2] / "README.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "parameters.md"
 SETTINGS = {setting.name: setting for setting in all_settings()}
 HEADING = "| parameter | default | range | what it does |"
 
 
 def rows():
-    """Return {name or pattern: (default, range)} of the README's table."""
-    lines = iter(README.read_text(encoding="utf-8").splitlines())
-    assert HEADING in lines, f"README.md has no table {HEADING}"
+    """Return {name or pattern: (default, range)} of the page's table."""
+    lines = iter(PAGE.read_text(encoding="utf-8").splitlines())
+    assert HEADING in lines, f"docs/parameters.md has no table {HEADING}"
     next(lines)
     found = {}
     for line in lines:
