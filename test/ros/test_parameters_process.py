@@ -68,7 +68,7 @@ def arguments_of(parameters):
 
 # How the node ends: started with these parameters, in this line.
 WRONG_PARAMETERS = [
-    ({"timeout_s": -1.0}, "timeout_s is -1.0: it must lie in 0.1 ... 3600.0 s"),
+    ({"timeout_s": -1.0}, "timeout_s is -1.0: it must lie in 0.1 ... 3600 s"),
     ({"timeout_s": "soon"}, "timeout_s is 'soon': a value of type float is needed"),
     ({"frames": 0}, "frames is 0: it must lie in 1 ... 10000"),
     ({"rig.cx": ".nan"}, "rig.cx is nan: it must lie in"),
