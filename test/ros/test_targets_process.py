@@ -157,10 +157,11 @@ def test_a_car_that_stands_may_be_good_enough(graph, camera):
         tuple(np.clip(image + rng.normal(0.0, 2.0, image.shape), 0, 255).astype(np.uint8) for image in once)
         for _ in range(30)
     ]
-    set_parameters(graph, timeout_s=LONG_S, frames=3, **WIDE)
+    # Followed frames have landmarks every 0.3 s: a call of fewer frames is over before they are compared.
+    set_parameters(graph, timeout_s=LONG_S, frames=8, **WIDE)
     with camera(seen):
         answer = graph.calibrate()
-    assert answer.success and "; targets reached with 3 of " in answer.message, answer.message
+    assert answer.success and "; targets reached with 8 of " in answer.message, answer.message
     assert "of a standing car" in answer.message
     values = np.array(graph.parameters(*RESULTS))
     assert np.all(np.abs(values[:3] - TRUTH.as_array()) < 3.0 * values[3:]), answer.message
