@@ -157,7 +157,7 @@ def test_a_car_that_stands_may_be_good_enough(graph, camera):
         tuple(np.clip(image + rng.normal(0.0, 2.0, image.shape), 0, 255).astype(np.uint8) for image in once)
         for _ in range(30)
     ]
-    # Followed frames have landmarks every 0.3 s: a call of fewer frames is over before they are compared.
+    # Followed frames have landmarks every 0.3 s: a shorter call is over before they are compared.
     set_parameters(graph, timeout_s=LONG_S, frames=8, **WIDE)
     with camera(seen):
         answer = graph.calibrate()

@@ -59,6 +59,7 @@ class DriveMemory:
         self._previous: SeenLandmarks | None = None
         self._place = PlaceOfCar()
         self._stood = False
+        self._not_looked = 0  # accepted frames at the end that say nothing of the place
         self._turn_rates = TurnRates()
         self._last: CalibrationResult | None = None
         self._lock = threading.Lock()
@@ -102,7 +103,7 @@ class DriveMemory:
             motion = None if moved is None else moved.motion
         step = None if previous is None else fitted(step_between(previous, result, self._rig, motion))
         # A frame that was followed without landmarks says nothing of the place: the car stands as long as it
-        # is not seen to have left.
+        # is not seen to have left, and has stood between two frames of one place.
         looked = result.landmarks is not None or not result.known_start
         if looked:
             place = place.followed_by(result.landmarks, self._rig, _known_motion(previous, motion))
@@ -111,6 +112,10 @@ class DriveMemory:
         with self._lock:
             self._stood = stood
             self._place = place.accepted() if looked and kept.accepted else place
+            if looked and stood and self._not_looked:
+                between = self._accepted[-self._not_looked :]
+                self._accepted[-self._not_looked :] = [replace(each, stood=True) for each in between]
+            self._not_looked = 0 if looked else self._not_looked + int(kept.accepted)
             if kept.accepted:
                 self._accepted.append(kept)
             if step is not None:

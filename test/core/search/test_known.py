@@ -215,3 +215,12 @@ def test_recordings_give_what_cold_looks_give(name):
         if result.known_start:
             assert np.all(over_std(result, cold.extrinsics.as_array(), cold.std) < 1.0)
     assert n_known == {"straight_road": 9, "noisy_10": 1, "noisy_20": 1}.get(name, 0)
+
+
+def test_a_car_has_stood_between_two_looks_at_its_place():
+    """Frames between landmarks say nothing of the place; what is on both sides of them does."""
+    calibrator = Calibrator(PAPER_RIG)
+    for index in range(5):
+        calibrator.add(*frame_of(TEXTURED, seed=index), 10.0 + 0.1 * index)
+    estimate = calibrator.estimate
+    assert estimate.n_frames == 5 and estimate.mount is not None and estimate.mount.stood
