@@ -80,7 +80,7 @@ class SmallImages:
                 uniquenessRatio=_UNIQUENESS_PERCENT,
                 speckleWindowSize=_SPECKLE_AREA,
                 speckleRange=_SPECKLE_RANGE,
-                mode=cv2.STEREO_SGBM_MODE_HH,
+                mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
             ),
             number,
         )

@@ -66,10 +66,11 @@ def relative_error(found):
 
 
 def given(monkeypatch, dense):
-    """Let small images have these disparities, whatever they show."""
+    """Let small images have these disparities, whatever they show, and let both show the same."""
     monkeypatch.setattr(
         SmallImages, "match", lambda small, number: DenseDisparities(dense, small.scale, number)
     )
+    monkeypatch.setattr(coarse_road, "_correlation", lambda _, disparity: np.ones_like(disparity))
 
 
 def found_in(monkeypatch, disparity, search=SEARCH, seed=0):
@@ -171,6 +172,17 @@ def test_bare_road_has_no_clear_plane():
     scene, images = rendered(0.0)
     found, _ = find_coarse_road(images, scene.rig, SEARCH, 0)
     assert isinstance(found, NotFitted) or not found.clear
+
+
+def test_only_what_both_images_show_agrees_with_the_plane():
+    """The noise of both cameras is no road, whatever disparities are found in it."""
+    scene, images = rendered(20.0)
+    of_road, _ = find_coarse_road(images, scene.rig, SEARCH, 0)
+    noise = np.random.default_rng(0).integers(110, 120, (2, *images[0].shape)).astype(np.uint8)
+    bare = tuple(np.where(image > 200, image, each) for image, each in zip(images, noise, strict=True))
+    of_noise, _ = find_coarse_road(bare, scene.rig, SEARCH, 0)
+    assert of_road.share > 0.9
+    assert isinstance(of_noise, NotFitted) or of_noise.share < 0.5 * LEAST_SHARE
 
 
 def test_images_of_any_width_are_made_as_small(monkeypatch):
