@@ -85,7 +85,7 @@ ROWS = (
                 ("camera_info_checks", "camera_info_history", "pair_geometry", "rig", "rig_checks"),
             ),
             Box("core/camera/image_messages", ("8-bit grey values",), ("image_header", "bit_depth")),
-            Box("core/camera/rectifier", ("rectified images", "of one rig")),
+            Box("core/camera/rectifier", ("rectified images", "of one rig"), ("working_size",)),
         ),
     ),
     Row(
@@ -105,6 +105,8 @@ ROWS = (
                 "estimators/texture_alignment",
                 ("plane of the road", "surface, from there on"),
                 (
+                    "texture_search",
+                    "cell_displacements",
                     "texture_fit",
                     "sampling",
                     "road/cell_grid",

@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from .camera.rig import StereoRig
+from .camera.working_size import WorkingSize
 from .config import CORRECT_ALL, CalibratorConfig
 from .drive.drive import Drive
 from .drive.memory import DriveMemory
@@ -71,6 +72,7 @@ class Calibrator:
     def __init__(self, rig: StereoRig, config: CalibratorConfig | None = None) -> None:
         self.rig = rig
         self.config = config or CalibratorConfig()
+        self._size = WorkingSize.of(rig)
         self._memory = DriveMemory(rig)
         self._parts = PartsOfTime(self.config.known.cold_every_s)
         self._lock = threading.Lock()  # of the parts; frames are calibrated without it
@@ -131,7 +133,7 @@ class Calibrator:
             ahead = 0.0 if result.landmarks is None else result.landmarks.ahead
             # A turn that was told under the pose alone, and is usual, was left in the images.
             corrected = cold is None or cold.rows is None
-            alignment, rig, config = result.alignment, self.rig, self.config
+            alignment, rig, config = result.alignment, self._size.rig, self.config
             known = KnownCamera.after(cold, alignment, stamp_s, rig, config, ahead, corrects=corrected)
         with self._lock:
             self._parts.note(known)
@@ -143,7 +145,7 @@ class Calibrator:
         """Return the result of a frame by the known camera; None where it is to be looked at cold."""
         if frame_checks.check_images(left, right, self.rig):
             return None
-        images = np.asarray(left), np.asarray(right)
+        images = self._size.images((np.asarray(left), np.asarray(right)))
         attempt = known.follow(images, stamp_s, stamp_difference_s)
         if attempt is None:
             return None
@@ -153,7 +155,7 @@ class Calibrator:
             known_start=True,
             stamp_difference_s=stamp_difference_s,
             landmarks=known.landmarks(images, stamp_s),
-        )
+        ).in_images(self._size)
 
     def remember(self, result: CalibrationResult, moved: MotionSince | None = None) -> CalibrationResult:
         """Add the result of a frame of this rig to the estimate, in whichever process it was calibrated.
@@ -214,7 +216,9 @@ class Calibrator:
         refusal = frame_checks.check_images(left, right, self.rig)
         if refusal:
             return rejected(refusal, stamp_s)
-        images = np.asarray(left), np.asarray(right)  # of plain arrays, whatever was derived from them
+        rig = self._size.rig
+        # Of plain arrays, whatever was derived from them.
+        images = self._size.images((np.asarray(left), np.asarray(right)))
         look = self._look(images, stamp_difference_s)
         frame, search, attempts = look.frame, look.search, look.attempts
         chosen = choose(attempts)
@@ -222,46 +226,47 @@ class Calibrator:
         lines = search.lines
         if chosen is None or not chosen.accepted:
             refusal, pattern = search.refusal(attempts)
-            cause = diagnose(refusal, lines, pattern, frame, self.rig, self.config)
-            late = lateness_of_refused(cause, chosen, frame, self.rig)
+            cause = diagnose(refusal, lines, pattern, frame, rig, self.config)
+            late = lateness_of_refused(cause, chosen, frame, rig)
             cause = not_synchronised(cause, late)
             result = replace(result, rejection=cause, message=cause.message, pattern=pattern, lateness=late)
         result = replace(
             result,
-            alignment=_alignment(frame, chosen, self.rig),
+            alignment=_alignment(frame, chosen, rig),
             landmarks=frame.turn.landmarks,
             stamp_difference_s=stamp_difference_s,
         )
         if chosen is None:
             result = _with_what_was_seen(result, lines.matches, frame)
-        return replace(result, unused_lines=unused_lines(lines, result.pattern, result.lane_line))
+        result = replace(result, unused_lines=unused_lines(lines, result.pattern, result.lane_line))
+        return result.in_images(self._size)
 
     def _look(self, images: tuple[Image, Image], stamp_difference_s: float) -> _FrameLook:
         """Look at a frame; once more where only the pose over the road shows how the camera has turned."""
         observed = partial(
             FrameObservations.from_images,
             images,
-            self.rig,
+            self._size.rig,
             self.config,
             stamp_difference_s=stamp_difference_s,
         )
         look = self._search(observed())
-        turn = turn_under_pose(look.attempts, look.frame, self.rig, self.config)
+        turn = turn_under_pose(look.attempts, look.frame, self._size.rig, self.config)
         if turn is not None and turn.is_usual:
             look = replace(look, frame=replace(look.frame, turn=turn))
         elif turn is not None:
             look = self._search(observed(turn))
         if self.config.alignment.correct == CORRECT_ALL:
-            yaw = _as_told(look.frame, choose(look.attempts)).yaw_left(self.rig)
+            yaw = _as_told(look.frame, choose(look.attempts)).yaw_left(self._size.rig)
             look = self._search(observed(look.frame.turn, yaw.yaw_rad))
         return look
 
     def _search(self, frame: FrameObservations) -> _FrameLook:
         """Solve the hypotheses about a frame, one after the other, until one is accepted."""
-        search = FrameSearch(frame, self.rig, self.config)
+        search = FrameSearch(frame, self._size.rig, self.config)
         attempts: list[Attempt] = []
         for hypothesis in search.hypotheses(attempts):
-            attempts.append(solve(hypothesis, frame, self.rig, self.config))
+            attempts.append(solve(hypothesis, frame, self._size.rig, self.config))
         return _FrameLook(frame, search, attempts)
 
     def extract(self, left: Image, right: Image) -> LanePattern | NoPattern:
@@ -277,9 +282,12 @@ class Calibrator:
         refusal = frame_checks.check_images(left, right, self.rig)
         if refusal:
             return NoPattern(refusal)
-        frame = FrameObservations.from_images((left, right), self.rig, self.config)
-        found = find_hypotheses(frame.points, frame.images, self.rig, self.config).patterns
-        return found[0] if isinstance(found, list) else found
+        images, rig = self._size.images((left, right)), self._size.rig
+        frame = FrameObservations.from_images(images, rig, self.config)
+        found = find_hypotheses(frame.points, frame.images, rig, self.config).patterns
+        if isinstance(found, list):
+            return found[0].in_images(self._size)
+        return replace(found, pattern=None if found.pattern is None else found.pattern.in_images(self._size))
 
 
 def _alignment(frame: FrameObservations, chosen: Attempt | None, rig: StereoRig) -> Alignment:

@@ -20,6 +20,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
+from .camera.working_size import WorkingSize
 from .estimators.landmarks import Landmarks
 from .evidence.road_surface import SurfaceCells
 from .evidence.synchronisation import Lateness
@@ -147,6 +148,22 @@ class CalibrationResult:
     def slim(self) -> CalibrationResult:
         """Return the result without its points and lines, which take as much memory as an image."""
         return replace(self.without_pictures(), genetic=None, attempts=(), landmarks=None)
+
+    def in_images(self, size: WorkingSize) -> CalibrationResult:
+        """Return the result with its lines and points in images that were looked at in another size.
+
+        Args:
+            size: That size. The attempts stay in it.
+        """
+        if size.scale == 1:
+            return self
+        return replace(
+            self,
+            pattern=None if self.pattern is None else self.pattern.in_images(size),
+            unused_lines=tuple(line.in_images(size) for line in self.unused_lines),
+            lane_line=None if self.lane_line is None else self.lane_line.in_images(size),
+            landmarks=None if self.landmarks is None else self.landmarks.in_images(size),
+        )
 
     def drawn_as(self, frame: CalibrationResult) -> CalibrationResult:
         """Return the result with the lines and the road surface of one frame, to draw it over that frame.

@@ -30,8 +30,9 @@ import numpy as np
 
 from .calibrator import Calibrator
 from .camera.rig import StereoRig
+from .camera.working_size import WorkingSize
 from .config import CORRECT_ALL, CORRECT_NOTHING, CalibratorConfig
-from .estimators.texture_alignment import SEARCH_PITCH_RAD
+from .estimators.texture_search import SEARCH_PITCH_RAD
 from .evidence.camera_turn import CameraTurn, turned_back
 from .evidence.camera_yaw import YawTold, yaw_posterior
 from .evidence.frame_evidence import FoundBy, FrameObservations, Hypothesis, clipped_share
@@ -133,6 +134,8 @@ class RoadTracker:
         at = RoadPose.of(mount)
         if at is None:
             raise ValueError(f"a road is followed by an accepted calibration of the mount: {mount.message}")
+        self._images_rig, self._size = rig, WorkingSize.of(rig)
+        rig = self._size.rig
         self._rig, self._config, self._mount = rig, config, at
         self._calibrator = Calibrator(rig, config)
         alignment = mount.alignment or _UNKNOWN_ALIGNMENT
@@ -162,10 +165,10 @@ class RoadTracker:
             stamp_s: Time stamp of the frame [s].
             stamp_difference_s: Stamp of the right image minus that of the left one [s].
         """
-        refusal = frame_checks.check_images(left, right, self._rig)
+        refusal = frame_checks.check_images(left, right, self._images_rig)
         if refusal:
             return rejected(refusal, stamp_s)
-        images = np.asarray(left), np.asarray(right)
+        images = self._size.images((np.asarray(left), np.asarray(right)))
         since_s = self._since_cold_s(stamp_s)
         guard = since_s >= COLD_EVERY_S
         result = None if guard else self._from_known(images, stamp_s, stamp_difference_s)
@@ -174,7 +177,7 @@ class RoadTracker:
         road = RoadPose.of(result)
         if road is not None:
             self._followed.append(road)
-        return result
+        return result.in_images(self._size)
 
     def compare(self, cold: CalibrationResult) -> bool:
         """Compare a cold look at a frame with what was followed; return whether it agrees.

@@ -23,12 +23,13 @@ images are not needed any more.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from ..camera.working_size import WorkingSize
 from ..types import Floats, Image
 from .matched_points import MatchedPoints
 
@@ -64,6 +65,11 @@ class Landmarks:
     def __len__(self) -> int:
         """Return the number of points."""
         return len(self.left)
+
+    def in_images(self, size: WorkingSize) -> Landmarks:
+        """Return the points in images of which they were found in another size."""
+        left, right = (size.in_images(each).astype(np.float32) for each in (self.left, self.right))
+        return replace(self, left=left, right=right)
 
 
 def _pattern() -> Floats:

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..camera.rig import StereoRig
+from ..camera.working_size import WorkingSize
 from ..types import Array
 
 
@@ -71,6 +72,21 @@ class ImageLine:
         return all(
             abs(at_mid + between * v) < self.width_px
             for v in (float(self.rows.mean()), float(self.rows.max()))
+        )
+
+    def in_images(self, size: WorkingSize) -> ImageLine:
+        """Return the line in images of which it was found in another size."""
+        scale = size.scale
+        units = np.array([scale, 1.0])
+        return replace(
+            self,
+            u_mid=float(size.in_images(self.u_mid)),
+            v_mid=float(size.in_images(self.v_mid)),
+            covariance=self.covariance * np.outer(units, units),
+            rows=size.in_images(self.rows),
+            columns=size.in_images(self.columns),
+            n_rows=self.n_rows * scale,
+            width_px=self.width_px * scale,
         )
 
 
@@ -135,6 +151,24 @@ class LanePattern:
     def height_stds_m(self) -> Array:
         """(L,) standard deviations of the lines' heights over the plane [m]; zeros for the boundaries."""
         return np.array([0.0, 0.0, *(line.height_std_m for line in self.extra_lines)])
+
+    def in_images(self, size: WorkingSize) -> LanePattern:
+        """Return the pattern in images of which it was found in another size."""
+        left, right = (
+            (lines[0].in_images(size), lines[1].in_images(size)) for lines in (self.left, self.right)
+        )
+        extra_lines = tuple(
+            replace(each, left=each.left.in_images(size), right=each.right.in_images(size))
+            for each in self.extra_lines
+        )
+        return LanePattern(
+            left,
+            right,
+            size.in_images(self.vanishing_point),
+            size.in_images(self.rows),
+            size.in_images(self.columns),
+            extra_lines,
+        )
 
     def joined(self, extra_lines: tuple[ExtraLine, ...]) -> LanePattern:
         """Return the boundaries together with extra lines."""
