@@ -27,10 +27,8 @@ from ..camera.rig import StereoRig
 from ..geometry.plane import DisparityPlane, PlaneCamera
 from ..numerics.statistics import quantile
 from ..road.cell_grid import SampleGrid
-from ..types import Array, Floats, Image
+from ..types import Array, Floats, Image, Indices, Mask
 
-_FIRST_ROWS = 16  # the first blurred row is a multiple of this, so that other alignments rarely need one more
-_SPARE_ROWS = 6  # kept above the samples of the first pass, because later passes move the samples
 _SATURATED = 250  # noise and interpolation make clipping visible a few grey levels below 255
 _DARK = 3
 
@@ -49,56 +47,65 @@ _Positions = tuple[Floats, Floats]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlurredImages:
-    """The lower part of both images, blurred along the rows. Single-channel arrays are sampled faster.
+    """Both images, blurred along the rows. Single-channel arrays are sampled faster.
 
     Attributes:
-        first_row: Row of the image that is row 0 of the arrays.
         grey: Grey values of the left and of the right image, (H, W) each.
         slope: Derivatives of the grey values along the row [1/px], (H, W) each.
+        made: (H,) which rows are blurred; the others are zero.
     """
 
-    first_row: int
     grey: tuple[Floats, Floats]
     slope: tuple[Floats, Floats]
+    made: Mask
 
 
 class ImageBlurs:
-    """Both images, blurred along the rows. Each blur is made once, for all alignments of a frame."""
+    """Both images, blurred along the rows. Each row is blurred once, for all alignments of a frame."""
 
     def __init__(self, images: tuple[Image, Image]) -> None:
         """Create from the left and the right image, (H, W) uint8."""
         self._images = images
         self._made: dict[float, BlurredImages] = {}
 
-    def of(self, blur_px: float, grid: SampleGrid) -> BlurredImages:
-        """Return the rows that hold the samples of a grid, blurred and differentiated along the rows.
+    def of(self, blur_px: float, grid: SampleGrid, reach: int = 0) -> BlurredImages:
+        """Return the images with the rows that hold the samples of a grid, blurred and differentiated.
+
+        Near the car, the rows of a large image lie closer on the road than its samples.
 
         Args:
             blur_px: Standard deviation of the blur [px].
             grid: The samples.
+            reach: Rows that are needed above and below each sample.
         """
-        first = max(0, int(grid.v.min()) - _SPARE_ROWS)
+        height, width = self._images[0].shape
         made = self._made.get(blur_px)
-        if made is None or made.first_row > first:
-            made = self._made[blur_px] = _blur_images(
-                self._images, blur_px, first // _FIRST_ROWS * _FIRST_ROWS
-            )
+        if made is None:
+            left, right, of_left, of_right = np.zeros((4, height, width), np.float32)
+            made = BlurredImages((left, right), (of_left, of_right), np.zeros(height, bool))
+            self._made[blur_px] = made
+        sampled = np.bincount(grid.v.astype(np.intp), minlength=height) > 0
+        if reach:
+            sampled = np.convolve(sampled, np.ones(2 * reach + 1), "same") > 0
+        rows = np.flatnonzero(sampled & ~made.made)
+        if len(rows):
+            _blur_rows(self._images, blur_px, rows, made)
         return made
 
 
-def _blur_images(images: tuple[Image, Image], blur_px: float, first: int) -> BlurredImages:
-    """Blur both images along the rows from a row on, and differentiate them along the rows."""
+def _blur_rows(images: tuple[Image, Image], blur_px: float, rows: Indices, made: BlurredImages) -> None:
+    """Blur some rows of both images along the row, and differentiate them along it."""
     radius = int(np.ceil(4.0 * blur_px))
     kernel = cv2.getGaussianKernel(2 * radius + 1, blur_px, cv2.CV_32F).ravel()
     x = np.arange(-radius, radius + 1)
     # OpenCV correlates instead of convolving, so the kernel is positive to the right.
     derivative = (x * kernel / blur_px**2).astype(np.float32)
     one = np.ones(1, np.float32)
-    grey, slope = (
-        [np.asarray(cv2.sepFilter2D(image[first:], cv2.CV_32F, k, one), np.float32) for image in images]
-        for k in (kernel, derivative)
-    )
-    return BlurredImages(first, (grey[0], grey[1]), (slope[0], slope[1]))
+    for index, image in enumerate(images):
+        some = image[rows]
+        made.grey[index][rows] = cv2.sepFilter2D(some, cv2.CV_32F, kernel, one)
+        made.slope[index][rows] = cv2.sepFilter2D(some, cv2.CV_32F, derivative, one)
+    made.made[rows] = True
 
 
 def sample(image: npt.NDArray[Any], u: Floats, v: Floats, how: int = cv2.INTER_CUBIC) -> npt.NDArray[Any]:
@@ -121,32 +128,27 @@ def half_disparity(grid: SampleGrid, plane: DisparityPlane, rig: StereoRig) -> F
 
 
 def sample_positions(
-    first_row: int, grid: SampleGrid, half: Floats, vertical_px: float = 0.0, turned: Array | None = None
+    grid: SampleGrid, half: Floats, turned: Array | None = None
 ) -> tuple[_Positions, _Positions]:
     """Return the positions of the samples in the left and in the right image, for a known disparity.
 
     Args:
-        first_row: Row of the image that is row 0 of the arrays (:class:`BlurredImages`).
         grid: The samples.
         half: (N,) half the disparity [px].
-        vertical_px: Row of a point in the right image minus that in the left one [px].
         turned: Homography (3, 3) to the right image from one of a camera that is not turned; None where it
             is that.
 
     Returns:
         Columns and rows in the left image, and columns and rows in the right image, (N,) each [px].
     """
-    v = grid.v - np.float32(first_row)
-    tilt = np.float32(vertical_px / 2.0)
-    left, right = (grid.u + half, v - tilt), (grid.u - half, v + tilt)
-    return left, right if turned is None else _turned(right, turned, first_row)
+    left, right = (grid.u + half, grid.v), (grid.u - half, grid.v)
+    return left, right if turned is None else _turned(right, turned)
 
 
-def _turned(straight: _Positions, turned: Array, first_row: int) -> _Positions:
+def _turned(straight: _Positions, turned: Array) -> _Positions:
     """Return where points of a camera that is not turned lie in the image of one that is."""
     u, v = straight
-    shift = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, first_row], [0.0, 0.0, 1.0]])
-    of_u, of_v, of_depth = (np.linalg.inv(shift) @ turned @ shift).astype(np.float32)
+    of_u, of_v, of_depth = turned.astype(np.float32)
     depth = of_depth[0] * u + of_depth[1] * v + of_depth[2]
     return (of_u[0] * u + of_u[1] * v + of_u[2]) / depth, (of_v[0] * u + of_v[1] * v + of_v[2]) / depth
 
@@ -162,7 +164,7 @@ def usable_samples(
     """Return which samples can be used: 1 for these, 0 for the others, (N,).
 
     A sample is usable where it lies in both images and is neither dark nor saturated. Where a blur is given,
-    it must also lie beyond the reach of blurred paint.
+    it must also lie beyond the reach of blurred paint, so that it is independent of the stripes.
 
     Args:
         images: Left and right image, (H, W) uint8.

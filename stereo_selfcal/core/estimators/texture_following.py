@@ -51,9 +51,7 @@ def follow_texture(
         before: The alignment of the same road in a frame before.
         turned: Homography (3, 3) of a right camera that has turned (:meth:`.CameraTurn.homography`).
     """
-    blur_px, _ = BLURS[before.attempt]
+    blur_px = BLURS[before.attempt]
     layout = (0.0, (-HALF_WIDTH_M, HALF_WIDTH_M), FAR_M)
     plane, blurs = plane_from_pose(start, rig), ImageBlurs(images)
-    return align_from(
-        images, blurs, rig, plane, layout, blur_px, (_THINNING,), False, 0.0, before.unevenness, turned
-    )
+    return align_from(images, blurs, rig, plane, layout, blur_px, (_THINNING,), before.unevenness, turned)

@@ -168,6 +168,9 @@ def _align_between(
         texture over what a check of the lines needs, 1 or more where it is sufficient.
     """
     pose, yaw = lines.estimate.pose, lines.estimate.lane_yaw_rad or 0.0
+    bare = None if frame.surface is None else frame.surface.bare_at(pose)
+    if bare is not None:
+        return bare, (), min(bare.sufficiency, _INSUFFICIENT)
     _, left_m, right_m = lane_in_road(pattern.boundaries, rig, pose)
     wide_m = (float(right_m) - _MARGIN_M, float(left_m) + _MARGIN_M)
     within_m = (float(right_m) + _INSET_M, float(left_m) - _INSET_M)

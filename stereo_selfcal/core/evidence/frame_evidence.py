@@ -120,7 +120,9 @@ class FrameObservations:
         turn = turn or _ROWS_NOT_COMPARED
         first_row = _first_row(surface, rig)
         left, right = (find_stripe_points(image, config.extraction, first_row) for image in images)
-        far = None if coarse is None else fitted(far_disparity(images, rig, coarse.extrinsics))
+        seen = None if surface is None else surface.seen
+        road = seen or coarse
+        far = None if road is None else fitted(far_disparity(images, rig, road.extrinsics))
         clipped = clipped_share(images)
         told = None
         if turn.points is not None:

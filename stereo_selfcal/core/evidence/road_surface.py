@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -26,6 +26,7 @@ from ..estimators.coarse_road import CoarseRoad
 from ..estimators.sampling import ImageBlurs
 from ..estimators.texture_alignment import align_texture
 from ..estimators.texture_fit import MIN_CELL_SHARE, MIN_SIGMAS, TextureFit
+from ..estimators.texture_search import SEARCH_RANGE
 from ..geometry.pose import Extrinsics
 from ..rejection import Bound, NotFitted
 from ..road.extent import OUTLIER_WEIGHT
@@ -73,8 +74,9 @@ class RoadSurface:
     Attributes:
         coarse: Plane of the dense disparities; or why there is none; None where it was not looked for.
         texture: Alignment of the texture, from that plane or a known pose on; or why there is none.
-        strip: Alignment of the strip under the car alone, from there on; or why there is none. A pavement
-            beside the lane is not the road, and its texture may have determined the plane.
+        strip: Alignment of the strip under the car alone, from there on; or why there is none, as where the
+            surface is not seen. A pavement beside the lane is not the road, and its texture may have
+            determined the plane.
     """
 
     coarse: CoarseRoad | NotFitted | None
@@ -101,6 +103,22 @@ class RoadSurface:
         """The alignment, where the strip under the car alone can be aligned, too; else None."""
         own = not isinstance(self.strip, NotFitted) and self.strip.common_texture
         return self.seen if own else None
+
+    def bare_at(self, pose: Extrinsics) -> TextureFit | None:
+        """Return the alignment where the road at a pose shows too little texture, however it is looked at.
+
+        Args:
+            pose: The pose, by other evidence.
+
+        Returns:
+            The alignment near that pose; None where it is another one, or shows half of what is needed: then
+            a part of the road may show enough.
+        """
+        if isinstance(self.texture, NotFitted):
+            return None
+        apart = np.abs(self.texture.extrinsics.as_array() - pose.as_array())
+        near = bool(np.all(apart <= SEARCH_RANGE))
+        return self.texture if near and self.texture.quality.cell_share < MIN_CELL_SHARE / 2.0 else None
 
     @property
     def lacking(self) -> NotFitted | None:
@@ -181,9 +199,13 @@ def surface_from(
         coarse: Plane of the dense disparities; None where it was not looked for.
         first_attempt: As of :func:`.align_texture`.
     """
-    align = partial(align_texture, images, rig, first_attempt=first_attempt, blurs=ImageBlurs(images))
-    texture = align(start)
-    if isinstance(texture, NotFitted):
-        return RoadSurface(coarse, texture, texture)
-    strip = align(texture.extrinsics, limits_m=(-HALF_STRIP_M, HALF_STRIP_M))
-    return RoadSurface(coarse, texture, strip)
+    align = partial(align_texture, images, rig, blurs=ImageBlurs(images))
+    texture = align(start, first_attempt=first_attempt)
+    # Under the car alone, only a surface that is seen is looked at again.
+    found = RoadSurface(coarse, texture, too_little_texture(texture))
+    if found.seen is None:
+        return found
+    assert isinstance(texture, TextureFit)  # as it is seen
+    under_car_m = (-HALF_STRIP_M, HALF_STRIP_M)
+    strip = align(texture.extrinsics, limits_m=under_car_m, first_attempt=texture.attempt)
+    return replace(found, strip=strip)

@@ -123,20 +123,26 @@ class Surface:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _SeenCells:
+class RoadCells:
     """The S cells whose height is known, and the covariances of a road there and at the T points of the lane.
 
     Attributes:
+        cells: All cells.
+        design: (C, 3) derivative of their heights by the parameters of the plane.
+        lane: Points of the own lane.
         seen: (C,) which cells these are.
         y: (S,) heights [m].
         x: (S, 3) derivative of the heights by the parameters of the plane.
         noise: (S,) variances of the heights by the noise of the images [m^2].
         metres: (S,) change of a height for one pixel of disparity [m].
-        kernel: (S or S + T, S + T) covariance of the road's heights for unit roughness.
+        kernel: (S + T, S + T) covariance of the road's heights for unit roughness.
         profile: The same for unit camber.
         extent: The cells that are road.
     """
 
+    cells: CellHeights
+    design: Array
+    lane: LanePoints
     seen: Mask
     y: Array
     x: Array
@@ -162,15 +168,88 @@ class _SeenCells:
         road: Array = unevenness.roughness * self.kernel + unevenness.camber**2 * self.profile
         return road
 
+    def plane(self, unevenness: RoadUnevenness | None = None) -> LanePlane | NotFitted:
+        """Fit the plane of the own lane, without its uncertainty.
 
-def _seen_cells(cells: CellHeights, design: Array, lane: LanePoints, whole: bool) -> _SeenCells | NotFitted:
+        Args:
+            unevenness: That of the road where it is known; None to take a typical one.
+        """
+        usual = unevenness or RoadUnevenness.typical()
+        n, road = len(self.y), self.road(usual)
+        plane_of_lane = self.lane.plane_and_parts(self._lane_strips(), ())[0]
+        right = np.column_stack([self.x, road[:n, n:] @ plane_of_lane.T])
+        solved = _solve_cells(road[:n, :n], self.variances(usual), self.x, right)
+        if isinstance(solved, NotFitted):
+            return solved
+        to_plane, predicted = solved
+        solve = to_plane + predicted - (predicted @ self.x) @ to_plane
+        return LanePlane(solve @ self.y, self.weights())
+
+    def surface(self, unevenness: RoadUnevenness | None = None) -> Surface | NotFitted:
+        """Fit the plane of the own lane, with the road's unevenness and what other parts of it leave open.
+
+        Args:
+            unevenness: That of the road where it is known; None to estimate it from these cells.
+
+        Returns:
+            The plane, or the reason why the measured cells do not determine one.
+        """
+        y, x, extent, noise = self.y, self.x, self.extent, self.noise
+        kernel, profile = self.kernel, self.profile
+        of_cells = slice(len(y)), slice(len(y))
+        try:
+            unevenness = unevenness or estimate_unevenness(
+                y, x, extent.variances, profile[of_cells], kernel[of_cells], self.metres
+            )
+        except np.linalg.LinAlgError:
+            return _NOT_INVERTED
+        variances, road = self.variances(unevenness), self.road(unevenness)
+        solved = _solve_lane(road, variances, x, self.lane, self._lane_strips())
+        if isinstance(solved, NotFitted):
+            return solved
+        solve, error, others = solved
+        terms = {
+            "noise": (solve * noise) @ solve.T,
+            "mismatch": (solve * (variances - noise)) @ solve.T,
+            "roughness": unevenness.roughness * error @ kernel @ error.T,
+            "camber": unevenness.camber**2 * error @ profile @ error.T,
+            "part_of_road": _part_of_road(others, y, variances, road),
+        }
+        covariance = sum(terms.values(), start=np.zeros((3, 3)))
+        if not is_covariance(covariance):
+            return NotFitted(_DETERMINED, min(rank_of(covariance), 2), Bound.LEAST, len(covariance))
+        plane = solve @ y
+        heights = road[of_cells] + np.diag(variances)  # their covariance
+        return Surface(
+            plane=plane,
+            covariance=covariance,
+            noise_covariance=(solve * variances) @ solve.T,
+            covariance_terms=terms,
+            unevenness=unevenness,
+            weights=self.weights(),
+            residuals=self.cells.heights - self.design @ plane,
+            on_road=(self.cells.strip >= extent.strips[0]) & (self.cells.strip <= extent.strips[1]),
+            noise_variance=self.cells.variances + (unevenness.mismatch_px * self.cells.metres) ** 2,
+            halves=_compare_halves(y, x, heights, self.cells, self.seen, extent),
+        )
+
+    def _lane_strips(self) -> tuple[int, int]:
+        """Return the first and last strip of the road; where no step ends it, unseen ones count too."""
+        first, last = self.extent.strips
+        seen, lane = self.cells.strip[self.seen], self.lane.strip
+        return (
+            first if first > seen.min() else int(lane.min()),
+            last if last < seen.max() else int(lane.max()),
+        )
+
+
+def road_cells(cells: CellHeights, design: Array, lane: LanePoints) -> RoadCells | NotFitted:
     """Return the cells whose height is known; or why they do not determine a plane.
 
     Args:
         cells: The measured heights.
         design: (C, 3) derivative of the heights by the parameters of the plane.
         lane: Points of the own lane.
-        whole: Whether the covariances of the points of the lane among themselves are needed.
     """
     seen = np.isfinite(cells.heights) & (cells.variances < _WORST_STD_M**2)  # false for NaN as well
     lacking = _too_few(design[seen])
@@ -179,7 +258,7 @@ def _seen_cells(cells: CellHeights, design: Array, lane: LanePoints, whole: bool
     y, x, noise, metres = cells.heights[seen], design[seen], cells.variances[seen], cells.metres[seen]
     n_seen = len(y)
     at = np.concatenate([cells.xy[seen], lane.xy])
-    kernel, profile = unit_covariances(at, None if whole else n_seen)
+    kernel, profile = unit_covariances(at)
     usual = TYPICAL_ROUGHNESS * kernel[:n_seen, :n_seen] + profile[:n_seen, :n_seen]
     usual += np.diag((TYPICAL_MISMATCH_PX * metres) ** 2)
     try:
@@ -188,84 +267,7 @@ def _seen_cells(cells: CellHeights, design: Array, lane: LanePoints, whole: bool
         return _NOT_INVERTED
     if isinstance(extent, NotFitted):
         return extent
-    return _SeenCells(seen, y, x, noise, metres, kernel, profile, extent)
-
-
-def fit_plane(cells: CellHeights, design: Array, lane: LanePoints) -> LanePlane | NotFitted:
-    """Fit the plane of the own lane on a road of a typical unevenness, without its uncertainty.
-
-    Arguments are those of :func:`fit_surface`.
-    """
-    found = _seen_cells(cells, design, lane, whole=False)
-    if isinstance(found, NotFitted):
-        return found
-    usual = RoadUnevenness.typical()
-    n, road = len(found.y), found.road(usual)
-    plane_of_lane = lane.plane_and_parts(_lane_strips(found.extent, cells.strip[found.seen], lane), ())[0]
-    right = np.column_stack([found.x, road[:, n:] @ plane_of_lane.T])
-    solved = _solve_cells(road[:, :n], found.variances(usual), found.x, right)
-    if isinstance(solved, NotFitted):
-        return solved
-    to_plane, predicted = solved
-    solve = to_plane + predicted - (predicted @ found.x) @ to_plane
-    return LanePlane(solve @ found.y, found.weights())
-
-
-def fit_surface(
-    cells: CellHeights, design: Array, lane: LanePoints, unevenness: RoadUnevenness | None = None
-) -> Surface | NotFitted:
-    """Fit the plane of the own lane, with the road's own unevenness and what other parts of it leave open.
-
-    Args:
-        cells: The measured heights.
-        design: (C, 3) derivative of the heights by the parameters of the plane.
-        lane: Points of the own lane.
-        unevenness: That of the road where it is known; None to estimate it from these cells.
-
-    Returns:
-        The plane, or the reason why the measured cells do not determine one.
-    """
-    found = _seen_cells(cells, design, lane, whole=True)
-    if isinstance(found, NotFitted):
-        return found
-    seen, y, x, extent, noise = found.seen, found.y, found.x, found.extent, found.noise
-    kernel, profile = found.kernel, found.profile
-    of_cells = slice(len(y)), slice(len(y))
-    try:
-        unevenness = unevenness or estimate_unevenness(
-            y, x, extent.variances, profile[of_cells], kernel[of_cells], found.metres
-        )
-    except np.linalg.LinAlgError:
-        return _NOT_INVERTED
-    variances, road = found.variances(unevenness), found.road(unevenness)
-    solved = _solve_lane(road, variances, x, lane, _lane_strips(extent, cells.strip[seen], lane))
-    if isinstance(solved, NotFitted):
-        return solved
-    solve, error, others = solved
-    terms = {
-        "noise": (solve * noise) @ solve.T,
-        "mismatch": (solve * (variances - noise)) @ solve.T,
-        "roughness": unevenness.roughness * error @ kernel @ error.T,
-        "camber": unevenness.camber**2 * error @ profile @ error.T,
-        "part_of_road": _part_of_road(others, y, variances, road),
-    }
-    covariance = sum(terms.values(), start=np.zeros((3, 3)))
-    if not is_covariance(covariance):
-        return NotFitted(_DETERMINED, min(rank_of(covariance), 2), Bound.LEAST, len(covariance))
-    plane = solve @ y
-    heights = road[of_cells] + np.diag(variances)  # their covariance
-    return Surface(
-        plane=plane,
-        covariance=covariance,
-        noise_covariance=(solve * variances) @ solve.T,
-        covariance_terms=terms,
-        unevenness=unevenness,
-        weights=found.weights(),
-        residuals=cells.heights - design @ plane,
-        on_road=(cells.strip >= extent.strips[0]) & (cells.strip <= extent.strips[1]),
-        noise_variance=cells.variances + (unevenness.mismatch_px * cells.metres) ** 2,
-        halves=_compare_halves(y, x, heights, cells, seen, extent),
-    )
+    return RoadCells(cells, design, lane, seen, y, x, noise, metres, kernel, profile, extent)
 
 
 def _part_of_road(others: Array, y: Array, variances: Array, road: Array) -> Array:
@@ -334,21 +336,6 @@ def _too_few(design: Array) -> NotFitted | None:
     greatest = np.abs(design).max(axis=0)  # a column is zero where all cells are straight ahead of the camera
     rank = 0 if np.any(greatest == 0.0) else rank_of(design / greatest)
     return NotFitted(_DETERMINED, rank, Bound.LEAST, n_numbers) if rank < n_numbers else None
-
-
-def _lane_strips(extent: Extent, seen: Indices, lane: LanePoints) -> tuple[int, int]:
-    """Return the first and last strip of the road; where no step ends it, those that are not seen count too.
-
-    Args:
-        extent: The cells that are road.
-        seen: (S,) strips of the seen cells.
-        lane: The points of the lane.
-    """
-    first, last = extent.strips
-    return (
-        first if first > seen.min() else int(lane.strip.min()),
-        last if last < seen.max() else int(lane.strip.max()),
-    )
 
 
 def _solve_cells(road: Array, noise: Array, x: Array, right: Array) -> tuple[Array, Array] | NotFitted:

@@ -99,7 +99,7 @@ class RoadUnevenness:
         return cls(TYPICAL_ROUGHNESS, TYPICAL_MISMATCH_PX, 1.0)
 
 
-def unit_covariances(xy: Array, n_first: int | None = None) -> tuple[Array, Array]:
+def unit_covariances(xy: Array) -> tuple[Array, Array]:
     """Return the covariances (N, N) of a road's heights for unit roughness, and for unit camber.
 
     The deviation by roughness is zero under the camera. The camber stands for everything that runs along the
@@ -107,22 +107,19 @@ def unit_covariances(xy: Array, n_first: int | None = None) -> tuple[Array, Arra
 
     Args:
         xy: (N, 2) positions on the road, relative to the point under the camera [m].
-        n_first: Number of positions, from the first one on, whose covariances with all are returned: as many
-            rows; None for all.
     """
     x, y = np.ascontiguousarray(xy.T)
-    own = slice(n_first)
-    beside = y[own, None] - y
+    beside = y[:, None] - y
     squares = beside * beside
     bent = _CAMBER_PER_M * y**2
     alike = np.exp(squares * (-0.5 / _PROFILE_LENGTH_M**2))
-    alike *= bent[own, None]
+    alike *= bent[:, None]
     alike *= bent
-    ahead = x[own, None] - x
+    ahead = x[:, None] - x
     ahead *= ahead
     squares += ahead
     growth = _grown(x**2 + y**2)
-    kernel = growth[own, None] + growth
+    kernel = growth[:, None] + growth
     kernel -= _grown(squares)
     kernel *= 0.5
     return kernel, alike

@@ -22,7 +22,7 @@ import pytest
 from stereo_selfcal.core.rejection import NotFitted
 from stereo_selfcal.core.road import surface
 from stereo_selfcal.core.road.lane_points import LanePoints
-from stereo_selfcal.core.road.surface import CellHeights, fit_plane, fit_surface
+from stereo_selfcal.core.road.surface import CellHeights, road_cells
 from stereo_selfcal.core.road.unevenness import RoadUnevenness, unit_covariances
 
 UNEVEN = RoadUnevenness(roughness=1e-5, mismatch_px=0.05, camber=1.0)
@@ -77,9 +77,14 @@ def drawn(n, unevenness=UNEVEN, seed=0):
 
 
 def fitted(cells, design, lane):
-    found = fit_surface(cells, design, lane)
+    found = surface_of(cells, design, lane)
     assert not isinstance(found, NotFitted)
     return found
+
+
+def surface_of(cells, design, lane):
+    seen = road_cells(cells, design, lane)
+    return seen if isinstance(seen, NotFitted) else seen.surface()
 
 
 @pytest.fixture
@@ -173,7 +178,7 @@ def test_halves_of_a_road_that_bends_differ_by_its_bend(known):
 def test_first_passes_take_a_usual_road(monkeypatch):
     monkeypatch.setattr(surface, "estimate_unevenness", lambda *_: pytest.fail("not in the first passes"))
     rough = replace(CELLS, heights=drawn(1)[0][0])
-    found = fit_plane(rough, DESIGN, LANE)
+    found = road_cells(rough, DESIGN, LANE).plane()
     monkeypatch.setattr(surface, "estimate_unevenness", lambda *_: RoadUnevenness.typical())
     whole = fitted(rough, DESIGN, LANE)
     np.testing.assert_allclose(found.plane, whole.plane, rtol=1e-9)
@@ -195,15 +200,15 @@ def test_cells_that_do_not_determine_a_plane_have_none(column):
     for value in (0.0, 1.0):
         flat = DESIGN.copy()
         flat[:, column] = value
-        assert isinstance(fit_surface(CELLS, flat, LANE), NotFitted)
+        assert isinstance(surface_of(CELLS, flat, LANE), NotFitted)
 
 
 def test_few_cells_and_unusable_ones_are_no_plane():
     few = np.full(len(CELLS.heights), np.nan)
     few[:5] = 0.0
-    found = fit_surface(replace(CELLS, heights=few), DESIGN, LANE)
+    found = surface_of(replace(CELLS, heights=few), DESIGN, LANE)
     assert (
         isinstance(found, NotFitted) and found.reason == "cells whose height is known: 5, at least 6 needed"
     )
     unsure = replace(CELLS, variances=np.full(len(CELLS.heights), 0.31**2))
-    assert isinstance(fit_surface(unsure, DESIGN, LANE), NotFitted)
+    assert isinstance(surface_of(unsure, DESIGN, LANE), NotFitted)
