@@ -301,7 +301,8 @@ def variant(kind: str, counters: Counters | None = None) -> None:
             add(self, side, message)
 
         ImageIntake.add = counted_add  # type: ignore[method-assign]  # as above
-        Calibrator.add = counters.timed(Calibrator.add)  # type: ignore[method-assign]  # as above
+        looked = Calibrator.calibrate_next_or_refuse
+        Calibrator.calibrate_next_or_refuse = counters.timed(looked)  # type: ignore[method-assign]  # as above
         RoadTracker.follow = counters.timed(RoadTracker.follow)  # type: ignore[method-assign]  # as above
     first_frame = [word for name in TARGET_NAMES for word in ("-p", f"{name}:=0.0")]
     sys.exit(node.main(["--ros-args", "-p", "output_path:=''", *first_frame]))

@@ -111,8 +111,14 @@ class Calibrator:
         """
         stamp_s = _checked_time("stamp_s", stamp_s)
         apart_s = _checked_time("stamp_difference_s", stamp_difference_s)
-        result = caught(lambda: self.calibrate_next(left, right, stamp_s, apart_s), stamp_s)
+        result = self.calibrate_next_or_refuse(left, right, stamp_s, apart_s)
         return replace(result, stood=self.remember(result).stood)
+
+    def calibrate_next_or_refuse(
+        self, left: Image, right: Image, stamp_s: float = 0.0, stamp_difference_s: float = 0.0
+    ) -> CalibrationResult:
+        """Calibrate the next frame as :meth:`calibrate_next`; what was not foreseen refuses it."""
+        return caught(lambda: self.calibrate_next(left, right, stamp_s, stamp_difference_s), stamp_s)
 
     def calibrate_next(
         self, left: Image, right: Image, stamp_s: float = 0.0, stamp_difference_s: float = 0.0

@@ -276,7 +276,9 @@ class CalibrationCall:
         if refusal is not None:
             frame = refused_frame(left, right, calibrator.rig, refusal, pair.stamp_ns)
         else:
-            frame = calibrate_timed(calibrator, left, right, pair.stamp_ns, pair.difference_s)
+            frame = calibrate_timed(
+                calibrator.rig, calibrator.add, left, right, pair.stamp_ns, pair.difference_s
+            )
         if self._report is not None:
             self._report(frame)
         if frame.result.accepted:

@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The continuous watch: calibrates one frame every ``monitor_period_s``, as a call of ~/calibrate would."""
+"""The continuous watch: calibrates one frame every ``monitor_period_s``.
+
+A frame is followed from the one before, as a call of ~/calibrate does it, where that one tells the camera.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +23,13 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from ..core.calibrator import Calibrator
+from ..core.camera.rig import StereoRig
+from ..core.config import CalibratorConfig
+from ..core.drive.alignment_watch import CORRELATION_S
 from .config import NodeConfig
 from .live import LiveFrame, NoFrame
 from .memory import trim_heap
@@ -63,6 +70,7 @@ class Monitor:
         self._alive = alive
         self._logger = logger
         self._clock = clock
+        self._calibrator: tuple[CalibratorConfig, Calibrator] | None = None
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name="monitor", daemon=True)
 
@@ -91,10 +99,22 @@ class Monitor:
         if frame.refusal is not None:
             self._report(refused_frame(frame.left, frame.right, frame.rig, frame.refusal, frame.stamp_ns))
             return
-        # A new calibrator for each frame: it would fuse all frames it has accepted.
-        calibrator = Calibrator(frame.rig, config.calibrator)
+        calibrator = self._calibrator_of(frame.rig, config.calibrator)
         images, stamp_ns = (frame.left, frame.right), frame.stamp_ns
-        self._report(calibrate_timed(calibrator, *images, stamp_ns, frame.stamp_difference_s))
+        calibrate = calibrator.calibrate_next_or_refuse
+        self._report(calibrate_timed(calibrator.rig, calibrate, *images, stamp_ns, frame.stamp_difference_s))
+
+    def _calibrator_of(self, rig: StereoRig, config: CalibratorConfig) -> Calibrator:
+        """Return the calibrator of the frame before, which that frame may have told the camera.
+
+        Only frames that are looked at cold tell how the right camera is turned. Its watch takes those of
+        ``CORRELATION_S`` as one, so that they are looked at no more often.
+        """
+        if self._calibrator is None or self._calibrator[0] != config or self._calibrator[1].rig != rig:
+            every_s = CORRELATION_S if config.known.cold_every_s > 0.0 else 0.0
+            seldom = replace(config, known=replace(config.known, cold_every_s=every_s))
+            self._calibrator = config, Calibrator(rig, seldom)
+        return self._calibrator[1]
 
     def _run(self) -> None:
         last_s, delay_s = -float("inf"), 0.0

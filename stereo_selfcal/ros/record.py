@@ -24,7 +24,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..core.calibrator import Calibrator
 from ..core.camera.pairing import stamp_to_s
 from ..core.camera.rig import StereoRig
 from ..core.faults import Fault
@@ -56,20 +55,26 @@ class FrameReport:
 
 
 def calibrate_timed(
-    calibrator: Calibrator, left: Image, right: Image, stamp_ns: int, stamp_difference_s: float = 0.0
+    rig: StereoRig,
+    calibrate: Callable[[Image, Image, float, float], CalibrationResult],
+    left: Image,
+    right: Image,
+    stamp_ns: int,
+    stamp_difference_s: float = 0.0,
 ) -> FrameReport:
     """Calibrate a frame and measure how long that takes.
 
     Args:
-        calibrator: The calibrator; it fuses the frame with those it was given before.
+        rig: The rig it comes from.
+        calibrate: Calibrates it, given its images, its stamp and the difference of their stamps [s].
         left: (H, W) uint8 rectified image of the left camera.
         right: The same of the right camera.
         stamp_ns: Stamp of the frame [ns].
         stamp_difference_s: Stamp of the right image minus that of the left one [s].
     """
     start_s = time.monotonic()
-    result = calibrator.add(left, right, stamp_to_s(stamp_ns), stamp_difference_s)
-    return FrameReport(left, right, calibrator.rig, result, stamp_ns, time.monotonic() - start_s)
+    result = calibrate(left, right, stamp_to_s(stamp_ns), stamp_difference_s)
+    return FrameReport(left, right, rig, result, stamp_ns, time.monotonic() - start_s)
 
 
 def refused_frame(

@@ -469,7 +469,7 @@ def image_of_12_bits(value):
 def test_images_of_12_bits_are_scaled_alike_and_the_answer_says_so(monkeypatch):
     seen = []
 
-    def calibrate(calibrator, left, right, stamp_ns, stamp_difference_s):
+    def calibrate(rig, add, left, right, stamp_ns, stamp_difference_s):
         seen.append((int(left.max()), int(right.max())))
         return SimpleNamespace(result=SimpleNamespace(accepted=False, message="no lines", reason="none"))
 

@@ -25,7 +25,8 @@ from stereo_selfcal.core.results import caught
 from stereo_selfcal.ros import monitor as monitor_module
 from stereo_selfcal.ros.live import LiveFrame, NoFrame
 from stereo_selfcal.ros.monitor import TICK_S, Monitor
-from stereo_selfcal.synth.scenes import PAPER_RIG
+from stereo_selfcal.synth.renderer import render
+from stereo_selfcal.synth.scenes import PAPER_RIG, random_scene
 
 GREY = np.full((PAPER_RIG.height, PAPER_RIG.width), 90, np.uint8)
 LIVE = LiveFrame(GREY, GREY, PAPER_RIG, "", 5 * 10**9)
@@ -158,7 +159,7 @@ def test_after_a_shutdown_failures_are_not_logged():
 def step(frame):
     """Return what the monitor reports of a frame, by the real calibrator."""
     reports = []
-    config = SimpleNamespace(monitor_period_s=2.0, calibrator=None)
+    config = SimpleNamespace(monitor_period_s=2.0, calibrator=CalibratorConfig())
     Monitor(lambda _: frame, lambda: config, lambda: True, reports.append, lambda: True, None).step()
     return reports
 
@@ -207,3 +208,42 @@ def test_a_fault_of_the_calibrator_is_a_refused_frame_of_the_watch(monkeypatch):
     stage.monitor.step()
     assert reports[0].result.reason is RejectReason.INTERNAL_ERROR
     assert not stage.errors
+
+
+@pytest.fixture(scope="module")
+def road():
+    """Return the images of a road whose surface is seen."""
+    scene = random_scene(np.random.default_rng(5), 0.005, texture_amplitude=45.0)
+    return render(scene, np.random.default_rng(0))
+
+
+def looks(road, stamps_s, cold_every_s=2.0):
+    """Return the results of looks at a road at these stamps."""
+    config = SimpleNamespace(
+        monitor_period_s=2.0,
+        calibrator=CalibratorConfig.from_mapping({"known.cold_every_s": cold_every_s}),
+    )
+    stamps, reports = iter(stamps_s), []
+    monitor = Monitor(
+        lambda _: LiveFrame(*road, PAPER_RIG, "", round(next(stamps) * 1e9)),
+        lambda: config,
+        lambda: True,
+        reports.append,
+        lambda: True,
+        None,
+    )
+    for _ in stamps_s:
+        monitor.step()
+    return [report.result for report in reports]
+
+
+def test_looks_are_followed_from_the_one_before_but_for_one_in_ten_seconds(road):
+    results = looks(road, range(100, 116, 2))
+    assert all(result.accepted for result in results)
+    assert [result.known_start for result in results] == [False, *[True] * 4, False, True, True]
+    # Only looks that are not followed tell how the right camera is turned.
+    assert [result.alignment is None for result in results] == [each.known_start for each in results]
+
+
+def test_no_look_is_followed_where_no_frame_is_to_be(road):
+    assert not any(result.known_start for result in looks(road, (100, 102, 104), cold_every_s=0.0))

@@ -37,7 +37,7 @@ from ..types import Array
 
 # Errors of frames are alike for so long: they show the same road, paint and trees. The watch over the pose
 # compares means of this length, too.
-_CORRELATION_S = 10.0
+CORRELATION_S = 10.0
 _LEAST_STEP_S = 0.01  # of two frames with one stamp
 # A rig that warms up turns within this time by about what calibrations leave. Variance by second [rad^2/s].
 _WARMING_S = 1800.0
@@ -108,8 +108,8 @@ class AlignmentWatch:
             return self.finding
         elapsed_s = stamp_s - self._last_s
         if elapsed_s < 0.0:
-            elapsed_s = _CORRELATION_S
-        told = _information(alignment) * min(max(elapsed_s, _LEAST_STEP_S) / _CORRELATION_S, 1.0)
+            elapsed_s = CORRELATION_S
+        told = _information(alignment) * min(max(elapsed_s, _LEAST_STEP_S) / CORRELATION_S, 1.0)
         if not np.any(told):
             return self.finding
         self._last_s = stamp_s
