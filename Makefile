@@ -33,8 +33,12 @@ help:  ## list these targets
 .venv: .venv/ready  ## the virtual environment with everything, ROS 2 Jazzy included (Python 3.10 to 3.14, x86-64 Linux)
 
 .PHONY: demo
-demo: .venv  ## calibrate the real node from a replayed bag; the answer goes to demo/
+demo: .venv  ## play half a minute of drive to the real node, and report; the answer goes to demo/
 	.venv/bin/python -m stereo_selfcal demo
+
+.PHONY: demo-lines
+demo-lines: .venv  ## the same with a second of a bare road
+	.venv/bin/python -m stereo_selfcal demo --lines
 
 # Tests run in one process more than there are cores, as many of them wait for a node or a program. What one has
 # finished it takes over from another, from the end of its share: tests of a file stay together, and with them the

@@ -59,7 +59,8 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/config", _files("config", "*")),
         (f"share/{NAME}/launch", _files("launch", "*.launch.py")),
-        (f"share/{NAME}/bags/straight_road", _files("bags/straight_road", "*")),  # what the demo plays
+        (f"share/{NAME}/bags/drive", _files("bags/drive", "*")),  # what the demo plays
+        (f"share/{NAME}/bags/straight_road", _files("bags/straight_road", "*")),
     ],
     python_requires=">=3.10",
     # What the package needs without ROS, for pip: colcon installs nothing, rosdep what package.xml names.

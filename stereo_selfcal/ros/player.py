@@ -65,6 +65,12 @@ class BagPlayer:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="bag player", daemon=True)
 
+    @property
+    def is_heard(self) -> bool:
+        """Whether somebody listens to every image."""
+        images = (self._publishers[side.name] for side in (self.topics.left, self.topics.right))
+        return all(publisher.get_subscription_count() for publisher in images)
+
     def start(self) -> None:
         """Play until :meth:`stop`, in a thread of its own."""
         self._thread.start()
@@ -72,7 +78,8 @@ class BagPlayer:
     def stop(self) -> None:
         """End playing and wait for the thread."""
         self._stop.set()
-        self._thread.join()
+        if self._thread.is_alive():
+            self._thread.join()
 
     def play_once(self) -> None:
         """Publish every message once; returns early when stopped."""

@@ -22,10 +22,12 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+import cv2
 import numpy as np
 import yaml
 from rosbags.interfaces import Connection
@@ -34,7 +36,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from ..core.camera.rig import StereoRig
 from ..core.errors import SelfcalError
-from .scenes import NAMED_SCENES, NamedScene
+from .scenes import NAMED_SCENES, NamedScene, RenderedPair
 
 Storage = Literal["mcap", "sqlite3"]
 STORAGES: tuple[Storage, ...] = get_args(Storage)
@@ -61,6 +63,28 @@ class BagWriteError(SelfcalError):
     """A bag cannot be written to its folder. The existing files there are unchanged."""
 
 
+@dataclass(frozen=True, slots=True)
+class SyntheticBag:
+    """What a recording holds beside its images.
+
+    Attributes:
+        rig: The rig its images come from.
+        truth: What a calibration should find, as plain values.
+        jpeg_percent: Quality of its JPEG images; None where images are not compressed.
+        storage: Storage of the messages; mcap is compressed, sqlite3 is not.
+    """
+
+    rig: StereoRig
+    truth: Mapping[str, Any]
+    jpeg_percent: int | None = None
+    storage: Storage = "mcap"
+
+    @classmethod
+    def of(cls, scene: NamedScene, storage: Storage) -> SyntheticBag:
+        """Return that of a scene."""
+        return cls(scene.scene.rig, scene.truth(), storage=storage)
+
+
 def write_bag(
     path: Path,
     scene: NamedScene,
@@ -78,11 +102,31 @@ def write_bag(
     Raises:
         BagWriteError: Something is there already, or the folder around it is not.
     """
+    write_recording(path, SyntheticBag.of(scene, storage), scene.frames(), on_frame)
+
+
+def write_recording(
+    path: Path,
+    bag: SyntheticBag,
+    frames: Iterable[RenderedPair],
+    on_frame: Callable[[int], None] = lambda done: None,
+) -> None:
+    """Write frames as a bag; it appears under its name only when it is complete.
+
+    Args:
+        path: Folder to make.
+        bag: What it holds beside its images.
+        frames: The frames, in the order of time.
+        on_frame: Called with the number of frames after each of them.
+
+    Raises:
+        BagWriteError: Something is there already, or the folder around it is not.
+    """
     if path.exists() or path.is_symlink():
         raise BagWriteError(
             f"{path}: exists already and is not overwritten; choose another name or remove it"
         )
-    _replace(path, scene, storage, on_frame)
+    _replace(path, bag, frames, on_frame)
 
 
 def write_named_bags(folder: Path, scenes: Iterable[NamedScene] = NAMED_SCENES) -> Iterator[Path]:
@@ -96,42 +140,54 @@ def write_named_bags(folder: Path, scenes: Iterable[NamedScene] = NAMED_SCENES) 
         path = folder / scene.name
         if path.exists() and not (path / TRUTH_FILE).is_file():
             raise BagWriteError(f"{path}: is no synthetic bag and is not replaced; move it away")
-        _replace(path, scene, "mcap", lambda done: None)
+        _replace(path, SyntheticBag.of(scene, "mcap"), scene.frames(), lambda done: None)
         yield path
 
 
-def _replace(path: Path, scene: NamedScene, storage: Storage, on_frame: Callable[[int], None]) -> None:
+def _replace(
+    path: Path, bag: SyntheticBag, frames: Iterable[RenderedPair], on_frame: Callable[[int], None]
+) -> None:
     """Write the bag to a temporary folder beside its final one, and move it there."""
     if not path.parent.is_dir():
         raise BagWriteError(f"{path}: there is no folder {path.parent} to write into")
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=".synth-") as temporary:
         made = Path(temporary, path.name)  # the folder's name is that of the storage file in it
-        _write_messages(made, scene, storage, on_frame)
-        truth = yaml.safe_dump(scene.truth(), sort_keys=False, default_flow_style=None, width=100)
+        _write_messages(made, bag, frames, on_frame)
+        truth = yaml.safe_dump(dict(bag.truth), sort_keys=False, default_flow_style=None, width=100)
         (made / TRUTH_FILE).write_text(_TRUTH_HEADER + truth, encoding="utf-8")
         if path.is_dir():
             shutil.rmtree(path)
         made.replace(path)
 
 
-def _write_messages(path: Path, scene: NamedScene, storage: Storage, on_frame: Callable[[int], None]) -> None:
-    plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3
+def _write_messages(
+    path: Path, bag: SyntheticBag, frames: Iterable[RenderedPair], on_frame: Callable[[int], None]
+) -> None:
+    plugin = StoragePlugin.MCAP if bag.storage == "mcap" else StoragePlugin.SQLITE3
     writer = Writer(path, version=_METADATA_VERSION, storage_plugin=plugin)
     if plugin is StoragePlugin.MCAP:
         writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-    rig = scene.scene.rig
+    rig, jpeg_percent = bag.rig, bag.jpeg_percent
+    of_images = (
+        ("image_rect", "Image") if jpeg_percent is None else ("image_rect/compressed", "CompressedImage")
+    )
     with writer:
         images, infos = (
             {side: _add_topic(writer, f"{NAMESPACE}/{side}/{name}", kind) for side in SIDES}
-            for name, kind in (("image_rect", "Image"), ("camera_info", "CameraInfo"))
+            for name, kind in (of_images, ("camera_info", "CameraInfo"))
         )
-        for done, frame in enumerate(scene.frames(), start=1):
+        for done, frame in enumerate(frames, start=1):
             stamp_ns = round(frame.stamp_s * _NS_PER_S)
             for side, pixels in zip(SIDES, (frame.left, frame.right), strict=True):
                 header = _header(stamp_ns, side)
                 for connection, message in (
                     (infos[side], camera_info_message(rig, side, header)),
-                    (images[side], image_message(pixels, header)),
+                    (
+                        images[side],
+                        image_message(pixels, header)
+                        if jpeg_percent is None
+                        else jpeg_message(pixels, header, jpeg_percent),
+                    ),
                 ):
                     data = _types.serialize_cdr(message, connection.msgtype)
                     writer.write(connection, stamp_ns, data)
@@ -159,6 +215,15 @@ def image_message(pixels: np.ndarray[Any, np.dtype[np.uint8]], header: Any) -> A
         is_bigendian=0,
         step=width,
         data=np.ascontiguousarray(pixels).reshape(-1),
+    )
+
+
+def jpeg_message(pixels: np.ndarray[Any, np.dtype[np.uint8]], header: Any, percent: int) -> Any:
+    """Return a sensor_msgs/CompressedImage of ``pixels``, (H, W), as JPEG of a quality [%]."""
+    encoded, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, percent])
+    assert encoded, "OpenCV has JPEG"
+    return _types.types["sensor_msgs/msg/CompressedImage"](
+        header=header, format="mono8; jpeg compressed mono8", data=data.reshape(-1)
     )
 
 
