@@ -35,6 +35,7 @@ import cv2
 import numpy as np
 
 from stereo_selfcal import Calibrator, CalibratorConfig, Extrinsics
+from stereo_selfcal.bags import StereoBag
 from stereo_selfcal.cli import limits as limits_command
 from stereo_selfcal.core.estimators.fitness import PatternFitness
 from stereo_selfcal.core.lanes.stripe_points import find_stripe_points
@@ -62,11 +63,17 @@ _GAP_PX = 6
 
 
 def overview() -> bytes:
-    """Show what `make demo` writes: a calibrated frame."""
-    scene = named_scene("straight_road")
-    frame = scene.frame(0)
-    rig = scene.scene.rig
-    return _jpeg(draw_overview(frame.left, frame.right, rig, Calibrator(rig).add(frame.left, frame.right)))
+    """Show what `make demo` writes: the last frame of its drive, with the calibration of the mount."""
+    with StereoBag(FOLDER.parents[1] / "bags" / "drive") as bag:
+        rig = bag.read_rig()
+        calibrator = Calibrator(rig)
+        for frame in bag.frames():
+            result = calibrator.add(frame.left, frame.right, frame.stamp_s)
+    mount = calibrator.estimate
+    of_mount = replace(
+        result, extrinsics=mount.extrinsics, covariance=mount.covariance, uncertainty=(), travel=mount.travel
+    )
+    return _jpeg(draw_overview(frame.left, frame.right, rig, of_mount))
 
 
 def debug_image() -> bytes:

@@ -25,7 +25,7 @@ _CLI = "needs ros2cli"
 
 # Pattern of the beginning of a command -> why it is not run.
 WHY = {
-    r"make (demo|\.venv)": "needs ROS 2 and makes an environment; test/ros/test_demo.py runs the demo",
+    r"make (demo|demo-lines|\.venv)": "needs ROS 2 and an environment; test/ros/test_demo.py runs the demo",
     r"make (test|test-floor|lint|docs)\b": "runs these tests, or is run beside them by .ci/run",
     r"make (bench|figures|bags)\b": "takes minutes to hours; test_docs.py compares the figures",
     r"make$": "lists the targets of the Makefile",

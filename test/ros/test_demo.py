@@ -14,10 +14,12 @@
 
 """The demo, and the same recording through node and replay: the same numbers to the last digit."""
 
+import re
 import subprocess
 import sys
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import yaml
 
@@ -35,6 +37,7 @@ from stereo_selfcal.synth.bag import write_bag
 from stereo_selfcal.synth.scenes import named_scene
 
 N_FRAMES = 4
+DRIVE = ros_graph.ROOT / "bags" / "drive"
 
 
 @pytest.fixture(scope="module")
@@ -101,10 +104,66 @@ def test_demo_calibrates_and_compares_with_the_truth(bag, tmp_path):
     assert "the same numbers" in run.stdout
 
 
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    """Play the drive of the package; return what the demo printed, and its folder."""
+    folder = tmp_path_factory.mktemp("drive")
+    run = demo("--output-dir", folder)
+    assert run.returncode == 0, run.stderr
+    return run.stdout, folder
+
+
+def test_the_drive_is_calibrated_with_its_surface_and_its_yaw(drive):
+    printed, folder = drive
+    saved, truth = load_result(folder / "extrinsics.yaml"), yaml.safe_load((DRIVE / "truth.yaml").read_text())
+    error = saved.extrinsics.as_array() - [truth[name] for name in ("height_m", "pitch_rad", "roll_rad")]
+    assert np.all(np.abs(error) < 3.0 * saved.std.as_array())
+    travel = saved.evidence.travel
+    assert travel.tells_yaw
+    assert abs(travel.yaw_rad - truth["yaw_rad"]) < 3.0 * np.sqrt(travel.covariance[0, 0])
+    assert "not checked against the texture" not in printed
+    assert re.search(r"^yaw \[deg\]( +[-+\d.]+){4}$", printed, re.MULTILINE)
+    assert f"{saved.extrinsics.height_m:+.4f}" in printed and "truth" in printed
+
+
+def test_live_and_replay_of_the_drive_agree_within_their_std(drive, tmp_path):
+    _, folder = drive
+    live, offline = load_result(folder / "extrinsics.yaml"), tmp_path / "offline.yaml"
+    assert replay.main([str(DRIVE), "--output", str(offline)]) == 0
+    other = load_result(offline)
+    assert np.all(np.abs(live.extrinsics.as_array() - other.extrinsics.as_array()) < live.std.as_array())
+    assert other.n_frames >= live.n_frames > 12
+
+
+def test_the_demo_says_what_was_refused_and_writes_a_report(drive):
+    printed, folder = drive
+    assert re.search(
+        r"^replay   \d+ of 59 frames accepted\n  +\d+ x lines_not_straight$", printed, re.MULTILINE
+    )
+    assert f"report   {folder / 'report.html'}: open it in a browser" in printed
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert page.startswith("<!DOCTYPE html>") and "lines_not_straight" in page
+    assert (folder / "overview.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_report_is_opened_where_there_is_a_display(bag, tmp_path, monkeypatch):
+    opened = []
+    monkeypatch.setattr(demo_module.webbrowser, "open", lambda url: opened.append(url) or True)
+    monkeypatch.setattr(demo_module.sys.stdout, "isatty", lambda: True, raising=False)
+    monkeypatch.setenv("DISPLAY", ":0")
+    report = tmp_path / "report.html"
+    assert demo_module._write_report(bag, report).endswith(f"{report}, opened")
+    assert opened == [report.as_uri()]
+    monkeypatch.delenv("DISPLAY")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    assert demo_module._write_report(bag, report).endswith("open it in a browser")
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (("--bag", "missing"), "demo: missing"),
+        (("--bag", "missing", "--lines"), "not allowed with argument"),
         (("--bag", "stereo_selfcal", "--output-dir", "/proc/x"), "/proc/x cannot be written"),
     ],
 )
@@ -116,14 +175,14 @@ def test_demo_says_in_one_line_what_is_wrong(arguments, words, tmp_path):
 
 
 def test_demo_finds_the_recording_of_a_checkout_and_of_an_installation(tmp_path, monkeypatch):
-    assert packaged_bag().resolve() == ros_graph.ROOT / "bags" / "straight_road"
+    assert packaged_bag("straight_road").resolve() == ros_graph.ROOT / "bags" / "straight_road"
     monkeypatch.chdir(tmp_path)
-    assert packaged_bag() == ros_graph.ROOT / "bags" / "straight_road"
+    assert packaged_bag() == ros_graph.ROOT / "bags" / "drive"
     monkeypatch.setattr(demo_module, "__file__", str(tmp_path / "lib" / "stereo_selfcal" / "ros" / "demo.py"))
     monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path / 'other'}:{tmp_path / 'install'}")
     with pytest.raises(DemoError, match=r"not installed with the package: make one .* and give --bag"):
         packaged_bag()
-    installed = tmp_path / "install" / "share" / "stereo_selfcal" / "bags" / "straight_road"
+    installed = tmp_path / "install" / "share" / "stereo_selfcal" / "bags" / "drive"
     installed.mkdir(parents=True)
     (installed / "metadata.yaml").write_text("")
     assert packaged_bag() == installed
