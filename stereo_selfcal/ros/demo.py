@@ -71,6 +71,7 @@ _OF_A_DRIVE = Targets(0.010, 0.0029, 0.0044)
 _OF_A_MOMENT = Targets(0.03, 0.0052, 0.014)
 _LEAST_DRIVE_S = 20.0
 _LISTENS_TIMEOUT_S = 10.0  # until it plays, whether the node is known to listen or not
+_KNOWN_S = 1.0  # a subscription is known to the player before the player is known to it
 _ANSWER_TIMEOUT_S = 120.0
 _END_TIMEOUT_S = 20.0
 # The lines of replay's output that say how many frames were accepted, and for what others were refused.
@@ -236,6 +237,7 @@ def _call(node: Node, process: subprocess.Popen[bytes], player: BagPlayer) -> An
         if player.is_heard:
             break
         rclpy.spin_until_future_complete(node, future, timeout_sec=step_s)
+    rclpy.spin_until_future_complete(node, future, timeout_sec=_KNOWN_S)
     player.start()
     rclpy.spin_until_future_complete(node, future, timeout_sec=_ANSWER_TIMEOUT_S)
     if not future.done():
