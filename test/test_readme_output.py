@@ -63,8 +63,8 @@ BEGUN_ANEW = re.compile(
 )
 
 
-# Which of its frames a live node has seen when the call ends differs by one or two, and with them what is told
-# of single frames.
+# Which of its frames a live node has seen when the call ends differs by one or two, as does what is told of
+# single frames.
 OF_FRAMES = re.compile(r"(?:; [^;]*\(\d+ of \d+ frames\))+")
 
 
