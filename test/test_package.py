@@ -117,7 +117,7 @@ def test_every_data_file_is_installed(setup_arguments):
     installed = dict(setup_arguments["data_files"])
     assert installed["share/ament_index/resource_index/packages"] == [f"resource/{NAME}"]
     assert installed[f"share/{NAME}"] == ["package.xml"]
-    for folder in ("config", "launch", "bags/straight_road"):
+    for folder in ("config", "launch", "bags/drive", "bags/straight_road"):
         files = {path.relative_to(ROOT).as_posix() for path in (ROOT / folder).iterdir() if path.is_file()}
         assert files, f"{folder}/ is empty"
         assert set(installed[f"share/{NAME}/{folder}"]) == files

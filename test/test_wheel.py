@@ -28,7 +28,7 @@ from stereo_selfcal.__main__ import COMMANDS
 from stereo_selfcal.synth.scenes import named_scene
 
 ROOT = Path(__file__).resolve().parent.parent
-INSTALLED = ("stereo_selfcal", "bags/straight_road", "config", "launch", "resource")
+INSTALLED = ("stereo_selfcal", "bags/drive", "bags/straight_road", "config", "launch", "resource")
 FILES = ("setup.py", "setup.cfg", "pyproject.toml", "package.xml", "LICENSE")
 
 pytestmark = pytest.mark.slow

@@ -39,7 +39,7 @@ BAG = Path(__file__).resolve().parents[2] / "bags" / "drive"
 PLAN = Plan(5, 0, Course.WITH_BENDS, 30.0, "zed", 0.5, Surroundings.SUBURB, Hour.DAY)
 RATE_HZ = 2.0
 # Of JPEG. Cameras use 80 to 95; the recording is to be small.
-_QUALITY_PERCENT = 75
+_QUALITY_PERCENT = 72
 # A kerb on the right, beside the edge line, and the pavement behind it.
 _KERB_AT_M, _KERB_HEIGHT_M, _PAVEMENT_WIDTH_M = -2.6, 0.12, 2.2
 
