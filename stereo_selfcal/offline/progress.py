@@ -22,9 +22,9 @@ from ..core.calibrator import Calibrator
 from ..core.geometry.pose import Extrinsics
 from ..core.results import CalibrationResult
 
-# The estimate takes time in proportion to the frames behind it (0.26 ms a frame, at least 4 ms). Made after 1,
-# 2, 4, 8, ... accepted frames, all of them together take as long as that of the whole: 1 % of the time of a
-# long recording, 3 % of that of 50 frames.
+# The estimate takes time in proportion to the frames behind it (0.26 ms a frame, at least 4 ms). Made after
+# 1, 2, 4, 8, ... accepted frames, all of them together take as long as that of the whole: 1 % of the time of
+# a long recording, 3 % of that of 50 frames.
 _RATIO = 2
 
 
