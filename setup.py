@@ -45,7 +45,7 @@ def _programs() -> list[str]:
     # Not the modules of the commands: Ctrl-C is seen to before they are imported.
     return [
         f"{command} = {NAME}.__main__:{command}"
-        for command in ("node", "replay", "fleet", "synth", "limits", "demo")
+        for command in ("node", "replay", "fleet", "history", "synth", "limits", "demo")
     ]
 
 

@@ -76,6 +76,7 @@ SECTIONS = {
     "mount_how_long": "mount_drives.how_long.how_long_tables",
     "mount_rendered": "mount_drives.rendered.rendered_tables",
     "mount_recorded": "mount_drives.recorded.recorded_tables",
+    "history": "history.history_table",
     "travel_drives": "travel_drives.judged.drive_tables",
     "travel_recorded": "travel_drives.recorded.recorded_tables",
 }

@@ -17,6 +17,7 @@
 * ``<!-- include: FILE -->`` or ``<!-- include: FILE#Heading -->`` becomes the text of a file of the
   repository, or of one section of it, so that no table stands in two places.
 * A link to a file of the repository outside docs/ leads to a copy of it on the site.
+* Cells of tables get the heading of their column, which stands before them on a phone (site.css).
 * The word after the language of a code block (``test``, ``ros``), which tells test/test_docs.py what to do
   with it, is taken off.
 """
@@ -36,6 +37,10 @@ INCLUDE = re.compile(r"^<!-- include: ([^#\s]+)(?:#(.+?))? -->$", re.MULTILINE)
 HEADING = re.compile(r"^(#+) (.+)$", re.MULTILINE)
 FENCE = re.compile(r"^```(\w+) \w+$", re.MULTILINE)
 CODE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
+TABLE = re.compile(r"<table>.*?</table>", re.DOTALL)
+_HEAD_CELL = re.compile(r"<th\b[^>]*>(.*?)</th>", re.DOTALL)
+_ROW = re.compile(r"<tr>.*?</tr>", re.DOTALL)
+_TAG = re.compile(r"<[^>]+>")
 # [text](target), ![text](target); not where it has spaces, so no title.
 LINK = re.compile(r"(\]\()([^)\s]+)(\))")
 _EXTERNAL = re.compile(r"[a-z]+:")
@@ -74,6 +79,27 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     uri = page.file.src_uri
     own = ROOT / DOCS / uri
     return page_text(markdown, f"{DOCS}/{uri}" if own.is_file() else uri)
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """Return the content of a page as the site shows it."""
+    return TABLE.sub(lambda match: labelled(match[0]), html)
+
+
+def labelled(table: str) -> str:
+    """Return a table whose cells name their columns.
+
+    Args:
+        table: The table as HTML, as Python-Markdown makes it.
+    """
+    heads = [_TAG.sub("", head).replace('"', "&quot;") for head in _HEAD_CELL.findall(table)]
+
+    def row(match: re.Match[str]) -> str:
+        first, *cells = match[0].split("<td")
+        named = zip(heads, cells, strict=False)
+        return first + "".join(f'<td data-label="{head}"{cell}' for head, cell in named)
+
+    return _ROW.sub(row, table)
 
 
 def page_text(markdown: str, path: str) -> str:

@@ -44,6 +44,10 @@ COMMANDS = {
         "stereo_selfcal.cli.fleet",
         "calibrate many recordings on many processes, without ROS",
     ),
+    "history": (
+        "stereo_selfcal.cli.history",
+        "compare results of one camera from several drives, without ROS",
+    ),
     "synth": ("stereo_selfcal.cli.synth", "write a synthetic recording with its truth, without ROS"),
     "limits": (
         "stereo_selfcal.cli.limits",
@@ -118,7 +122,7 @@ def _script(command: str) -> int:
 
 
 # The entry points of setup.py: this module is imported in no time, those of the commands are not.
-node, replay, fleet, synth, limits, demo = (partial(_script, command) for command in COMMANDS)
+node, replay, fleet, history, synth, limits, demo = (partial(_script, command) for command in COMMANDS)
 
 
 def program() -> int:

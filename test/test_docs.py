@@ -215,6 +215,17 @@ def test_included_links_lead_on_from_the_page_they_are_shown_on():
     assert re.findall(r"\]\(([^)]+)\)", shown) == [*targets, "b"]
 
 
+def test_cells_of_a_table_name_their_columns():
+    table = (
+        '<table>\n<thead>\n<tr>\n<th>a <em>b</em></th>\n<th style="text-align: right">"c"</th>\n</tr>\n'
+        '</thead>\n<tbody>\n<tr>\n<td>1</td>\n<td style="text-align: right">2</td>\n</tr>\n</tbody>\n</table>'
+    )
+    shown = HOOKS["on_page_content"](f"<p>x</p>{table}<p>y</p>")
+    assert '<td data-label="a b">1</td>' in shown
+    assert '<td data-label="&quot;c&quot;" style="text-align: right">2</td>' in shown
+    assert re.sub(r' data-label="[^"]*"', "", shown) == f"<p>x</p>{table}<p>y</p>"
+
+
 def test_every_page_is_on_the_site():
     nav = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"]
     without = [entry for entry in nav if "Extending" not in entry]

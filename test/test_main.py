@@ -29,7 +29,7 @@ from stereo_selfcal import __version__
 ROOT = Path(__file__).resolve().parent.parent
 
 
-@pytest.mark.parametrize("name", ["node", "replay", "fleet", "synth", "limits", "demo"])
+@pytest.mark.parametrize("name", ["node", "replay", "fleet", "history", "synth", "limits", "demo"])
 def test_command_gets_the_rest_of_the_line(name, monkeypatch):
     seen = []
 
@@ -87,7 +87,7 @@ def test_help_calls_the_program_by_the_name_it_was_called_by(called, usage, monk
     assert program.usage().startswith(f"usage: {usage} ")
 
 
-@pytest.mark.parametrize("name", ["replay", "fleet", "synth", "limits"])
+@pytest.mark.parametrize("name", ["replay", "fleet", "history", "synth", "limits"])
 def test_offline_programs_import_no_ros(name):
     code = (
         f"import sys; from stereo_selfcal.__main__ import main; main([{name!r}, '--help']);"
@@ -137,7 +137,7 @@ def test_the_package_is_found_in_the_current_folder_all_the_same():
     subprocess.run(command, cwd=ROOT, env=environment, check=True, capture_output=True)
 
 
-@pytest.mark.parametrize("name", ["replay", "fleet", "synth", "limits"])
+@pytest.mark.parametrize("name", ["replay", "fleet", "history", "synth", "limits"])
 def test_help_says_every_exit_status(name):
     run = subprocess.run(
         [sys.executable, "-m", "stereo_selfcal", name, "--help"],

@@ -30,7 +30,7 @@ from stereo_selfcal.__main__ import COMMANDS
 
 ROOT = Path(__file__).resolve().parent.parent
 NAME = "stereo_selfcal"
-PROGRAMS = ("node", "replay", "fleet", "synth", "limits", "demo")
+PROGRAMS = ("node", "replay", "fleet", "history", "synth", "limits", "demo")
 
 
 @pytest.fixture(scope="module")

@@ -16,48 +16,32 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from html import escape
 
+from ..core.geometry.alignment import ALIGNMENT_NAMES, ALIGNMENT_STD_NAMES
 from ..core.geometry.pose import DEGREES, POSE_COMPONENTS, DisplayUnit, Extrinsics, PoseComponent
 from .outcome import BagOutcome, Status
+from .style import breakable, number_cell, page_of
 
-# Colours of Okabe and Ito, which people with any kind of colour vision tell apart; the word is there as well.
-_STYLE = """
-:root { color-scheme: light dark; font: 15px/1.45 system-ui, sans-serif; }
-body { margin: 0 auto; max-width: 82rem; padding: 1rem; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
-th, td { padding: .3rem .6rem; text-align: left; vertical-align: top; border-bottom: 1px solid #8884; }
-th { cursor: pointer; white-space: nowrap; }
-th[aria-sort=ascending]::after { content: " \\2191"; }
-th[aria-sort=descending]::after { content: " \\2193"; }
-td.n { text-align: right; white-space: nowrap; }
-h1 { font-size: 1.4rem; }
-td.why { min-width: 20rem; font-size: .85rem; }
-b.status { border-left: .5rem solid var(--c); padding-left: .4rem; white-space: nowrap; }
-.calibrated { --c: #009e73; } .refused { --c: #e69f00; } .damaged { --c: #cc79a7; }
-.reserved { --c: #f0e442; } .failed { --c: #d55e00; } .not_done { --c: #999; }
-.note { border-left: .5rem solid #d55e00; padding: .4rem .8rem; }
-"""
-
-# Sorts by the column that is clicked: by data-v where a cell has one.
+# Sorts recordings, each a tbody, by the column that is clicked: by data-v where a cell has one.
 _SCRIPT = """
 document.querySelectorAll("th").forEach((head, column) => head.addEventListener("click", () => {
   const up = head.getAttribute("aria-sort") !== "ascending";
   document.querySelectorAll("th").forEach(other => other.removeAttribute("aria-sort"));
   head.setAttribute("aria-sort", up ? "ascending" : "descending");
-  const value = row => {
-    const cell = row.cells[column], number = parseFloat(cell.dataset.v);
+  const value = recording => {
+    const cell = recording.rows[0].cells[column], number = parseFloat(cell.dataset.v);
     return isNaN(number) ? cell.textContent : number;
   };
-  const body = document.querySelector("tbody");
-  [...body.rows].sort((a, b) => {
+  const table = document.querySelector("table");
+  [...table.tBodies].sort((a, b) => {
     const x = value(a), y = value(b);
     const order = typeof x === typeof y ? (x > y) - (x < y) : typeof x === "number" ? -1 : 1;
     return up ? order : -order;
-  }).forEach(row => body.append(row));
+  }).forEach(recording => table.append(recording));
 }));
 """
 
@@ -70,7 +54,7 @@ _HEADS = (
     "moves",
     *(component.heading for component in POSE_COMPONENTS),
     "yaw [deg]",
-    "what was said",
+    "alignment",
 )
 _EQUATION = "p_road = R_z(0) R_y(pitch) R_x(roll) p_camera + [0, 0, height]"
 
@@ -90,84 +74,90 @@ def index_page(outcomes: Sequence[BagOutcome], about: str) -> str:
     note = f'<p class="note">Interrupted: {left} recordings are not done yet.</p>' if left else ""
     heads = "".join(f"<th>{escape(head)}</th>" for head in _HEADS)
     rows = "\n".join(_row(outcome) for outcome in outcomes)
-    return f"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{len(outcomes)} recordings: {escape(summary)}</title>
-<style>{_STYLE}</style>
-</head>
-<body>
-<h1>{len(outcomes)} recordings: {escape(summary)}</h1>
+    title = f"{len(outcomes)} recordings: {summary}"
+    body = f"""<h1>{escape(title)}</h1>
 {note}
 <p><code>{_EQUATION}</code>; REP-103: pitch &gt; 0 is nose down, roll &gt; 0 is right side down.
 The yaw is that against the direction of travel, &gt; 0 is left of it; it has no value while it is not known.
-Confirmed are accepted frames whose road surface agrees with the lines. The whole table is in
-<a href="table.csv">table.csv</a>. A click on a heading sorts.</p>
-<div class="scroll">
-<table>
+Confirmed are accepted frames whose road surface agrees with the lines. Alignment is how the right camera is
+turned against its calibration. The whole table is in <a href="table.csv">table.csv</a>.
+On a wide screen, a click on a heading sorts.</p>
+<table class="sort">
 <thead><tr>{heads}</tr></thead>
-<tbody>
 {rows}
-</tbody>
 </table>
-</div>
 <p>{escape(about)}</p>
-<script>{_SCRIPT}</script>
-</body>
-</html>
-"""
+<script>{_SCRIPT}</script>"""
+    return page_of(title, body)
 
 
 def _row(outcome: BagOutcome) -> str:
-    name = escape(outcome.bag)
+    name = breakable(outcome.bag)
     link = f'<a href="{escape(outcome.report, quote=True)}">{name}</a>' if outcome.report else name
-    if outcome.status is Status.CALIBRATED:
-        said = outcome.message.partition("; ")[2]  # the numbers are in the other cells
-    else:
-        said = ": ".join(dict.fromkeys(filter(None, (outcome.reason, outcome.message))))
     reserved, colour = "", str(outcome.status)
     if outcome.with_reservations:
         reserved = ", with reservations"
         colour = "reserved" if outcome.status is Status.CALIBRATED else colour
-    counts = (outcome.frames, outcome.accepted, outcome.confirmed, outcome.moves)
+    accepted = outcome.accepted
+    share = f"{100 * accepted / outcome.frames:.0f}" if outcome.frames else "0"
+    counts = (("confirmed", outcome.confirmed), ("moves", outcome.moves))
     pose, std = outcome.extrinsics, outcome.std
+    verdict = escape(outcome.alignment.replace("_", " "))
     cells = [
-        f"<td>{link}</td>",
-        f'<td><b class="status {colour}">{_words(outcome.status)}{reserved}</b></td>',
-        *(_cell(count, str(count)) for count in counts),
+        f'<td class="name">{link}</td>',
+        f'<td class="verdict"><b class="status {colour}">{_words(outcome.status)}{reserved}</b></td>',
+        number_cell("frames", str(outcome.frames), outcome.frames),
+        number_cell(
+            "accepted", str(accepted), accepted, f'<span class="meter"><i style="width:{share}%"></i></span>'
+        ),
+        *(number_cell(label, str(count), count) for label, count in counts),
         *(_component(component, pose, std) for component in POSE_COMPONENTS),
-        _yaw(outcome),
-        f'<td class="why">{escape(said)}</td>',
+        _number("yaw [deg]", outcome.yaw_rad, outcome.yaw_std_rad, DEGREES, "+"),
+        f'<td data-label="alignment">{verdict}</td>' if verdict else "<td></td>",
     ]
-    return f"<tr>{''.join(cells)}</tr>"
+    facts = "".join(
+        f'<span><b class="k">{label}:</b> {escape(text)}</span>' for label, text in _facts(outcome) if text
+    )
+    below = f'<tr><td class="why" colspan="{len(_HEADS)}">{facts}</td></tr>'
+    return f"<tbody><tr>{''.join(cells)}</tr>{below}</tbody>"
+
+
+def _facts(outcome: BagOutcome) -> list[tuple[str, str]]:
+    """Return what stands below the numbers of a recording, each with its name; "" where there is nothing."""
+    if outcome.status is Status.CALIBRATED:
+        said = outcome.message.partition("; ")[2]  # the numbers are in the other cells
+    else:
+        said = ": ".join(dict.fromkeys(filter(None, (outcome.reason, outcome.message))))
+    return [
+        ("What was said", said),
+        ("Uncertainty", outcome.uncertainty),
+        ("Progress", outcome.progress),
+        ("Right camera turned by", _turned(outcome)),
+    ]
+
+
+def _turned(outcome: BagOutcome) -> str:
+    """Return the angles of the right camera that are known, in words."""
+    told = []
+    for name, std_name in zip(ALIGNMENT_NAMES, ALIGNMENT_STD_NAMES, strict=True):
+        value, std = (getattr(outcome, f"alignment_{each}") for each in (name, std_name))
+        if value is not None and std is not None:
+            told.append(f"{name.rpartition('_')[0]} {math.degrees(value):+.3f} ± {math.degrees(std):.2g}°")
+    return ", ".join(told)
 
 
 def _component(component: PoseComponent, pose: Extrinsics | None, std: Extrinsics | None) -> str:
     """Return the cell of one component of a pose and its standard deviation; empty without a pose."""
-    if pose is None:
-        return '<td class="n"></td>'
-    spread = None if std is None else component.of(std)
-    return _number(component.of(pose), spread, component.unit, component.sign)
+    value, spread = (None if each is None else component.of(each) for each in (pose, std))
+    return _number(component.heading, value, spread, component.unit, component.sign)
 
 
-def _yaw(outcome: BagOutcome) -> str:
-    """Return the cell of the yaw against the direction of travel; empty while it is not known."""
-    if outcome.yaw_rad is None:
-        return '<td class="n"></td>'
-    return _number(outcome.yaw_rad, outcome.yaw_std_rad, DEGREES, "+")
-
-
-def _number(value: float, std: float | None, unit: DisplayUnit, sign: str) -> str:
-    """Return the cell of a number and its standard deviation, both in the SI unit."""
+def _number(label: str, value: float | None, std: float | None, unit: DisplayUnit, sign: str) -> str:
+    """Return the cell of a number and its standard deviation, both in the SI unit; empty without a number."""
+    if value is None:
+        return number_cell(label, "")
     spread = "" if std is None else f" &plusmn; {std * unit.per_si:.2g}"
-    return _cell(value * unit.per_si, f"{unit.number(value, sign)}{spread}")
-
-
-def _cell(value: float, text: str) -> str:
-    """Return the cell of a number, which is sorted by its value."""
-    return f'<td class="n" data-v="{value!r}">{text}</td>'
+    return number_cell(label, f"{unit.number(value, sign)}{spread}", value * unit.per_si)
 
 
 def _words(status: Status) -> str:

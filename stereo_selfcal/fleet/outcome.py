@@ -23,9 +23,12 @@ from enum import Enum
 from typing import Any
 
 from ..core.alignment_verdict import report_alignment
+from ..core.camera.rig import StereoRig
 from ..core.errors import ConfigError, printable, shortened
 from ..core.geometry.pose import POSE_NAMES, STD_NAMES, Extrinsics
 from ..offline import Replay
+from ..report.progress import progress_line
+from ..report.uncertainty import variance_line
 
 
 class Status(Enum):
@@ -70,6 +73,9 @@ class BagOutcome:
         alignment_pitch_std_rad: Standard deviation of this pitch [rad].
         alignment_roll_std_rad: The same of the roll [rad].
         alignment_yaw_std_rad: The same of the yaw [rad].
+        uncertainty: The two largest causes of the standard deviations of the mount, with their shares.
+        progress: Standard deviations of the mount after the first accepted frame, and after all of them.
+        rig: The rig, as :func:`rig_text` writes it; empty where it is not known.
         first_stamp_s: Stamp of the first frame [s].
         last_stamp_s: Stamp of the last frame [s].
         left: Topic of the left images.
@@ -99,6 +105,9 @@ class BagOutcome:
     alignment_pitch_std_rad: float | None = None
     alignment_roll_std_rad: float | None = None
     alignment_yaw_std_rad: float | None = None
+    uncertainty: str = ""
+    progress: str = ""
+    rig: str = ""
     first_stamp_s: float | None = None
     last_stamp_s: float | None = None
     left: str = ""
@@ -137,6 +146,9 @@ class BagOutcome:
             lane_yaw_rad=estimate.lane_yaw_rad if estimate.accepted else None,
             **_yaw_columns(replay),
             **_alignment_columns(replay),
+            uncertainty=variance_line(estimate.uncertainty) if estimate.accepted else "",
+            progress=progress_line(replay.progress),
+            rig=rig_text(replay.rig),
             first_stamp_s=rows[0].stamp_s,
             last_stamp_s=rows[-1].stamp_s,
             left=topics[0],
@@ -181,6 +193,29 @@ class BagOutcome:
         if row.status is Status.CALIBRATED and (row.extrinsics is None or row.std is None):
             raise ConfigError("not a row of a fleet: calibrated, without a pose")
         return row
+
+
+def rig_text(rig: StereoRig) -> str:
+    """Return a rig in one line, with all digits: ``width=640 height=480 fx=516.6 ...``."""
+    return " ".join(f"{name}={value!r}" for name, value in rig.to_mapping().items())
+
+
+def rig_of_text(text: str) -> StereoRig:
+    """Read what :func:`rig_text` wrote.
+
+    Raises:
+        RigError: It is something else.
+    """
+    words = (word.partition("=") for word in text.split())
+    return StereoRig.from_mapping({name: _number_of(value) for name, _, value in words})
+
+
+def _number_of(text: str) -> float | str:
+    """Return the number that a word is; a word that is none is refused by the rig."""
+    try:
+        return int(text) if text.isdecimal() else float(text)
+    except ValueError:
+        return text
 
 
 def _yaw_columns(replay: Replay) -> dict[str, Any]:

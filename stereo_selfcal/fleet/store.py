@@ -25,14 +25,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..core.errors import ConfigError, OutputError, printable
+from ..core.errors import ConfigError, OutputError, one_line, printable
 from ..files.atomic_file import write_atomically
 from .bags import files_of, place_of
 from .outcome import BagOutcome
 from .work import FleetSettings, versions
 
 # Raised when what stands in a result file changes: files of another schema are done again.
-_SCHEMA = 4
+_SCHEMA = 5
 _RESULTS, _REPORTS = "results", "reports"
 _LARGEST_RESULT = 2**28  # bytes; a row of a frame takes 2 kB, or 10 kB with many attempts
 _NAME_CHARACTERS = 60  # of a bag's name in that of its result: file systems allow 255
@@ -136,6 +136,40 @@ class Store:
 
     def _result(self, bag: Bag) -> Path:
         return self.folder / _RESULTS / f"{bag.stem}.json"
+
+
+def read_outcomes(folder: Path) -> tuple[list[BagOutcome], list[str]]:
+    """Read all results that fleets have left in a folder, whatever they depend on.
+
+    Args:
+        folder: The output folder.
+
+    Returns:
+        The outcomes by the name of their files, and a sentence for each file that cannot be used.
+
+    Raises:
+        ConfigError: It is no output folder of a fleet.
+    """
+    try:
+        paths = sorted((folder / _RESULTS).glob("*.json"))
+    except OSError as error:
+        raise ConfigError(f"{folder} cannot be read: {error.strerror}") from error
+    if not paths:
+        raise ConfigError(f"{folder} has no results of a fleet in it; give the --output of a fleet")
+    outcomes, problems = [], []
+    for path in paths:
+        try:
+            content = json.loads(_read(path))
+            if content["check"] != _check(content):
+                raise ConfigError("it is damaged")
+            outcome = BagOutcome.from_mapping(content["outcome"])
+        except (OSError, ValueError, KeyError, TypeError, RecursionError, ConfigError) as error:
+            why = one_line(error) if isinstance(error, ConfigError) else "it is no result of this version"
+            problems.append(f"{printable(str(path))}: {why}; run the fleet again")
+            continue
+        is_there = bool(outcome.report) and (folder / outcome.report).is_file()
+        outcomes.append(outcome.named(outcome.bag, outcome.report if is_there else ""))
+    return outcomes, problems
 
 
 def _report_name(bag: Bag) -> str:

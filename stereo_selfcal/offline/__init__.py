@@ -24,6 +24,7 @@ from .csv_table import as_csv
 from .folder import FolderSource
 from .opening import open_source
 from .pool import WorkerError, default_jobs
+from .progress import ProgressPoint
 from .recording import FrameSource
 from .rows import AttemptSummary, FrameRow
 from .run import Replay, calibrate_recording, look_again
@@ -36,6 +37,7 @@ __all__ = [
     "FrameRow",
     "FrameSource",
     "Goal",
+    "ProgressPoint",
     "Replay",
     "Selection",
     "WorkerError",

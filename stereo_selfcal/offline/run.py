@@ -36,6 +36,7 @@ from ..core.rejection import RejectReason
 from ..core.results import CalibrationResult
 from .frame import FrameCalibrator, FrameHead
 from .pool import calibrate_in_order
+from .progress import ProgressNotes, ProgressPoint
 from .recording import FrameSource
 from .rows import FrameRow, with_steps
 from .until_good import Goal, GoalWatch, NotedFrames
@@ -58,6 +59,7 @@ class Replay:
         cameras: The cameras of the estimate; None where the rig is all that is known.
         goal: What became of the standard deviations that were asked for; None where none were.
         travel_steps: The motion of the car between the frames since then, where it is seen.
+        progress: How well the mount was known after so many accepted frames since then; empty without one.
     """
 
     rows: tuple[FrameRow, ...]
@@ -71,6 +73,7 @@ class Replay:
     cameras: StereoRectifier | None = None
     goal: Goal | None = None
     travel_steps: tuple[TravelStep, ...] = ()
+    progress: tuple[ProgressPoint, ...] = ()
 
     @property
     def rows_of_rig(self) -> tuple[FrameRow, ...]:
@@ -165,6 +168,7 @@ def assemble_replay(
     chain: tuple[int, ...] = ()  # frames that started from each other
     faults = FaultLog(logging.getLogger(__name__).error)
     watch = GoalWatch(until) if until else None
+    progress = ProgressNotes()
     turns = TurnTopics(turn_topics)
     stopped = False
 
@@ -178,6 +182,7 @@ def assemble_replay(
                 if change is not None:
                     since = len(rows)
                     watch = GoalWatch(until) if until else None
+                    progress.clear()
             _note_turns(head, turns, calibrator)
             kept = replace(result, stood=calibrator.remember(result, head.moved).stood)
             faults.note(result.fault, head.stamp_s)
@@ -187,6 +192,7 @@ def assemble_replay(
             rows.append(FrameRow.from_result(kept, head.stamp_s, head.recorded_ns, head.name, chain))
             chain = (*chain, head.recorded_ns) if kept.accepted else chain
             on_row(rows[-1])
+            progress.note(kept, calibrator)
             if watch is not None and result.accepted:
                 stopped = watch.is_reached(calibrator)
                 if stopped:
@@ -213,7 +219,6 @@ def assemble_replay(
         )
         + turns.doubts(calibrator.travel_steps)
     )
-    duration_s = rows[-1].stamp_s - rows[0].stamp_s
     return Replay(
         tuple(rows),
         drive,
@@ -224,8 +229,11 @@ def assemble_replay(
         changes,
         since,
         follower.current,
-        None if until is None else Goal.of(until, drive.estimate, len(rows), duration_s, stopped),
+        None
+        if until is None
+        else Goal.of(until, drive.estimate, len(rows), rows[-1].stamp_s - rows[0].stamp_s, stopped),
         calibrator.travel_steps,
+        progress.end(drive.estimate.std),
     )
 
 

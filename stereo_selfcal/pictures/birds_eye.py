@@ -44,6 +44,8 @@ def draw_birds_eye(
     extrinsics: Extrinsics,
     width: int = MIN_WIDTH_PX,
     travel: Travel | None = None,
+    text_size: float = 1.0,
+    titled: bool = True,
 ) -> Image:
     """Draw the road from above as both cameras see it, one over the other.
 
@@ -58,6 +60,8 @@ def draw_birds_eye(
         extrinsics: Its pose over the road.
         width: Width of the picture [px].
         travel: Direction of travel, which tells the yaw; None to draw none.
+        text_size: How many times as large text is as usual, for a picture that is shown smaller.
+        titled: Whether a line of text says what the picture shows.
 
     Returns:
         (H', width, 3) uint8 BGR.
@@ -75,7 +79,7 @@ def draw_birds_eye(
         gain = float(orange[both].mean() / blue[both].mean())
         blue = np.clip(blue * gain, 0, 255).astype(np.uint8)
     green = np.asarray(cv2.addWeighted(orange, 0.5, blue, 0.5, 0.0), np.uint8)
-    canvas = Canvas(np.dstack([blue, green, orange]), 1.0)
+    canvas = Canvas(np.dstack([blue, green, orange]), 1.0, text_size)
     lower_edge = height - 0.35 * TEXT_SCALE * 30 * width / MIN_WIDTH_PX
     for x_m in np.arange(0.0, BIRDS_EYE_FAR_M, GRID_ALONG_M):
         column = along * (x_m - near_m)
@@ -87,11 +91,12 @@ def draw_birds_eye(
         _blend_line(canvas, [[0.0, row], [float(width), row]])
     if travel is not None:
         _draw_travel(canvas, canvas_from_road, near_m, travel)
-    _title(
-        canvas,
-        f"bird's-eye view, ahead is right: left camera orange, right camera blue, "
-        f"coloured fringes: misfit, 1 m across = {across / along:.1f} x 1 m along",
-    )
+    if titled:
+        _title(
+            canvas,
+            f"bird's-eye view, ahead is right: left camera orange, right camera blue, "
+            f"coloured fringes: misfit, 1 m across = {across / along:.1f} x 1 m along",
+        )
     return canvas.pixels
 
 

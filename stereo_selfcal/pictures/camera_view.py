@@ -116,6 +116,7 @@ def draw_camera_view(
     result: CalibrationResult | None,
     scale: float = 1.0,
     stripes: Array | None = None,
+    text_size: float = 1.0,
 ) -> Image:
     """Draw road surface, points, lines, horizon, road grid and direction of travel over the left image.
 
@@ -125,11 +126,12 @@ def draw_camera_view(
         result: Its calibration, accepted or not; None if there is none.
         scale: Enlargement of the image.
         stripes: (N, 2) image points [px] on stripes, whether or not a line was fitted to them.
+        text_size: How many times as large text is as usual, for a picture that is shown smaller.
 
     Returns:
         (scale H, scale W, 3) uint8 BGR.
     """
-    canvas = canvas_of(left, scale)
+    canvas = canvas_of(left, scale, text_size)
     drawn = Drawn.of(left, rig, result, stripes)
     if drawn.surface is not None and rig is not None:
         draw_cells(canvas, rig, drawn.surface)
@@ -166,11 +168,11 @@ def _first_row(drawn: Drawn, rig: StereoRig | None) -> float:
     return max(float(horizon_row(rig, drawn.pose, rig.cx)), 0.0)
 
 
-def canvas_of(image: Image, scale: float) -> Canvas:
+def canvas_of(image: Image, scale: float, text_size: float = 1.0) -> Canvas:
     """Return an enlarged grey image to draw on."""
     size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
     grey = cv2.resize(image, size, interpolation=cv2.INTER_LINEAR)
-    return Canvas(np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), dtype=np.uint8), scale)
+    return Canvas(np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), dtype=np.uint8), scale, text_size)
 
 
 def legend(width: int, drawn: Drawn) -> Image:

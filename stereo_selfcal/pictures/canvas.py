@@ -52,10 +52,17 @@ _SHIFT = 4  # OpenCV takes coordinates in 1/16 px
 
 @dataclass(frozen=True, slots=True)
 class Canvas:
-    """A picture ``scale`` times as large as the camera image it shows."""
+    """A picture ``scale`` times as large as the camera image it shows.
+
+    Attributes:
+        pixels: (H, W, 3) uint8 BGR.
+        scale: Enlargement of the camera image.
+        text_size: How many times as large text is as what is legible on a canvas of MIN_WIDTH_PX.
+    """
 
     pixels: Image
     scale: float
+    text_size: float = 1.0
 
     @property
     def thickness(self) -> int:
@@ -70,7 +77,7 @@ class Canvas:
     @property
     def line_height(self) -> float:
         """Distance of two lines of text [px]."""
-        return 44 * TEXT_SCALE * float(self.pixels.shape[1]) / MIN_WIDTH_PX
+        return 44 * self._text_scale
 
     def pixel(self, point: npt.ArrayLike) -> tuple[float, float]:
         """Return where an image point (2,) [px] lies in this picture [px]."""
@@ -108,25 +115,34 @@ class Canvas:
 
     def text_width(self, text: str) -> int:
         """Return how wide a text of size 1 is [px]."""
-        scale = TEXT_SCALE * self.pixels.shape[1] / MIN_WIDTH_PX
-        return int(cv2.getTextSize(text, FONT, scale, self.thickness)[0][0])
+        return int(cv2.getTextSize(text, FONT, self._text_scale, self._stroke)[0][0])
 
     def text(self, text: str, x: float, y: float, colour: Colour = WHITE, size: float = 1.0) -> int:
         """Write on a plate, the lower left corner at (x, y) of this picture; return the width [px].
 
         The plate is dark, but white under blue, which is not legible on a dark one.
         """
-        scale = size * TEXT_SCALE * self.pixels.shape[1] / MIN_WIDTH_PX
+        scale, stroke = size * self._text_scale, self._stroke
         # The fonts of OpenCV 4 and 5 differ in width; what would run out of the picture is made smaller.
-        wanted = cv2.getTextSize(text, FONT, scale, self.thickness)[0][0]
+        wanted = cv2.getTextSize(text, FONT, scale, stroke)[0][0]
         scale *= min(1.0, max(self.pixels.shape[1] - x, 1) / max(wanted, 1))
-        (width, height), below = cv2.getTextSize(text, FONT, scale, self.thickness)
+        (width, height), below = cv2.getTextSize(text, FONT, scale, stroke)
         left, baseline, margin = round(x), round(y), 2 * self.thickness
         rows = slice(max(baseline - height - margin, 0), max(baseline + below, 0))
         columns = slice(max(left - margin, 0), max(left + width + margin, 0))
         self.pixels[rows, columns] = WHITE if colour == BLUE else DARK
-        cv2.putText(self.pixels, text, (left, baseline), FONT, scale, colour, self.thickness, cv2.LINE_AA)
+        cv2.putText(self.pixels, text, (left, baseline), FONT, scale, colour, stroke, cv2.LINE_AA)
         return int(width)
+
+    @property
+    def _text_scale(self) -> float:
+        """Scale of the font for a text of size 1."""
+        return self.text_size * TEXT_SCALE * float(self.pixels.shape[1]) / MIN_WIDTH_PX
+
+    @property
+    def _stroke(self) -> int:
+        """Line thickness of letters [px]."""
+        return max(1, round(self.thickness * self.text_size))
 
 
 def dark_strip(width: int, height: float) -> Canvas:

@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 
@@ -38,6 +40,7 @@ NEAR_EDGE_M = (2.0, 15.0)
 
 _NEAREST_DEPTH_M = 0.5  # road points nearer to the image plane are not drawn
 _POLYLINE_POINTS = 32
+_LABEL_HEIGHT = 0.5  # of a line of text: a distance with its plate
 
 
 def near_edge_m(rig: StereoRig, extrinsics: Extrinsics) -> float:
@@ -60,12 +63,16 @@ def draw_grid(canvas: Canvas, rig: StereoRig, extrinsics: Extrinsics) -> None:
     for x_m in np.arange(GRID_ALONG_M, GRID_FAR_M + GRID_ALONG_M, GRID_ALONG_M):
         painted.polyline(_project(matrix, np.full_like(across_m, x_m), across_m), YELLOW)
     cv2.addWeighted(painted.pixels, GRID_OPACITY, canvas.pixels, 1 - GRID_OPACITY, 0, dst=canvas.pixels)
+    last_y = math.inf
     for x_m in GRID_LABELS_M:
         points = _project(matrix, np.full_like(across_m, x_m), across_m)
         seen = points[points[:, 0] < (1 - LABEL_MARGIN) * rig.width]  # false for NaN
         if seen.size:
             x, y = canvas.pixel(seen[0])  # the rightmost one
+            if last_y - y < _LABEL_HEIGHT * canvas.line_height:
+                continue  # it would cover the nearer one
             if 0.5 * canvas.line_height < y < canvas.pixels.shape[0] - 0.2 * canvas.line_height:
+                last_y = y
                 canvas.text(f"{x_m:.0f} m", x + 6 * canvas.thickness, y, YELLOW, size=0.8)
 
 

@@ -116,7 +116,9 @@ def _charts(replay: Replay, rows: Sequence[FrameRow]) -> list[dict[str, str]]:
         fused = replay.estimate.alignment
         if fused is not None and fused.std[index] <= _SHOWN_STD_RAD:
             at, by = (float(each[index]) * _PER_SI for each in (fused.as_array(), fused.std))
-            levels.append(Level(float(times.min()), float(times.max()), at, by))
+            # All frames of the rig together: one that starts from the frame before tells no angle anew.
+            first_s, last_s = (replay.rows_of_rig[end].stamp_s for end in (0, -1))
+            levels.append(Level(time(first_s), time(last_s), at, by))
         label = f"{_label(name)} of the right camera over time"
         svg = time_series(times, values, others, levels, [], (label, unit))
         charts.append({"title": f"{_label(name)} of the right camera [deg]", "svg": svg})

@@ -29,15 +29,18 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 # Units of the view box; the page scales it to its width. On a phone that is half of it, so the style has
-# larger letters there, for which the margins have room.
-WIDTH, HEIGHT = 720, 204
-_LEFT, _RIGHT, _TOP, _BOTTOM = 88, 14, 12, 48
-_TICK_BELOW, _LABEL_ABOVE_EDGE = 21, 3
+# letters of PHONE_LETTERS there, for which the margins have room.
+WIDTH, HEIGHT = 720, 256
+PHONE_LETTERS = 26  # units; 13 px on a phone of 390 px, where a chart is 362 px wide
+_LEFT, _RIGHT, _TOP, _BOTTOM = 104, 36, 16, 78
+_TICK_BELOW, _LABEL_ABOVE_EDGE = 34, 9
 _RUG = 7  # height of the marks of refused frames
 MOST_POINTS = 1500  # more dots than pixels make a file heavy and show nothing more
 _FEW = 200  # so few dots are drawn larger
 _ROOM = 0.08  # of the range, above and below the values
 _MOST_TICKS = 6
+_MOST_TIMES = 6  # so many of them do not touch on a phone
+_MOST_COUNTS = 12  # the same of counts, which are shorter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,13 +60,14 @@ class Level:
     spread: float
 
 
-def ticks(low: float, high: float, most: int = _MOST_TICKS) -> list[float]:
-    """Return at most ``most`` round numbers within a range."""
+def ticks(low: float, high: float, most: int = _MOST_TICKS, least_step: float = 0.0) -> list[float]:
+    """Return at most ``most`` round numbers within a range, at least ``least_step`` apart."""
     span = high - low
     if not span > 0:
         return [low]
     power = 10.0 ** math.floor(math.log10(span / most))
-    step = next(step for m in (1, 2, 5, 10, 20) if span / (step := m * power) <= most - 1)
+    steps = (m * power for m in (1, 2, 5, 10, 20))
+    step = max(next(step for step in steps if span / step <= most - 1), least_step)
     first = math.ceil(low / step - 1e-9)
     return [k * step for k in range(first, math.floor(high / step + 1e-9) + 1)]
 
@@ -81,6 +85,9 @@ def time_series(
     levels: Sequence[Level],
     moves: Sequence[float],
     labels: tuple[str, str],
+    marked: Sequence[bool] = (),
+    least_step: float = 0.0,
+    joined: bool = False,
 ) -> str:
     """Draw values over time as dots, with levels, moves and the frames that were refused.
 
@@ -91,9 +98,13 @@ def time_series(
         levels: Levels with their bands.
         moves: Times that are marked across the chart.
         labels: Of the vertical axis, for screen readers, and of the horizontal one.
+        marked: Whether each dot stands out; empty: none does.
+        least_step: Least distance of two numbers below the horizontal axis.
+        joined: Whether a line joins the dots.
     """
     every = max(1, -(-len(times) // MOST_POINTS))
-    x_range = _range([*times[[0, -1]], *(refused[[0, -1]] if len(refused) else ())], 0.02)
+    ends = [end for level in levels for end in (level.start, level.end)]
+    x_range = _range([*times[[0, -1]], *(refused[[0, -1]] if len(refused) else ()), *ends], 0.02)
     # A single wild frame must not flatten all others: dots beyond are put on the edge.
     low, high = (
         (float(v) for v in np.quantile(values, [0.005, 0.995]))
@@ -103,7 +114,7 @@ def time_series(
     bounds = [v for level in levels for v in (level.value - level.spread, level.value + level.spread)]
     y_range = _range([low, high, *bounds], _ROOM)
     x, y = _scale(x_range, (_LEFT, WIDTH - _RIGHT)), _scale(y_range, (HEIGHT - _BOTTOM, _TOP))
-    parts = [_axes(x_range, y_range, labels[1])]
+    parts = [_axes(x_range, y_range, labels[1], least_step)]
     for level in levels:
         top, height = (
             y(level.value + level.spread),
@@ -112,6 +123,9 @@ def time_series(
         wide = max(x(level.end) - x(level.start), 2.0)
         parts.append(_tag("rect", "band", x=x(level.start), y=top, width=wide, height=max(height, 1.0)))
     shown = np.clip(values[::every], *y_range)
+    if joined:
+        way = "L".join(f"{x(a):.1f} {y(b):.1f}" for a, b in zip(times[::every], shown, strict=True))
+        parts.append(f'<path class="way" d="M{way}"/>')
     dots = "".join(f"M{x(a):.1f} {y(b):.1f}h0" for a, b in zip(times[::every], shown, strict=True))
     size = "frame few" if len(times) <= _FEW else "frame"
     parts.append(f'<path class="{size}" d="{dots}"/>')
@@ -121,6 +135,11 @@ def time_series(
                 "mount", x(level.start), y(level.value), max(x(level.end), x(level.start) + 2), y(level.value)
             )
         )
+    if any(marked):
+        stand_out = [index for index, mark in enumerate(marked) if mark]
+        inside = np.clip(values[stand_out], *y_range)
+        dots = "".join(f"M{x(a):.1f} {y(b):.1f}h0" for a, b in zip(times[stand_out], inside, strict=True))
+        parts.append(f'<path class="changed" d="{dots}"/>')
     parts += [_line("moved", x(at), _TOP, x(at), HEIGHT - _BOTTOM) for at in moves]
     few = refused[:: max(1, -(-len(refused) // MOST_POINTS))]
     rug = "".join(f"M{x(at):.1f} {HEIGHT - _BOTTOM}v-{_RUG}" for at in few)
@@ -180,16 +199,19 @@ class _scale:  # noqa: N801 - used like a function
         return float(value) * self._factor + self._offset
 
 
-def _axes(x_range: tuple[float, float], y_range: tuple[float, float], x_label: str) -> str:
+def _axes(
+    x_range: tuple[float, float], y_range: tuple[float, float], x_label: str, least_step: float = 0.0
+) -> str:
     x, y = _scale(x_range, (_LEFT, WIDTH - _RIGHT)), _scale(y_range, (HEIGHT - _BOTTOM, _TOP))
     parts = []
-    for axis, scale in ((ticks(*y_range), y), (ticks(*x_range, most=8), x)):
+    most = _MOST_COUNTS if least_step >= 1.0 else _MOST_TIMES
+    for axis, scale in ((ticks(*y_range), y), (ticks(*x_range, most, least_step), x)):
         step = axis[1] - axis[0] if len(axis) > 1 else abs(axis[0]) or 1.0
         for value in axis:
             text = tick_text(value, step)
             if scale is y:
                 parts.append(_line("grid", _LEFT, y(value), WIDTH - _RIGHT, y(value)))
-                parts.append(f'<text class="end" x="{_LEFT - 6}" y="{y(value) + 4:.1f}">{text}</text>')
+                parts.append(f'<text class="end" x="{_LEFT - 6}" y="{y(value):.1f}" dy=".35em">{text}</text>')
             else:
                 below = HEIGHT - _BOTTOM + _TICK_BELOW
                 parts.append(f'<text class="middle" x="{x(value):.1f}" y="{below}">{text}</text>')

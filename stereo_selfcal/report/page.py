@@ -36,10 +36,12 @@ from ..core.geometry.pose import DEGREES, POSE_COMPONENTS, Extrinsics, PoseCompo
 from ..core.geometry.travel import Travel
 from ..offline import FrameRow, FrameSource, Replay
 from .alignment import alignment_report, alignment_section, delay_sentence, sentence_of
+from .charts import PHONE_LETTERS
 from .choice import refusals
 from .figures import MINUTE_S, charts, gates, residuals
 from .mount import how_reached
 from .pictures import digits, pictures
+from .progress import progress_section
 from .remedies import remedy_of
 from .travel import travel_sentence
 from .tried import tried
@@ -67,6 +69,7 @@ def render_report(source: FrameSource, replay: Replay) -> str:
     rows, drive = replay.rows, replay.drive
     page = environment.from_string(template).render(
         title=source.name,
+        phone_letters=PHONE_LETTERS,
         verdict=_verdict(replay),
         estimates=[_estimate(segment, rows) for segment in drive.segments],
         changes=[_change(change) for change in drive.changes],
@@ -74,6 +77,7 @@ def render_report(source: FrameSource, replay: Replay) -> str:
         counts=_counts(rows),
         pictures=pictures(source, replay),
         charts=[*charts(rows, drive), *yaw_chart(replay)],
+        progress=progress_section(replay),
         vehicle=vehicle_section(replay.estimate),
         alignment=alignment_section(replay),
         residuals=residuals(rows, drive),

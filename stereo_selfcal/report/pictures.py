@@ -21,7 +21,6 @@ import math
 from typing import Any
 
 import cv2
-import numpy as np
 
 from ..core.drive.drive import clock
 from ..core.errors import SelfcalError
@@ -38,6 +37,8 @@ from .choice import best_median_worst, ranked, refusals, segment_of
 _JPEG_QUALITY = 80
 _MIN_PICTURE_PX = 960  # smaller images are enlarged to it, as their lines and text would be too coarse
 _MOST_REFUSALS_SHOWN = 3
+# A phone shows them 366 px wide: letters of 12 px there. What does not fit in such letters is on the page.
+_TEXT_SIZE = 2.2
 
 
 def pictures(source: FrameSource, replay: Replay) -> list[dict[str, Any]]:
@@ -70,10 +71,12 @@ def _picture(source: FrameSource, replay: Replay, title: str, row: FrameRow) -> 
     if row.accepted:
         result = segment_of(row, replay.drive).estimate.drawn_as(result)
     scale = max(1.0, _MIN_PICTURE_PX / frame.left.shape[1])
-    entry["overlay"] = _data_uri(draw_camera_view(frame.left, replay.rig, result, scale))
+    entry["overlay"] = _data_uri(
+        draw_camera_view(frame.left, replay.rig, result, scale, text_size=_TEXT_SIZE)
+    )
     if contradicts(result):
         parts = draw_contradiction(frame.right, replay.rig, result, scale)
-        entry["contradiction"] = _data_uri(np.vstack(parts)) if parts else ""
+        entry["contradiction"] = _data_uri(parts[0]) if parts else ""
     entry["birds_eye"] = _birds_eye(frame.left, frame.right, replay, result)
     return entry
 
@@ -82,7 +85,10 @@ def _birds_eye(left: Image, right: Image, replay: Replay, result: CalibrationRes
     pose, rig = shown_extrinsics(result), replay.rig
     if pose is None or not left.shape == right.shape == (rig.height, rig.width):
         return ""
-    return _data_uri(draw_birds_eye(left, right, rig, pose, travel=shown_travel(result)))
+    travel = shown_travel(result)
+    return _data_uri(
+        draw_birds_eye(left, right, rig, pose, travel=travel, text_size=_TEXT_SIZE, titled=False)
+    )
 
 
 def _data_uri(picture: Image) -> str:

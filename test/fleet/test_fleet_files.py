@@ -271,6 +271,23 @@ def test_index_links_every_report_and_escapes_names():
     assert "1 calibrated, 1 failed, 1 not done" in page
 
 
+def test_index_has_causes_progress_alignment_and_what_was_said_below_each_row():
+    facts = {"uncertainty": "71 % motion", "progress": "after 1 frame 9 mm", "alignment": "not_seen"}
+    angles = {"alignment_pitch_rad": math.radians(0.1), "alignment_pitch_std_rad": math.radians(0.02)}
+    good = replace(GOOD, message="fine; not checked", **facts, **angles)
+    page = index_page([good, BAD], "")
+    assert page.count("<tbody>") == 2
+    for label, text in (
+        ("Uncertainty", "71 % motion"),
+        ("Progress", "after 1 frame 9 mm"),
+        ("Right camera turned by", "pitch +0.100 ± 0.02°"),
+    ):
+        assert page.count(f'<b class="k">{label}:</b> {text}') == 1
+    assert page.count('data-label="alignment">not seen</td>') == 1
+    assert page.count("What was said:") == 2
+    assert '<b class="k">What was said:</b> not checked<' in page
+
+
 def test_recordings_are_found_below_folders_once_each(tmp_path):
     for name in ("b/metadata.yaml", "a/metadata.yaml", "split/x_0.mcap", "split/x_1.mcap", "loose/x.mcap"):
         (tmp_path / name).parent.mkdir(exist_ok=True)

@@ -104,6 +104,29 @@ def test_any_number_of_frames_can_be_drawn(n):
     assert "nan" not in svg
 
 
+def test_dots_that_stand_out_are_drawn_over_their_places():
+    times, values = np.arange(4.0), np.array([1.0, 2.0, 3.0, 2.0])
+    svg = time_series(times, values, NONE, [], [], ("a", "b"), marked=[False, True, False, True])
+    (path,) = elements(svg, "changed")
+    places = re.findall(r"M(\S+ \S+?)h0", path.get("d"))
+    (all_dots,) = elements(svg, "frame")
+    assert places == re.findall(r"M(\S+ \S+?)h0", all_dots.get("d"))[1::2]
+    assert not elements(time_series(times, values, NONE, [], [], ("a", "b")), "changed")
+
+
+def test_a_level_that_is_longer_than_the_dots_is_inside_the_axes():
+    levels = [Level(-5.0, 20.0, 1.0, 0.1)]
+    svg = time_series(np.array([4.0, 6.0]), np.array([1.0, 1.1]), NONE, levels, [], ("a", "b"))
+    (band,), (axis,) = elements(svg, "band"), elements(svg, "axis")
+    assert float(axis.get("x1")) <= float(band.get("x"))
+    assert float(band.get("x")) + float(band.get("width")) <= float(axis.get("x2"))
+
+
+def test_drives_are_counted_in_whole_numbers():
+    svg = time_series(np.array([1.0, 2.0]), np.array([1.0, 2.0]), NONE, [], [], ("a", "b"), least_step=1.0)
+    assert [text.text for text in elements(svg, "middle")] == ["1", "2"]
+
+
 def test_histogram_counts_what_is_beyond_in_its_last_bars():
     svg = histogram(np.array([-100.0, 0.1, 0.2, 100.0]), "a", "b")
     bars = elements(svg, "bar")

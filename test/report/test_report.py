@@ -130,7 +130,8 @@ def test_parts_of_a_calibrated_recording(road, road_text):
     height_m, pitch, roll = pose.height_m, math.degrees(pose.pitch_rad), math.degrees(pose.roll_rad)
     assert (height_m, pitch, roll) == pytest.approx((1.4, 3.0, 0.8), abs=0.01)
     assert page.sections == [
-        "verdict", "estimate", "course", "alignment", "pictures", "refusals", "residuals", "provenance"
+        "verdict", "estimate", "course", "progress", "alignment", "pictures", "refusals", "residuals",
+        "provenance",
     ]  # fmt: skip
     where = f"The camera is {height_m:.3f} m above the road, pitched {pitch:.2f}° nose down"
     assert f"{where} and rolled {roll:.2f}° right" in page.text
