@@ -208,7 +208,7 @@ def test_parts_when_nothing_was_accepted(nothing):
     assert "None of 3 frames could be used: no_lines_found (3)." in page.text
     assert f"What to do: {remedies()['no_lines_found']}" in page.text
     assert "no lane line was found in either image: the longest candidate is" in page.text
-    assert "the texture of the road surface does not align in both images: " in page.text
+    assert "and too little of the road surface is seen: " in page.text
     assert "no_lines_found : neither the road surface nor two lines to try in any of 3 frames." in page.text
     assert page.tags.count("img") == 2  # under the plane of the dense disparities
 

@@ -34,7 +34,7 @@ def rig_of(width, height):
 
 
 @pytest.mark.parametrize(
-    ("width", "scale"), [(320, 1), (640, 1), (1280, 1), (1800, 1), (1920, 2), (2448, 2), (3840, 3)]
+    ("width", "scale"), [(320, 1), (640, 1), (1280, 1), (1400, 1), (1600, 2), (1920, 2), (2448, 3), (3840, 4)]
 )
 def test_the_width_comes_near_to_that_of_the_limits(width, scale):
     size = WorkingSize.of(rig_of(width, width // 2))
