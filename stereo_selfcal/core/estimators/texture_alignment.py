@@ -59,9 +59,9 @@ _THINNINGS = (2, 1)  # of the samples, in the first pass and in the last one
 _LEAST_THINNED_SHARE = MIN_CELL_SHARE / 2.0
 _THINNED_SHARE = "part of the road whose texture lies in one plane, by some of its samples"
 _MOST_STEP_PX = 4.0  # most change of disparity in a pass; beyond, the fit leaves the plane that was found
-# A pass is repeated where it has moved the plane by more than this part of the blur: within it, grey values
-# are linear in the displacement.
-_CONVERGED, _MOST_PASSES = 0.5, 3
+# A pass is repeated where it has moved the plane by more than this part of the blur. Within it, what grey values
+# leave of linearity is less than the mismatch of a usual road.
+_CONVERGED, _MOST_PASSES = 0.1, 3
 
 _CUBIC_ROWS = 2  # of the interpolation
 _LANE_STEP_M = 1.5  # distance of the points of the own lane: there are cells as long, 10 m ahead
