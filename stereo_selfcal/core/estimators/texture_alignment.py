@@ -59,8 +59,8 @@ _THINNINGS = (2, 1)  # of the samples, in the first pass and in the last one
 _LEAST_THINNED_SHARE = MIN_CELL_SHARE / 2.0
 _THINNED_SHARE = "part of the road whose texture lies in one plane, by some of its samples"
 _MOST_STEP_PX = 4.0  # most change of disparity in a pass; beyond, the fit leaves the plane that was found
-# A pass is repeated where it has moved the plane by more than this part of the blur. Within it, what grey values
-# leave of linearity is less than the mismatch of a usual road.
+# A pass is repeated where it has moved the plane by more than this part of the blur. Within it, grey values
+# are linear to less than the mismatch of a usual road.
 _CONVERGED, _MOST_PASSES = 0.1, 3
 
 _CUBIC_ROWS = 2  # of the interpolation
@@ -238,7 +238,8 @@ def align_from(
         return samples
     looked = samples.look(plane, unevenness)
     for _ in range(_MOST_PASSES - 1):
-        if isinstance(looked, NotFitted) or looked.step_px <= _CONVERGED * blur_px:
+        # Where too little of a road is seen, where exactly it lies does not matter.
+        if isinstance(looked, NotFitted) or looked.step_px <= _CONVERGED * blur_px or looked.too_few:
             break
         plane = plane.moved(looked.moved.plane)
         looked = samples.look(plane, unevenness)

@@ -33,6 +33,9 @@ from ..road.extent import OUTLIER_WEIGHT
 from ..road.priors import HALF_STRIP_M
 from ..types import Floats, Image, Mask
 
+# Of a road that shows less than this, no lane shows enough: in rendered roads, lanes show up to a third more
+# than all of the road does.
+_BARE_SHARE = 0.75 * MIN_CELL_SHARE
 _LEAST_STRIP_SHARE = 0.5  # of the road under the car: most of it lies in the plane, or that is another one
 
 
@@ -111,14 +114,14 @@ class RoadSurface:
             pose: The pose, by other evidence.
 
         Returns:
-            The alignment near that pose; None where it is another one, or shows half of what is needed: then
-            a part of the road may show enough.
+            The alignment near that pose; None where it is another one, or shows so much of the road that a
+            part of it may show enough.
         """
         if isinstance(self.texture, NotFitted):
             return None
         apart = np.abs(self.texture.extrinsics.as_array() - pose.as_array())
         near = bool(np.all(apart <= SEARCH_RANGE))
-        return self.texture if near and self.texture.quality.cell_share < MIN_CELL_SHARE / 2.0 else None
+        return self.texture if near and self.texture.quality.cell_share < _BARE_SHARE else None
 
     @property
     def lacking(self) -> NotFitted | None:
