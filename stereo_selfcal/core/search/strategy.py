@@ -94,7 +94,7 @@ class FrameSearch:
             attempts: All attempts.
         """
         chosen = choose(attempts)
-        rejection = None if chosen is None else with_lines_missing(chosen, self.on_road)
+        rejection = None if chosen is None or _is_weak(chosen) else with_lines_missing(chosen, self.on_road)
         if chosen is not None and rejection is not None:
             return rejection, chosen.pattern
         in_image = self._lines_in_image()
@@ -222,6 +222,12 @@ def choose(attempts: Sequence[Attempt]) -> Attempt | None:
         if which:
             return which[0]
     return None
+
+
+def _is_weak(attempt: Attempt) -> bool:
+    """Whether an attempt rests on a surface alone whose texture is not sufficient for an estimate."""
+    texture = attempt.hypothesis.texture
+    return attempt.found_by is FoundBy.SURFACE and texture is not None and not texture.enough_texture
 
 
 def _of_clutter(attempt: Attempt) -> bool:
