@@ -94,12 +94,19 @@ class FrameSearch:
             attempts: All attempts.
         """
         chosen = choose(attempts)
-        rejection = None if chosen is None or _is_weak(chosen) else with_lines_missing(chosen, self.on_road)
-        if chosen is not None and rejection is not None:
+        rejection = None if chosen is None else with_lines_missing(chosen, self.on_road)
+        if chosen is not None and rejection is not None and not self._rests_on_nothing(chosen):
             return rejection, chosen.pattern
         in_image = self._lines_in_image()
         pattern = in_image.patterns.pattern if isinstance(in_image.patterns, NoPattern) else None
         return without_pair(self.on_road, in_image, self._frame.surface, attempts), pattern
+
+    def _rests_on_nothing(self, attempt: Attempt) -> bool:
+        """Whether an attempt is at a surface that is too weak for an estimate, in a frame without lines."""
+        texture = attempt.hypothesis.texture
+        weak = texture is not None and not texture.enough_texture
+        without_lines = attempt.found_by is FoundBy.SURFACE
+        return weak and without_lines and isinstance(self._lines_in_image().patterns, NoPattern)
 
     def hypotheses(self, attempts: Sequence[Attempt]) -> Iterator[Hypothesis]:
         """Yield the hypotheses about the frame, most promising first, until one of them is accepted.
@@ -222,12 +229,6 @@ def choose(attempts: Sequence[Attempt]) -> Attempt | None:
         if which:
             return which[0]
     return None
-
-
-def _is_weak(attempt: Attempt) -> bool:
-    """Whether an attempt rests on a surface alone whose texture is not sufficient for an estimate."""
-    texture = attempt.hypothesis.texture
-    return attempt.found_by is FoundBy.SURFACE and texture is not None and not texture.enough_texture
 
 
 def _of_clutter(attempt: Attempt) -> bool:
